@@ -45,7 +45,11 @@ Profile = Callable[[Array], Array]
 GROUPS = {"five": list(tv.methods.PAPER_METHODS), "tuned": ["kbr:tuned=true", "birf:tuned=true"]}
 SEED = 14
 SWITCH = 7.0  # N·m/rad from one sample to the next
-LOUD = 1.3, 0.3, 5.0  # second of a realization about which noise is louder, for how long, and how many times
+LOUD = (
+    1.3,
+    0.3,
+    5.0,
+)  # second of a realization about which noise is louder, for how long, and how many times
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,9 @@ class Wave:
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
         # Rounding keeps a sample that lies on a switch on the switch's far side.
-        return np.asarray(self.shape(np.round(np.asarray(time), 6) % (self.period or np.inf)), dtype=np.float64)
+        return np.asarray(
+            self.shape(np.round(np.asarray(time), 6) % (self.period or np.inf)), dtype=np.float64
+        )
 
     def __repr__(self) -> str:
         return self.name
@@ -84,7 +90,9 @@ def _jittered(time: Array) -> Array:
 
 
 OFF_GRID = Wave("off-grid", levels([0.374, 1.237], [150, 50]))
-SMOOTH = Wave("smooth+switch", lambda t: 80 + 25 * np.sin(np.pi * t + 0.7) + 50 * ((t >= 0.613) & (t < 1.488)))
+SMOOTH = Wave(
+    "smooth+switch", lambda t: 80 + 25 * np.sin(np.pi * t + 0.7) + 50 * ((t >= 0.613) & (t < 1.488))
+)
 WAVES = [
     OFF_GRID,
     Wave("three levels", levels([0.253, 0.871, 1.554], [120, 60, 160])),
@@ -101,7 +109,10 @@ WAVES = [
 ]
 FRESH = [
     Wave("relaxing", lambda t: 60 + 90 * np.exp(-((t - 0.428) % 2) / 0.25)),
-    Wave("rise and fall", lambda t: np.where(t < 1.106, 50 + 80 * np.sin(np.pi * t / 2.212) ** 2, 70.0)),
+    Wave(
+        "rise and fall",
+        lambda t: np.where(t < 1.106, 50 + 80 * np.sin(np.pi * t / 2.212) ** 2, 70.0),
+    ),
     Wave("two tones", lambda t: 100 + 30 * np.sin(np.pi * t + 1) + 18 * np.sin(5 * np.pi * t)),
 ]
 
@@ -116,7 +127,9 @@ class UnevenJoint(tv.simulate.Joint):
         middle, width, times = LOUD
         louder = 1 + (times - 1) * bump(made.recording.time % 2, middle, width / 2)
         noise = made.recording.torque - made.noiseless.torque
-        torque = made.noiseless.torque + louder * noise * np.sqrt(np.mean(noise**2) / np.mean((louder * noise) ** 2))
+        torque = made.noiseless.torque + louder * noise * np.sqrt(
+            np.mean(noise**2) / np.mean((louder * noise) ** 2)
+        )
         return replace(made, recording=replace(made.recording, torque=torque))
 
     def __repr__(self) -> str:
@@ -147,7 +160,11 @@ PARTS: dict[str, list[dict[str, Any]]] = {
     ],
     "fresh": [{"stiffness": FRESH}],
     "coverage": [
-        {"stiffness": HARD, "snr_db": (0.0, 10.0, 20.0), "also": [{"stiffness": [JITTERED], "snr_db": [10.0]}]},
+        {
+            "stiffness": HARD,
+            "snr_db": (0.0, 10.0, 20.0),
+            "also": [{"stiffness": [JITTERED], "snr_db": [10.0]}],
+        },
         {"stiffness": HARD, "rate": 200.0},
         {"stiffness": HARD, "system": [SlowJoint(), UnevenJoint()]},
     ],
@@ -158,7 +175,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="How well the adaptive method does.")
     parser.add_argument("--part", choices=[*PARTS, "speed"], default="square")
     parser.add_argument("--method", default="adaptive", help="key of the method in question")
-    parser.add_argument("--beside", nargs="*", choices=GROUPS, default=list(GROUPS), help="others to compare with")
+    parser.add_argument(
+        "--beside", nargs="*", choices=GROUPS, default=list(GROUPS), help="others to compare with"
+    )
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--store", type=Path, help="folder that keeps the results")
     parser.add_argument("--anew", action="store_true", help="discard what the method gave before")
@@ -173,12 +192,21 @@ def main() -> None:
     for number, settings in enumerate(PARTS[chosen.part]):
         found = {}
         for name, methods in groups.items():
-            store = chosen.store / f"{chosen.part}-{number}-{name}-{chosen.trials}.zarr" if chosen.store else None
+            store = (
+                chosen.store / f"{chosen.part}-{number}-{name}-{chosen.trials}.zarr"
+                if chosen.store
+                else None
+            )
             if store is not None and name == chosen.method and chosen.anew:
                 shutil.rmtree(store, ignore_errors=True)
             study = study_of(settings, methods, chosen.trials)
             found[name] = tv.study.run(study, store=store, workers=1).load()
-        add_rows(shown, study_of(settings, [chosen.method], chosen.trials), found, chosen.part in ("square", "sine"))
+        add_rows(
+            shown,
+            study_of(settings, [chosen.method], chosen.trials),
+            found,
+            chosen.part in ("square", "sine"),
+        )
     console.print(shown)
 
 
@@ -190,25 +218,52 @@ def study_of(settings: dict[str, Any], methods: list[str], trials: int) -> tv.st
 def table(title: str) -> Table:
     shown = Table(title=title, title_justify="left")
     shown.add_column("scenario", no_wrap=True)
-    columns = "best of five", "tuned kbr", "tuned birf", "bias", "random", "total", "/ five", "/ tuned"
-    for column in (*columns, "without", "/ oracle", "finder", "covered", "near", "away", "seconds", "failed"):
+    columns = (
+        "best of five",
+        "tuned kbr",
+        "tuned birf",
+        "bias",
+        "random",
+        "total",
+        "/ five",
+        "/ tuned",
+    )
+    for column in (
+        *columns,
+        "without",
+        "/ oracle",
+        "finder",
+        "covered",
+        "near",
+        "away",
+        "seconds",
+        "failed",
+    ):
         shown.add_column(column, justify="right")
     return shown
 
 
-def add_rows(shown: Table, study: tv.study.Study, found: dict[str, xr.Dataset], beside_oracle: bool) -> None:
+def add_rows(
+    shown: Table, study: tv.study.Study, found: dict[str, xr.Dataset], beside_oracle: bool
+) -> None:
     """Add a row for each scenario."""
-    totals = {name: tv.study.score(each).value.sel(metric="total_error") for name, each in found.items()}
+    totals = {
+        name: tv.study.score(each).value.sel(metric="total_error") for name, each in found.items()
+    }
     for place, scenario in enumerate(study.scenarios):
         five, tuned = (
-            totals[name].isel(scenario=place).to_series() if name in totals else None for name in ("five", "tuned")
+            totals[name].isel(scenario=place).to_series() if name in totals else None
+            for name in ("five", "tuned")
         )
         here = found[str(study.methods[0])].isel(scenario=place, method_key=0)
         numbers = errors(here, *(oracles(study, scenario) if beside_oracle else (None, None)))
         cells = [f"{five.idxmin()} {five.min():.2f}" if five is not None else ""]
         cells += [f"{value:.2f}" for value in tuned] if tuned is not None else ["", ""]
         cells += [f"{numbers[name]:.2f}" for name in ("bias", "random", "total")]
-        cells += [f"{numbers['total'] / each.min():.2f}" if each is not None else "" for each in (five, tuned)]
+        cells += [
+            f"{numbers['total'] / each.min():.2f}" if each is not None else ""
+            for each in (five, tuned)
+        ]
         cells += [f"{numbers[name]:.2f}" for name in ("without", "oracle", "finder")]
         cells += [f"{numbers[name]:.1f}" for name in ("covered", "near", "away")]
         cells += [f"{float(here.seconds.mean()):.2f}", str(int((here.failure != "").sum()))]
@@ -240,7 +295,8 @@ def errors(here: xr.Dataset, known: Array | None, found: Array | None) -> dict[s
         "oracle": np.nan if known is None else without / tv.metrics.random_error(known[:, ~beside]),
         "finder": np.nan
         if known is None or found is None or not beside.any()
-        else tv.metrics.random_error(found[:, ~beside]) / tv.metrics.random_error(known[:, ~beside]),
+        else tv.metrics.random_error(found[:, ~beside])
+        / tv.metrics.random_error(known[:, ~beside]),
         "covered": share(inside[fine]),
         "near": share(inside[fine][:, distance <= AT_SWITCH + 1e-9]),
         "away": share(inside[fine][:, (distance >= AWAY) & np.isfinite(distance)]),
@@ -299,13 +355,18 @@ def finder(angle: Array, torque: Array, wave: Array) -> Array:
     square = (weight @ early**2)[:, None] + weight @ late**2 - 2 * (early.T * weight) @ late
     total, sums = weight.sum(), weight @ seen
     determinant = np.maximum(total * square - mixed**2, 1e-9)
-    level, jump = (square * sums - mixed * cross) / determinant, (total * cross - mixed * sums) / determinant
+    level, jump = (
+        (square * sums - mixed * cross) / determinant,
+        (total * cross - mixed * sums) / determinant,
+    )
     evidence = 0.5 * (level * sums + jump * cross - np.log(determinant))
     share = np.exp(evidence - evidence.max())
     share /= share.sum()
     steps = [axis.steps(each) for each in positions]
     return np.asarray(
-        (share * level).sum() + steps[0] @ (share * jump).sum(axis=1) - steps[1] @ (share * jump).sum(axis=0)
+        (share * level).sum()
+        + steps[0] @ (share * jump).sum(axis=1)
+        - steps[1] @ (share * jump).sum(axis=0)
     )
 
 
@@ -324,7 +385,9 @@ def speed(key: str) -> Table:
         method, taken = tv.methods.create(key), []
         with threadpool_limits(1):
             for _ in range(3):
-                new = replace(ensemble)  # what was found once is remembered with an ensemble: the test for a reflex
+                new = replace(
+                    ensemble
+                )  # what was found once is remembered with an ensemble: the test for a reflex
                 started = time.process_time()
                 method.identify(new).estimates["stiffness"].band()
                 taken.append(time.process_time() - started)
@@ -335,7 +398,12 @@ def speed(key: str) -> Table:
             tracemalloc.stop()
         held = ensemble.angle.nbytes + ensemble.torque.nbytes + ensemble.angle_as_recorded.nbytes
         shown.add_row(
-            wave, f"{ensemble.samples}", f"{duration:g}", f"{min(taken):.2f}", f"{held / 1e6:.1f}", f"{peak / 1e6:.1f}"
+            wave,
+            f"{ensemble.samples}",
+            f"{duration:g}",
+            f"{min(taken):.2f}",
+            f"{held / 1e6:.1f}",
+            f"{peak / 1e6:.1f}",
         )
     return shown
 

@@ -45,7 +45,12 @@ METHODS = {
     "kbr reference": tv.KernelRegression(reference=REFERENCE),
     "kbr reference, residual": tv.KernelRegression(reference=REFERENCE, weighting="residual"),
 }
-LOADS, COLOURS, LOUD_DB, SEEDS = (60.0, 250.0), ("pink", "wide", "first-order"), (0.0, 5.0), range(4)  # of 48 loops
+LOADS, COLOURS, LOUD_DB, SEEDS = (
+    (60.0, 250.0),
+    ("pink", "wide", "first-order"),
+    (0.0, 5.0),
+    range(4),
+)  # of 48 loops
 ALLOWED = 3  # of them that may be missed
 IMPOSED = 1e4  # N·m/rad from which on a load gives way to nothing, so that it is the angle that is prescribed
 
@@ -60,7 +65,11 @@ class Scenario(NamedTuple):
 
 
 SCENARIOS = [
-    *(Scenario("sine", load, *noise) for load in (30, 100, 300, 1000) for noise in ((40, 10), (5, 5))),
+    *(
+        Scenario("sine", load, *noise)
+        for load in (30, 100, 300, 1000)
+        for noise in ((40, 10), (5, 5))
+    ),
     *(Scenario("square", 100, *noise) for noise in ((40, 10), (5, 5))),
     *(Scenario("sine", 1e5, *noise) for noise in ((40, 10), (5, 5))),
     *(Scenario("sine", 100, *noise) for noise in ((5, 10), (5, 15), (2, 5))),
@@ -73,8 +82,14 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--duration", type=float, default=40.0)
     parser.add_argument("--methods", choices=METHODS, nargs="+", default=list(METHODS))
-    parser.add_argument("--weak", action="store_true", help="loads so soft that the disturbance hardly moves the angle")
-    parser.add_argument("--found", action="store_true", help="loops that a diagnosis misses, and false alarms")
+    parser.add_argument(
+        "--weak",
+        action="store_true",
+        help="loads so soft that the disturbance hardly moves the angle",
+    )
+    parser.add_argument(
+        "--found", action="store_true", help="loops that a diagnosis misses, and false alarms"
+    )
     chosen = parser.parse_args()
     warnings.simplefilter("ignore", tv.DataQualityWarning)
     console = Console(width=None if sys.stdout.isatty() else 120)
@@ -88,15 +103,29 @@ def main() -> None:
 def detection(console: Console) -> bool:
     """Print which loops are missed and which imposed angles have a finding. Return whether both are few."""
     shown = Table(title="feedback in loops without a reference, 80 s")
-    for column in ("load (N·m/rad)", "noise", "dB", "found", "share of the torque (%)", "taken for a delay"):
+    for column in (
+        "load (N·m/rad)",
+        "noise",
+        "dB",
+        "found",
+        "share of the torque (%)",
+        "taken for a delay",
+    ):
         shown.add_column(column)
     missed = 0
     for load, colour, snr_db in itertools.product(LOADS, COLOURS, LOUD_DB):
         checks = [checked(independent.in_loop(load, colour, snr_db, seed)[:2]) for seed in SEEDS]
         loops = [each["feedback"] for each in checks]
-        count, early = sum(each.found for each in loops), sum(each["delay"].found for each in checks)
-        shares = f"{min(each.value for each in loops):.1f} to {max(each.value for each in loops):.1f}"
-        shown.add_row(f"{load:g}", colour, f"{snr_db:g}", f"{count} of {len(loops)}", shares, str(early))
+        count, early = (
+            sum(each.found for each in loops),
+            sum(each["delay"].found for each in checks),
+        )
+        shares = (
+            f"{min(each.value for each in loops):.1f} to {max(each.value for each in loops):.1f}"
+        )
+        shown.add_row(
+            f"{load:g}", colour, f"{snr_db:g}", f"{count} of {len(loops)}", shares, str(early)
+        )
         missed += len(loops) - count
     console.print(shown)
     alarms, other = 0, 0
@@ -108,9 +137,15 @@ def detection(console: Console) -> bool:
         names = [name for name, check in checked(signals).items() if check.found]
         alarms, other = alarms + ("feedback" in names), other + bool(names)
         if names:
-            console.print(f"imposed {wave}, {perturbation}, {colour} noise at {snr_db:g} dB: {', '.join(names)}")
-    console.print(f"{missed} of {len(LOADS) * len(COLOURS) * len(LOUD_DB) * len(SEEDS)} loops missed")
-    console.print(f"{alarms} of {seed + 1} imposed angles taken for a loop, {other} with any finding")
+            console.print(
+                f"imposed {wave}, {perturbation}, {colour} noise at {snr_db:g} dB: {', '.join(names)}"
+            )
+    console.print(
+        f"{missed} of {len(LOADS) * len(COLOURS) * len(LOUD_DB) * len(SEEDS)} loops missed"
+    )
+    console.print(
+        f"{alarms} of {seed + 1} imposed angles taken for a loop, {other} with any finding"
+    )
     return missed <= ALLOWED and not alarms
 
 
@@ -121,13 +156,24 @@ def checked(signals: Array) -> dict[str, tv.quality.Finding]:
 
 def table(scenario: Scenario, duration: float, trials: int, methods: list[str]) -> Table:
     """Scores of each method."""
-    load = "an imposed angle" if scenario.load >= IMPOSED else f"a load of {scenario.load:g} N·m/rad"
+    load = (
+        "an imposed angle" if scenario.load >= IMPOSED else f"a load of {scenario.load:g} N·m/rad"
+    )
     shown = Table(
         title=f"{scenario.profile} on {load}, noise below {scenario.noise_hz:g} Hz at {scenario.snr_db:g} dB, "
         f"{duration:g} s, {trials} trials"
     )
     shown.add_column("method")
-    for column in ("mean", "± chance", "bias", "random", "coverage", "SD ratio", "predicted", "refused"):
+    for column in (
+        "mean",
+        "± chance",
+        "bias",
+        "random",
+        "coverage",
+        "SD ratio",
+        "predicted",
+        "refused",
+    ):
         shown.add_column(column, justify="right")
     for name in methods:
         shown.add_row(name, *scores(name, scenario, duration, trials))
@@ -154,7 +200,11 @@ def scores(name: str, scenario: Scenario, duration: float, trials: int) -> list[
     each = (k - truth).mean(axis=1)
     held = np.isfinite(lower)
     inside = (np.array(lower) <= truth) & (truth <= np.array(upper))
-    spread = np.sqrt(np.nanmean(np.array(errors) ** 2) / np.mean(k.var(axis=0, ddof=1))) if held.any() else np.nan
+    spread = (
+        np.sqrt(np.nanmean(np.array(errors) ** 2) / np.mean(k.var(axis=0, ddof=1)))
+        if held.any()
+        else np.nan
+    )
     values = [
         f"{each.mean():.1f}",
         f"{each.std(ddof=1) / np.sqrt(len(each)):.1f}",

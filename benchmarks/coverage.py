@@ -49,23 +49,39 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--profile", choices=PROFILES, default="sine")
     parser.add_argument("--durations", type=float, nargs="+", default=[150.0, 40.0])
-    parser.add_argument("--perturbations", choices=PERTURBATIONS, nargs="+", default=list(PERTURBATIONS))
+    parser.add_argument(
+        "--perturbations", choices=PERTURBATIONS, nargs="+", default=list(PERTURBATIONS)
+    )
     parser.add_argument("--methods", choices=METHODS, nargs="+", default=list(METHODS))
-    parser.add_argument("--keep-mean", action="store_true", help="do not subtract the mean over realizations")
+    parser.add_argument(
+        "--keep-mean", action="store_true", help="do not subtract the mean over realizations"
+    )
     parser.add_argument("--workers", type=int, default=1)
     chosen = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 150)
     with ProcessPoolExecutor(chosen.workers) as pool:
         for duration in chosen.durations:
             for perturbation in chosen.perturbations:
-                job = partial(trial, chosen.profile, perturbation, duration, tuple(chosen.methods), chosen.keep_mean)
+                job = partial(
+                    trial,
+                    chosen.profile,
+                    perturbation,
+                    duration,
+                    tuple(chosen.methods),
+                    chosen.keep_mean,
+                )
                 results = list(pool.map(job, range(1000, 1000 + chosen.trials)))
                 title = f"{chosen.profile}, {perturbation}, {duration:g} s, {chosen.trials} trials"
                 console.print(table(title, chosen.profile, chosen.methods, results))
 
 
 def trial(
-    profile: str, perturbation: str, duration: float, methods: tuple[str, ...], keep_mean: bool, seed: int
+    profile: str,
+    perturbation: str,
+    duration: float,
+    methods: tuple[str, ...],
+    keep_mean: bool,
+    seed: int,
 ) -> Array:
     """Estimates, lower and upper bands of the three quantities, and the simultaneous band of stiffness.
 
@@ -102,7 +118,17 @@ def table(title: str, profile: str, methods: list[str], results: list[Array]) ->
     constant = np.ones_like(time)
     shown = Table(title=title)
     shown.add_column("method")
-    columns = "stiffness", "simultaneous", "viscosity", "inertia", "SD ratio", "SD", "bias", "mean b", "mean I"
+    columns = (
+        "stiffness",
+        "simultaneous",
+        "viscosity",
+        "inertia",
+        "SD ratio",
+        "SD",
+        "bias",
+        "mean b",
+        "mean I",
+    )
     distance = from_switch(time, tv.simulate.SquareWave())
     near, away = distance <= AT_SWITCH + 1e-9, distance >= AWAY
     if profile == "square":
@@ -120,12 +146,22 @@ def table(title: str, profile: str, methods: list[str], results: list[Array]) ->
         spread = (bands[1] - bands[0]) / 2 / 1.96
         ratio = np.sqrt(np.mean(spread**2) / np.mean(k.var(axis=0, ddof=1)))
         cells = [f"{value:.1f}" for value in (cover[0], whole, *cover[1:])]
-        cells += [f"{ratio:.2f}", f"{spread.mean():.2f}", f"{tv.metrics.debiased_bias_error(k, truth):.2f}"]
         cells += [
-            f"{value:.4f}" for value in (np.mean(x[np.isfinite(x)]) if np.isfinite(x).any() else np.nan for x in (b, i))
+            f"{ratio:.2f}",
+            f"{spread.mean():.2f}",
+            f"{tv.metrics.debiased_bias_error(k, truth):.2f}",
+        ]
+        cells += [
+            f"{value:.4f}"
+            for value in (
+                np.mean(x[np.isfinite(x)]) if np.isfinite(x).any() else np.nan for x in (b, i)
+            )
         ]
         if profile == "square":
-            cells += [f"{tv.metrics.coverage(bands[0][:, at], bands[1][:, at], truth[at]):.1f}" for at in (near, away)]
+            cells += [
+                f"{tv.metrics.coverage(bands[0][:, at], bands[1][:, at], truth[at]):.1f}"
+                for at in (near, away)
+            ]
         shown.add_row(method, *cells)
     return shown
 

@@ -43,10 +43,14 @@ def main() -> None:
     chosen = parser.parse_args()
     console = Console()
     seeds = range(chosen.first, chosen.first + chosen.joints)
-    false = survey(console, "clean joints", ((f"joint {seed}", *clean_joint(seed)) for seed in seeds))
+    false = survey(
+        console, "clean joints", ((f"joint {seed}", *clean_joint(seed)) for seed in seeds)
+    )
     people = ((n, kind) for n in range(1, chosen.participants + 1) for kind in ("noise", "prbs"))
     survey(
-        console, "virtual participants", ((f"participant {n}, {kind}", participant(n, kind), 0.0) for n, kind in people)
+        console,
+        "virtual participants",
+        ((f"participant {n}, {kind}", participant(n, kind), 0.0) for n, kind in people),
     )
     sys.exit(int(false > ALLOWED * chosen.joints))
 
@@ -56,19 +60,31 @@ def clean_joint(seed: int) -> tuple[tv.Ensemble, float]:
     random = np.random.default_rng(seed)
     undivided = seed % 20 == 19
     period = float(random.choice(UNDIVIDED if undivided else PERIODS))
-    duration = period * round(random.uniform(max(40, 20 * period), 65 if undivided else 300) / period)
+    duration = period * round(
+        random.uniform(max(40, 20 * period), 65 if undivided else 300) / period
+    )
     profile = PROFILES[seed % 3]
-    stiffness = profile if isinstance(profile, tv.simulate.Constant) else replace(profile, period=period)
+    stiffness = (
+        profile if isinstance(profile, tv.simulate.Constant) else replace(profile, period=period)
+    )
     joint = tv.simulate.Joint(stiffness=stiffness)
     own = np.random.default_rng([seed, 1])
     kind = KINDS[seed // 24 % len(KINDS)]
-    rate, lower = (1000.0, 100.0) if undivided or kind != "rates" else RATES[own.integers(len(RATES))]
+    rate, lower = (
+        (1000.0, 100.0) if undivided or kind != "rates" else RATES[own.integers(len(RATES))]
+    )
     recording = joint.simulate(
-        duration, perturbation=PERTURBATIONS[seed // 3 % 2], snr_db=random.uniform(5, 30), seed=seed, rate=rate
+        duration,
+        perturbation=PERTURBATIONS[seed // 3 % 2],
+        snr_db=random.uniform(5, 30),
+        seed=seed,
+        rate=rate,
     ).recording
     late = int(random.integers(-2, 3))
     torque = np.roll(recording.torque, round(late * rate / 1000))
-    recording = replace(recording, torque=torque + NOISES[seed // 6 % len(NOISES)](recording, period, random))
+    recording = replace(
+        recording, torque=torque + NOISES[seed // 6 % len(NOISES)](recording, period, random)
+    )
     if kind == "filtered":
         recording = filtered(recording, own)
     if kind == "coarse":
@@ -87,7 +103,9 @@ def filtered(recording: tv.Recording, random: np.random.Generator) -> tv.Recordi
     """Both channels through one low-pass, causal or both ways in time."""
     taps = butter(int(random.integers(2, 5)), random.uniform(15, 45), fs=recording.sampling_rate)
     through = filtfilt if random.random() < 0.5 else lfilter
-    return replace(recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque))
+    return replace(
+        recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque)
+    )
 
 
 def no_more(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
@@ -97,7 +115,11 @@ def no_more(recording: tv.Recording, period: float, random: np.random.Generator)
 
 def slow(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
     """Voluntary torque that wanders: first order at 0.5 Hz, 60 % of the torque's RMS."""
-    return 0.6 * recording.torque.std() * coloured(recording, butter(1, 0.5, fs=recording.sampling_rate), random)
+    return (
+        0.6
+        * recording.torque.std()
+        * coloured(recording, butter(1, 0.5, fs=recording.sampling_rate), random)
+    )
 
 
 def cyclic(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
@@ -118,7 +140,9 @@ def uneven(recording: tv.Recording, period: float, random: np.random.Generator) 
     return 0.3 * recording.torque.std() * levels[number - number.min()] * noise
 
 
-def coloured(recording: tv.Recording, taps: tuple[Array, Array], random: np.random.Generator) -> Array:
+def coloured(
+    recording: tv.Recording, taps: tuple[Array, Array], random: np.random.Generator
+) -> Array:
     """Filtered noise with an RMS of one."""
     noise = lfilter(*taps, random.standard_normal(len(recording) + 10_000))[10_000:]
     return np.asarray(noise / noise.std())
@@ -128,7 +152,9 @@ NOISES = (no_more, slow, cyclic, uneven)
 
 
 def participant(number: int, perturbation: str) -> tv.Ensemble:
-    simulation = tv.simulate.Participant(number).simulate(perturbation=tv.simulate.PERTURBATIONS[perturbation])
+    simulation = tv.simulate.Participant(number).simulate(
+        perturbation=tv.simulate.PERTURBATIONS[perturbation]
+    )
     return tv.preprocess.prepare(simulation.recording).ensemble
 
 
@@ -141,7 +167,9 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
         diagnosis = tv.diagnose(ensemble)
         seconds.append(time.perf_counter() - started)
         wrong = [
-            each for each in diagnosis.findings if each.name != "delay" or not late or abs(each.value - late) > AS_NEAR
+            each
+            for each in diagnosis.findings
+            if each.name != "delay" or not late or abs(each.value - late) > AS_NEAR
         ]
         false, true = false + bool(wrong), true + (len(wrong) < len(diagnosis.findings))
         for check in wrong:
@@ -152,7 +180,9 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
             if check.state == "uncertain":
                 doubts[check.name] += 1
             if check.judged:
-                values[check.name].append(abs(check.value) if check.name in TWO_SIDED else check.value)
+                values[check.name].append(
+                    abs(check.value) if check.name in TWO_SIDED else check.value
+                )
     if not seconds:
         return 0
     told = f"{false} of {len(seconds)} with a false finding, {true} with a true delay, {unsure} uncertain"
@@ -163,11 +193,18 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
         seen = values[name]
         nearest = f"{(max if fault.wrong == 'above' else min)(seen):.3g}" if seen else "-"
         table.add_row(
-            name, str(len(seen)), str(alarms[name]), str(doubts[name]), nearest, f"{fault.limit:g}", fault.unit
+            name,
+            str(len(seen)),
+            str(alarms[name]),
+            str(doubts[name]),
+            nearest,
+            f"{fault.limit:g}",
+            fault.unit,
         )
     console.print(table)
     console.print(
-        f"a diagnosis took {np.mean(seconds):.2f} s on average, {max(seconds):.2f} s at most\n", highlight=False
+        f"a diagnosis took {np.mean(seconds):.2f} s on average, {max(seconds):.2f} s at most\n",
+        highlight=False,
     )
     return false
 

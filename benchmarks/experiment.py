@@ -41,17 +41,26 @@ def main() -> None:
         prepared = tv.study.prepared_recordings(experiment)
         preparing = time.perf_counter() - started
         results = tv.study.run(
-            experiment, prepared=prepared, store=Path(folder) / "results.zarr", workers=chosen.workers
+            experiment,
+            prepared=prepared,
+            store=Path(folder) / "results.zarr",
+            workers=chosen.workers,
         )
         seconds = time.perf_counter() - started
         results = results.load()
-    table = Table(title=f"{chosen.bootstraps} bootstraps", title_justify="left", caption="identification, all workers")
+    table = Table(
+        title=f"{chosen.bootstraps} bootstraps",
+        title_justify="left",
+        caption="identification, all workers",
+    )
     for heading in ("method", "realizations", "s", "ms a draw"):
         table.add_column(heading, justify="left" if heading == "method" else "right")
     for place, analysis in enumerate(experiment.analyses):
         spent = float(results.seconds[:, place].sum())
         draws = len(experiment.recordings) * chosen.bootstraps
-        table.add_row(analysis.name, str(analysis.realizations), f"{spent:.1f}", f"{1000 * spent / draws:.1f}")
+        table.add_row(
+            analysis.name, str(analysis.realizations), f"{spent:.1f}", f"{1000 * spent / draws:.1f}"
+        )
     console.print(table)
     console.print(
         f"{seconds:.1f} s from start to end, {preparing:.1f} s of them for the recordings; peak memory "
@@ -71,7 +80,10 @@ def moments_table(ensemble: tv.Ensemble | None) -> Table:
         "eirf": lambda: lagged_moments(angle, torque, 15),
         "sds": lambda: lagged_moments(angle, torque, 15),
         "birf": lambda: lagged_moments(angle, torque, HALF_WIDTH),
-        "esm": lambda: [window_moments(a, b, 15, 14) for a, b in ((angle, angle), (torque, angle), (torque, torque))],
+        "esm": lambda: [
+            window_moments(a, b, 15, 14)
+            for a, b in ((angle, angle), (torque, angle), (torque, torque))
+        ],
     }
     table = Table(title="second moments in an identification", title_justify="left")
     for heading in ("method", "identification, ms", "moments, ms", "share, %"):
@@ -84,7 +96,9 @@ def moments_table(ensemble: tv.Ensemble | None) -> Table:
                 [(timed(lambda: method.identify(drawn)), timed(of_moments)) for _ in range(REPEATS)]  # noqa: B023
             )
             share = 100 * median(part) / median(whole)
-            table.add_row(key, f"{1000 * median(whole):.1f}", f"{1000 * median(part):.1f}", f"{share:.0f}")
+            table.add_row(
+                key, f"{1000 * median(whole):.1f}", f"{1000 * median(part):.1f}", f"{share:.0f}"
+            )
     return table
 
 

@@ -46,19 +46,45 @@ Results = dict[str, Any]  # arrays of numbers, and texts, by path: "methods/squa
 Items = Iterator[tuple[str, Any]]
 
 DATA = Path(os.environ.get("TVSYSID_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
-TIMINGS = {"seconds", "stage_seconds", "stage", "checksums", "digest"}  # not results; never the same twice
-SPLIT_AXES = ("method_key", "analysis", "quantity")  # dimensions of study results that become part of the path
+TIMINGS = {
+    "seconds",
+    "stage_seconds",
+    "stage",
+    "checksums",
+    "digest",
+}  # not results; never the same twice
+SPLIT_AXES = (
+    "method_key",
+    "analysis",
+    "quantity",
+)  # dimensions of study results that become part of the path
 SCHEDULED = ["lpv", "lpvkbi"]  # methods that need a scheduling variable
 RINGING = {"inertia": 0.1, "viscosity": 1.2, "noise_bandwidth": 40.0}
 RINGING |= {"actuator_stiffness": 0.0, "actuator_inertia": 0.0, "actuator_viscosity": 0.0}
 IMPULSES = replace(PERTURBATIONS["pulses"], duration=0.02, interval=1.0)
 # System, perturbation, methods.
 JOINTS: dict[str, tuple[Any, Any, Iterable[str]]] = {
-    "square": (replace(SYSTEMS["joint"], stiffness=PROFILES["square"]), PERTURBATIONS["noise"], tv.methods.METHODS),
-    "sine": (replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]), PERTURBATIONS["noise"], tv.methods.METHODS),
+    "square": (
+        replace(SYSTEMS["joint"], stiffness=PROFILES["square"]),
+        PERTURBATIONS["noise"],
+        tv.methods.METHODS,
+    ),
+    "sine": (
+        replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
+        PERTURBATIONS["noise"],
+        tv.methods.METHODS,
+    ),
     "reflex": (SYSTEMS["reflex"], PERTURBATIONS["noise"], tv.methods.METHODS),
-    "scheduled": (replace(SYSTEMS["scheduled"], variable="scheduling"), PERTURBATIONS["noise"], SCHEDULED),
-    "multisine": (replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]), PERTURBATIONS["multisine"], ["skirt"]),
+    "scheduled": (
+        replace(SYSTEMS["scheduled"], variable="scheduling"),
+        PERTURBATIONS["noise"],
+        SCHEDULED,
+    ),
+    "multisine": (
+        replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
+        PERTURBATIONS["multisine"],
+        ["skirt"],
+    ),
     "ringing": (replace(SYSTEMS["loaded"], **RINGING), IMPULSES, ["modal"]),
 }
 POSTURE = {"scheduling": "sv.Scheduling Variable (SV) - Ankle Position (rad)"}
@@ -67,16 +93,31 @@ RECORDINGS: dict[str, tuple[str, str, str, dict[str, str], float | None, Iterabl
     muscle: ("tonic_ankle.mat", f"{muscle}_angle", f"{muscle}_torque", {}, 2.0, tv.methods.METHODS)
     for muscle in ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
 } | {
-    "walking": ("walking_ankle_small_reflex.mat", "POSITION_SIGNAL", "TORQUE_SIGNAL", {}, 1.5, tv.methods.METHODS),
+    "walking": (
+        "walking_ankle_small_reflex.mat",
+        "POSITION_SIGNAL",
+        "TORQUE_SIGNAL",
+        {},
+        1.5,
+        tv.methods.METHODS,
+    ),
     "moving": ("moving_ankle_nldat.mat", "io.posPert1", "io.tqPert1", POSTURE, None, SCHEDULED),
 }
 BENCHMARKS = {"quick": 20, "paper": 5, "reflex": 3, "closed-loop": 3}  # trials of each preset
 
 
-def prepared(recording: tv.Recording, period: float | None, reference: str | None = None) -> tv.Ensemble:
+def prepared(
+    recording: tv.Recording, period: float | None, reference: str | None = None
+) -> tv.Ensemble:
     """Decimate and cut a recording; subtract the mean if the movement repeats."""
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=period is None), period)
-    return tv.preprocess.subtract_mean(ensemble, [reference] if reference else []) if period else ensemble
+    ensemble = tv.preprocess.segment(
+        tv.preprocess.decimate(recording, 100, sharp=period is None), period
+    )
+    return (
+        tv.preprocess.subtract_mean(ensemble, [reference] if reference else [])
+        if period
+        else ensemble
+    )
 
 
 def methods() -> Items:
@@ -87,7 +128,9 @@ def methods() -> Items:
     for name, (file, angle, torque, channels, period, keys) in RECORDINGS.items():
         if (DATA / file).exists():
             signals: dict[str, Any] = {"angle": angle, "torque": torque, "channels": channels}
-            recording = tv.read_recording(DATA / file, sampling_rate=1000, torque_sign=-1, **signals)
+            recording = tv.read_recording(
+                DATA / file, sampling_rate=1000, torque_sign=-1, **signals
+            )
             yield from identified(name, prepared(recording, period), keys)
 
 
@@ -108,8 +151,12 @@ def identified(name: str, ensemble: tv.Ensemble, keys: Iterable[str]) -> Items:
 def diagnosis() -> Items:
     """Diagnose 20 simulated ensembles, and recommend a method for each."""
     systems = ("joint", "reflex", "compliant", "loaded", "scheduled")
-    for seed, (system, perturbation, snr_db) in enumerate(product(systems, ("noise", "prbs"), (10, 0))):
-        made = SYSTEMS[system].simulate(60, perturbation=PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed)
+    for seed, (system, perturbation, snr_db) in enumerate(
+        product(systems, ("noise", "prbs"), (10, 0))
+    ):
+        made = SYSTEMS[system].simulate(
+            60, perturbation=PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
+        )
         reference = "disturbance" if system == "loaded" else None
         scheduling = "emg" if system == "scheduled" else None
         ensemble = prepared(made.recording, 2.0, reference)
@@ -143,7 +190,14 @@ def experiment() -> Items:
 def written(name: str, *command: str) -> Items:
     """Run a command of the installed package; yield its results and tables."""
     with tempfile.TemporaryDirectory() as folder:
-        words = [str(Path(sys.executable).with_name("tvsysid")), *command, "--workers", "1", "--out", folder]
+        words = [
+            str(Path(sys.executable).with_name("tvsysid")),
+            *command,
+            "--workers",
+            "1",
+            "--out",
+            folder,
+        ]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
         if ended.returncode:
@@ -152,7 +206,9 @@ def written(name: str, *command: str) -> Items:
             yield from split(f"{name}/results", results)
         for file in sorted(Path(folder).glob("*.csv")):
             table = pd.read_csv(file)
-            for metric, rows in table.groupby("metric") if "metric" in table else [("table", table)]:
+            for metric, rows in (
+                table.groupby("metric") if "metric" in table else [("table", table)]
+            ):
                 if metric not in TIMINGS:
                     yield from columns(f"{name}/{file.name}/{metric}", rows)
 
@@ -161,7 +217,9 @@ def split(path: str, results: xr.Dataset) -> Items:
     """Yield the variables of a dataset, those of each method and quantity apart."""
     axis = next((axis for axis in SPLIT_AXES if axis in results.dims), None)
     if axis is None:
-        yield from ((f"{path}/{name}", variable.values) for name, variable in results.variables.items())
+        yield from (
+            (f"{path}/{name}", variable.values) for name, variable in results.variables.items()
+        )
     else:
         for index, label in enumerate(results[axis].values):
             yield from split(f"{path}/{label}", results.isel({axis: index}))
@@ -171,7 +229,11 @@ def columns(path: str, table: pd.DataFrame) -> Items:
     """Yield the columns of a table."""
     for name, column in table.items():
         numeric = pd.api.types.is_numeric_dtype(column)
-        values = column.to_numpy(float, na_value=np.nan) if numeric else column.fillna("").to_numpy(object)
+        values = (
+            column.to_numpy(float, na_value=np.nan)
+            if numeric
+            else column.fillna("").to_numpy(object)
+        )
         yield f"{path}/{str(name).replace('/', ' per ')}", values
 
 
@@ -180,14 +242,22 @@ SECTIONS = {each.__name__: each for each in (methods, diagnosis, plan, benchmark
 
 def computed(sections: Iterable[str]) -> Results:
     """Compute the results of these sections, on one thread."""
-    kernels = sorted({str(each.get("architecture")) for each in threadpool_info() if each["user_api"] == "blas"})
-    results = {"machine/versions": f"numpy {np.__version__}, scipy {scipy.__version__}, BLAS {' '.join(kernels)}"}
+    kernels = sorted(
+        {str(each.get("architecture")) for each in threadpool_info() if each["user_api"] == "blas"}
+    )
+    results = {
+        "machine/versions": f"numpy {np.__version__}, scipy {scipy.__version__}, BLAS {' '.join(kernels)}"
+    }
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for section in sections:
             print(f"{section} ...", end=" ", flush=True)
             started = time.perf_counter()
-            items = ((path, value) for path, value in SECTIONS[section]() if path.split("/")[-1] not in TIMINGS)
+            items = (
+                (path, value)
+                for path, value in SECTIONS[section]()
+                if path.split("/")[-1] not in TIMINGS
+            )
             results |= {f"{section}/{path}": plain(value) for path, value in items}
             print(f"{time.perf_counter() - started:.0f} s", flush=True)
     return results
@@ -198,7 +268,9 @@ def plain(value: Any) -> Any:
     array = np.asarray(value)
     if array.dtype.kind in "OUST":
         return "\n".join(map(str, array.ravel()))
-    return (np.stack([array.real, array.imag]) if array.dtype.kind == "c" else array).astype(np.float64)
+    return (np.stack([array.real, array.imag]) if array.dtype.kind == "c" else array).astype(
+        np.float64
+    )
 
 
 def write(results: Results, file: Path) -> None:
@@ -208,7 +280,9 @@ def write(results: Results, file: Path) -> None:
         group, _, name = path.rpartition("/")
         axes = [f"{name} {axis}" for axis in range(np.ndim(value))]
         groups.setdefault(group, {})[name] = xr.Variable(axes, value)
-    tree = xr.DataTree.from_dict({group: xr.Dataset(variables) for group, variables in groups.items()})
+    tree = xr.DataTree.from_dict(
+        {group: xr.Dataset(variables) for group, variables in groups.items()}
+    )
     tree.to_netcdf(file, engine="h5netcdf")
 
 
@@ -217,7 +291,11 @@ def read(file: Path, sections: Iterable[str]) -> Results:
     results: Results = {}
 
     def add(path: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and not item.is_scale and path.partition("/")[0] in ("machine", *sections):
+        if (
+            isinstance(item, h5py.Dataset)
+            and not item.is_scale
+            and path.partition("/")[0] in ("machine", *sections)
+        ):
             results[path] = item.asstr()[()] if item.dtype.kind == "O" else item[()]
 
     with h5py.File(file) as content:  # xarray takes a minute to open so many groups
@@ -267,21 +345,44 @@ def explained(old: Any, new: Any) -> str:
         before, after = old.splitlines(), new.splitlines()
         lines = [f"- {line}" for line in before if line not in after]
         lines += [f"+ {line}" for line in after if line not in before]
-        return "".join(f"\n        {line}" for line in lines) or "the same lines, repeated or in another order"
-    return f"shape {np.shape(old)}, now {np.shape(new)}" if np.shape(old) != np.shape(new) else "NaN at other places"
+        return (
+            "".join(f"\n        {line}" for line in lines)
+            or "the same lines, repeated or in another order"
+        )
+    return (
+        f"shape {np.shape(old)}, now {np.shape(new)}"
+        if np.shape(old) != np.shape(new)
+        else "NaN at other places"
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Check that a refactoring moves no result.")
-    parser.add_argument("file", type=Path, metavar="FILE", help="reference results; written if the file is absent")
-    parser.add_argument("new", type=Path, nargs="?", metavar="NEW", help="new results; written if the file is absent")
-    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS), help="sections to check")
-    parser.add_argument("--tolerance", type=float, default=1e-9, help="largest relative difference allowed")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="reference results; written if the file is absent"
+    )
+    parser.add_argument(
+        "new",
+        type=Path,
+        nargs="?",
+        metavar="NEW",
+        help="new results; written if the file is absent",
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=SECTIONS, default=list(SECTIONS), help="sections to check"
+    )
+    parser.add_argument(
+        "--tolerance", type=float, default=1e-9, help="largest relative difference allowed"
+    )
     options = parser.parse_args()
     if not options.file.exists():
         write(computed(options.only), options.file)
         return
-    new = read(options.new, options.only) if options.new and options.new.exists() else computed(options.only)
+    new = (
+        read(options.new, options.only)
+        if options.new and options.new.exists()
+        else computed(options.only)
+    )
     if options.new and not options.new.exists():
         write(new, options.new)
     sys.exit(report(read(options.file, options.only), new, options.tolerance) > 0)

@@ -39,7 +39,11 @@ def studied(**settings: Any) -> tuple[xr.Dataset, pd.DataFrame]:
 
 def comparison() -> Figure:
     results, summary = studied(
-        stiffness=["square"], perturbation=["noise"], duration_s=[150.0], methods=STUDIED_METHODS, trials=20
+        stiffness=["square"],
+        perturbation=["noise"],
+        duration_s=[150.0],
+        methods=STUDIED_METHODS,
+        trials=20,
     )
     labels, bars = list(map(str, results.scenario.values)), {"total_error": BARS["total_error"]}
     title = "Square wave, filtered noise, 150 s, 10 dB"
@@ -60,12 +64,16 @@ def adaptive() -> Figure:
     ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     figure = tv.compare(ensemble, DEFAULT_METHODS).plot()
     figure.axes[0].plot(ensemble.time, wave(ensemble.time), zorder=1.3, **TRUE_LINE)
-    figure.axes[0].legend(handles=[line_key(**TRUE_LINE)], loc="upper right", fontsize=8, frameon=False)
+    figure.axes[0].legend(
+        handles=[line_key(**TRUE_LINE)], loc="upper right", fontsize=8, frameon=False
+    )
     return figure
 
 
 def reflex() -> Figure:
-    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4))
+    joint = tv.simulate.ReflexJoint(
+        stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4)
+    )
     simulation = joint.simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     ensemble = tv.preprocess.subtract_mean(ensemble)
@@ -78,7 +86,9 @@ def reflex() -> Figure:
             if name in model.estimates:
                 look = looks[label].curve(len(model.time), place=place, several=len(looks))
                 axes.plot(model.time, model.estimates[name].values, label=label, **look)
-                axes.fill_between(model.time, *found.bands[label][name], color=looks[label].hue, alpha=0.2)
+                axes.fill_between(
+                    model.time, *found.bands[label][name], color=looks[label].hue, alpha=0.2
+                )
         axes.set_xlabel("time (s)")
     figure.axes[0].set_ylabel("stiffness (N·m/rad)")
     figure.axes[1].set_ylabel("reflex gain (N·m·s/rad)")
@@ -87,7 +97,11 @@ def reflex() -> Figure:
 
 
 def reflex_bias() -> Figure:
-    preset = REFLEX["reflex"] | {"system": tuple(NAMES.values()), "methods": (*ONE_PATH, "cascade"), "also": ()}
+    preset = REFLEX["reflex"] | {
+        "system": tuple(NAMES.values()),
+        "methods": (*ONE_PATH, "cascade"),
+        "also": (),
+    }
     return reflex_figures(*studied(**preset))["bias-reflex-sine"].draw()
 
 

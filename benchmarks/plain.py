@@ -119,7 +119,9 @@ def esm(angle: Array, torque: Array, context: int, length: int) -> ComplexArray:
     return response
 
 
-def birf_irf(angle: Array, torque: Array, context: int, lags: int, *, basis_values: Array, rate: float) -> Array:
+def birf_irf(
+    angle: Array, torque: Array, context: int, lags: int, *, basis_values: Array, rate: float
+) -> Array:
     """Impulse response by basis functions of time (equations 8 and 9), by least squares on all samples.
 
     Parameters

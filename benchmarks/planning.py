@@ -33,24 +33,53 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=list(METHODS))
     chosen = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 150)
-    headings = ["method", "duration (s)", "SNR (dB)", "reached", "predicted", "off (%)", "from pilots", "off (%)"]
-    title = f"{chosen.stiffness}, {chosen.perturbation}: random error (N·m/rad), {chosen.trials} trials"
+    headings = [
+        "method",
+        "duration (s)",
+        "SNR (dB)",
+        "reached",
+        "predicted",
+        "off (%)",
+        "from pilots",
+        "off (%)",
+    ]
+    title = (
+        f"{chosen.stiffness}, {chosen.perturbation}: random error (N·m/rad), {chosen.trials} trials"
+    )
     table, off = Table(*headings, title=title), []
     for snr in NOISES:
-        protocol = tv.planning.Protocol(stiffness=chosen.stiffness, perturbation=chosen.perturbation, snr_db=snr)
+        protocol = tv.planning.Protocol(
+            stiffness=chosen.stiffness, perturbation=chosen.perturbation, snr_db=snr
+        )
         stated = tv.plan(protocol, methods=chosen.methods)
-        pilots = [protocol.simulated(PILOT, FIRST_PILOT + number).ensemble for number in range(chosen.pilots)]
-        piloted = [tv.plan(each, methods=chosen.methods, seed=100 * number) for number, each in enumerate(pilots)]
+        pilots = [
+            protocol.simulated(PILOT, FIRST_PILOT + number).ensemble
+            for number in range(chosen.pilots)
+        ]
+        piloted = [
+            tv.plan(each, methods=chosen.methods, seed=100 * number)
+            for number, each in enumerate(pilots)
+        ]
         for duration in DURATIONS:
             count = round(duration / protocol.period)
-            parts = [protocol.simulated(count, FIRST_TRIAL + trial).ensemble for trial in range(chosen.trials)]
+            parts = [
+                protocol.simulated(count, FIRST_TRIAL + trial).ensemble
+                for trial in range(chosen.trials)
+            ]
             for label in chosen.methods:
                 reached = scatter(identified(tv.methods.parse(label), label, parts, {}))
                 every = [random_error(each, label, count) for each in (stated, *piloted)]
                 differ = [100 * (each / reached - 1) for each in every]
                 off.append(differ)
                 table.add_row(
-                    *(label, f"{duration:g}", f"{snr:g}", f"{reached:.2f}", f"{every[0]:.2f}", f"{differ[0]:+.0f}"),
+                    *(
+                        label,
+                        f"{duration:g}",
+                        f"{snr:g}",
+                        f"{reached:.2f}",
+                        f"{every[0]:.2f}",
+                        f"{differ[0]:+.0f}",
+                    ),
                     ", ".join(f"{each:.2f}" for each in every[1:]),
                     ", ".join(f"{each:+.0f}" for each in differ[1:]),
                 )
@@ -66,7 +95,9 @@ def main() -> None:
 
 def random_error(plan: tv.Plan, method: str, count: int) -> float:
     """As predicted in a plan's only setup."""
-    return next(curve for (_, label), curve in plan.curves.items() if label == method).at(count).random
+    return (
+        next(curve for (_, label), curve in plan.curves.items() if label == method).at(count).random
+    )
 
 
 if __name__ == "__main__":

@@ -42,12 +42,22 @@ from tvsysid.simulate import (
 )
 
 Array = NDArray[np.float64]
-FACTOR, LIMIT = 1.2, 0.3  # times the smallest error that is right; share of the mean stiffness from which none is
+FACTOR, LIMIT = (
+    1.2,
+    0.3,
+)  # times the smallest error that is right; share of the mean stiffness from which none is
 FEW, RATE, PERIOD = (2, 3, 4, 5), 100.0, 2.0
 REFERENCE, VARIABLE = "disturbance", "emg"
 SINGLE = ["eirf", "sds", "esm", "esm:stiffness=fit", "birf", "kbr", "adaptive", "cascade"]
-SINGLE += ["birf:tuned=true", "kbr:weighting=residual", "kbr:tuned=true", "kbr:weighting=residual,tuned=true"]
-LOOPED = [f"{each}reference={REFERENCE}" for each in ("sds:", "esm:stiffness=fit,", "birf:", "kbr:")]
+SINGLE += [
+    "birf:tuned=true",
+    "kbr:weighting=residual",
+    "kbr:tuned=true",
+    "kbr:weighting=residual,tuned=true",
+]
+LOOPED = [
+    f"{each}reference={REFERENCE}" for each in ("sds:", "esm:stiffness=fit,", "birf:", "kbr:")
+]
 LOOPED += [f"{each}:reference={REFERENCE},tuned=true" for each in ("birf", "kbr")]
 LOOPED += [f"kbr:reference={REFERENCE},weighting=residual{each}" for each in ("", ",tuned=true")]
 SCHEDULED = [f"{each}:variable={VARIABLE}" for each in ("lpv", "lpvkbi")]
@@ -101,12 +111,16 @@ def loop(seed: int, noises: tuple[tuple[float, float], ...], **named: str) -> Da
     """A joint on a load of 30 or 300 N·m/rad, with noise of some bandwidth in Hz and level in dB."""
     bandwidth, snr_db = noises[seed % len(noises)]
     load = (30.0, 300.0)[seed // 2 % 2]
-    joint = CompliantActuator(ANY[seed % 4], actuator_stiffness=load, noise_bandwidth=bandwidth, disturbance="torque")
+    joint = CompliantActuator(
+        ANY[seed % 4], actuator_stiffness=load, noise_bandwidth=bandwidth, disturbance="torque"
+    )
     return Data(joint, 60, snr_db, FilteredNoise(20.0), named)
 
 
 def slow_noise(seed: int) -> Data:
-    joint = ReflexJoint(stiffness=ANY[seed % 4], reflex_gain=0.0, noise_bandwidth=(2.0, 4.0)[seed // 2 % 2])
+    joint = ReflexJoint(
+        stiffness=ANY[seed % 4], reflex_gain=0.0, noise_bandwidth=(2.0, 4.0)[seed // 2 % 2]
+    )
     return Data(joint, 60, 5)
 
 
@@ -143,14 +157,31 @@ def result(kind: str, seed: int) -> dict[str, Any]:
     perturbation = data.perturbation or (FilteredNoise(), PRBS())[seed % 2]
     # The same seed gives every kind noise of its own.
     own = np.random.SeedSequence([seed, list(KINDS).index(kind)])
-    simulation = data.joint.simulate(data.duration, perturbation=perturbation, snr_db=data.snr_db, seed=own)
+    simulation = data.joint.simulate(
+        data.duration, perturbation=perturbation, snr_db=data.snr_db, seed=own
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, RATE), PERIOD)
-    ensemble = tv.preprocess.subtract_mean(ensemble, [data.named["reference"]] if "reference" in data.named else [])
+    ensemble = tv.preprocess.subtract_mean(
+        ensemble, [data.named["reference"]] if "reference" in data.named else []
+    )
     truth, found = simulation.truth_of(ensemble)["stiffness"], tv.recommend(ensemble, **data.named)
-    methods = SINGLE + (LOOPED if "reference" in data.named else []) + (SCHEDULED if "scheduling" in data.named else [])
-    errors = {typed: error_of(typed, ensemble, truth) for typed in dict.fromkeys([*methods, *found.suited[:1]])}
+    methods = (
+        SINGLE
+        + (LOOPED if "reference" in data.named else [])
+        + (SCHEDULED if "scheduling" in data.named else [])
+    )
+    errors = {
+        typed: error_of(typed, ensemble, truth)
+        for typed in dict.fromkeys([*methods, *found.suited[:1]])
+    }
     named = found.suited[0] if found.suited else ""
-    return {"kind": kind, "seed": seed, "named": named, "mean": float(truth.mean()), "errors": errors}
+    return {
+        "kind": kind,
+        "seed": seed,
+        "named": named,
+        "mean": float(truth.mean()),
+        "errors": errors,
+    }
 
 
 def error_of(typed: str, ensemble: tv.Ensemble, truth: Array) -> float | None:
@@ -183,7 +214,13 @@ def by_ensemble(results: list[dict[str, Any]]) -> Table:
         least, named = smallest(each), each["named"]
         best = next(typed for typed, error in each["errors"].items() if error == least)
         own = each["errors"][named] if named else math.nan
-        told = [f"{own:.2f}", f"{least:.2f}", best, f"{own / least:.2f}", "yes" if right(each) else "NO"]
+        told = [
+            f"{own:.2f}",
+            f"{least:.2f}",
+            best,
+            f"{own / least:.2f}",
+            "yes" if right(each) else "NO",
+        ]
         table.add_row(each["kind"], str(each["seed"]), named or "none", *told)
     return table
 
@@ -191,19 +228,35 @@ def by_ensemble(results: list[dict[str, Any]]) -> Table:
 def by_kind(results: list[dict[str, Any]]) -> Table:
     """A row for each kind: how often right, and errors as root mean squares over its ensembles."""
     table = Table(title="Root mean square of the errors, in N·m/rad, where a method was named")
-    for heading in ("kind", "right", "what is named", "adaptive always", "one method that is best", "ratio"):
+    for heading in (
+        "kind",
+        "right",
+        "what is named",
+        "adaptive always",
+        "one method that is best",
+        "ratio",
+    ):
         table.add_column(heading)
     for kind in dict.fromkeys(each["kind"] for each in results):
         own = [each for each in results if each["kind"] == kind]
         named = [each for each in own if each["named"]]
         cells = [f"{sum(map(right, own))} of {len(own)}"]
         if named:
-            typed = [name for name in named[0]["errors"] if all(each["errors"].get(name) for each in named)]
+            typed = [
+                name
+                for name in named[0]["errors"]
+                if all(each["errors"].get(name) for each in named)
+            ]
             roots = {name: root([each["errors"][name] for each in named]) for name in typed}
             best = min(roots, key=lambda name: roots[name])
             ours = root([each["errors"][each["named"]] for each in named])
             always = f"{roots['adaptive']:.2f}" if "adaptive" in roots else "does not apply"
-            cells += [f"{ours:.2f}", always, f"{roots[best]:.2f} ({best})", f"{ours / roots[best]:.2f}"]
+            cells += [
+                f"{ours:.2f}",
+                always,
+                f"{roots[best]:.2f} ({best})",
+                f"{ours / roots[best]:.2f}",
+            ]
         table.add_row(kind, *cells)
     return table
 

@@ -65,7 +65,9 @@ class Case(NamedTuple):
 
 CASES = {
     "A": Case("sine, sine", ReflexJoint(SINE, reflex_gain=GAIN)),
-    "B": Case("square, square", ReflexJoint(SquareWave(), reflex_gain=SquareWave(4.0, 12.0, offset=0.0))),
+    "B": Case(
+        "square, square", ReflexJoint(SquareWave(), reflex_gain=SquareWave(4.0, 12.0, offset=0.0))
+    ),
     "C": Case("constant, none", ReflexJoint(CONSTANT, reflex_gain=0.0)),
     "D": Case("sine, none", ReflexJoint(SINE, reflex_gain=0.0)),
     "E": Case("A by PRBS", ReflexJoint(SINE, reflex_gain=GAIN), PRBS()),
@@ -78,13 +80,18 @@ CASES = {
         Pulses(),
     ),
     "N": Case("negative", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(direction=-1))),
-    "O": Case("gain after muscle", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(gain_after=True))),
+    "O": Case(
+        "gain after muscle",
+        ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(gain_after=True)),
+    ),
     "P": Case(
         "muscle changes",
         ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(frequency=SineWave(15.6, 4.0))),
     ),
     "X": Case("of position", ReflexJoint(SINE, reflex_gain=GAIN, reflex=PositionReflex())),
-    "T": Case("threshold .1", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(threshold=0.1))),
+    "T": Case(
+        "threshold .1", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(threshold=0.1))
+    ),
     "W": Case("slow muscle, late", ReflexJoint(SINE, reflex_gain=GAIN, reflex=SLOW)),
 }
 TABLE = {  # of constant joints
@@ -109,23 +116,39 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--durations", nargs="+", type=float, default=[150.0])
     parser.add_argument("--trials", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=1000, help="that of the first trial; the next ones follow it")
+    parser.add_argument(
+        "--seed", type=int, default=1000, help="that of the first trial; the next ones follow it"
+    )
     parser.add_argument("--method", default="cascade")
-    parser.add_argument("--table", action="store_true", help="constant joints by several methods, 60 s each")
+    parser.add_argument(
+        "--table", action="store_true", help="constant joints by several methods, 60 s each"
+    )
     chosen = parser.parse_args()
     if chosen.table:
         print_table(chosen.trials)
         return
     console = Console(width=None if sys.stdout.isatty() else 200)
     for duration in chosen.durations:
-        columns = ("case", "K mean", "bias", "random", "total", "cover", "G mean", "bias", "random", "cover")
+        columns = (
+            "case",
+            "K mean",
+            "bias",
+            "random",
+            "total",
+            "cover",
+            "G mean",
+            "bias",
+            "random",
+            "cover",
+        )
         columns += ("VAF all", "intrinsic", "reflex", "B", "I", "shown", "s")
         table = Table(*columns, title=f"{chosen.method}, {duration:g} s, {chosen.trials} trials")
         for key in chosen.cases:
             with threadpool_limits(1), warnings.catch_warnings():
                 warnings.simplefilter("ignore", tv.DataQualityWarning)
                 rows = [
-                    trial(CASES[key], chosen.method, duration, chosen.seed + number) for number in range(chosen.trials)
+                    trial(CASES[key], chosen.method, duration, chosen.seed + number)
+                    for number in range(chosen.trials)
                 ]
             table.add_row(f"{key} {CASES[key].says}", *summary(rows))
         console.print(table)
@@ -139,12 +162,17 @@ def print_table(trials: int) -> None:
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore", tv.DataQualityWarning)
             drawn = [
-                case.system.simulate(60.0, perturbation=case.perturbation, snr_db=SNR, seed=3000 + number)
+                case.system.simulate(
+                    60.0, perturbation=case.perturbation, snr_db=SNR, seed=3000 + number
+                )
                 for number in range(trials)
             ]
             ensembles = [tv.preprocess.subtract_mean(cut(each.recording)) for each in drawn]
             for method in TABLE_METHODS.values():
-                found = [np.nanmean(tv.methods.parse(method).identify(each).stiffness) for each in ensembles]
+                found = [
+                    np.nanmean(tv.methods.parse(method).identify(each).stiffness)
+                    for each in ensembles
+                ]
                 cells.append(f"{np.mean(found):.1f} ± {np.std(found, ddof=1):.1f}")
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
@@ -160,7 +188,9 @@ class Outcome(NamedTuple):
 
 def trial(case: Case, method: str, duration: float, seed: int) -> Outcome:
     """One simulation, identified."""
-    simulation = case.system.simulate(duration, perturbation=case.perturbation, snr_db=SNR, seed=seed)
+    simulation = case.system.simulate(
+        duration, perturbation=case.perturbation, snr_db=SNR, seed=seed
+    )
     ensemble = cut(simulation.recording)
     started = time.process_time()
     model = tv.methods.parse(method).identify(ensemble)
@@ -175,7 +205,9 @@ def trial(case: Case, method: str, duration: float, seed: int) -> Outcome:
         held[name] = np.where(np.isfinite(lower), (lower <= truth) & (truth <= upper), np.nan)
     found = model.pathways(ensemble)
     true = {
-        name: cut(tv.Recording(simulation.recording.angle, torque, 1000.0, simulation.recording.start)).torque
+        name: cut(
+            tv.Recording(simulation.recording.angle, torque, 1000.0, simulation.recording.start)
+        ).torque
         for name, torque in simulation.pathways.items()
         if np.ptp(torque) > 0
     }
@@ -183,7 +215,12 @@ def trial(case: Case, method: str, duration: float, seed: int) -> Outcome:
     shares = {name: vaf(torque, found[name]) for name, torque in true.items() if name in found}
     shares["all"] = vaf(np.sum(list(true.values()), axis=0), np.sum(list(found.values()), axis=0))
     shown = model.diagnostics.details.get("reflex_shown", math.nan)
-    return Outcome(errors, held, shares, (np.nanmean(model.viscosity), np.nanmean(model.inertia), shown, seconds))
+    return Outcome(
+        errors,
+        held,
+        shares,
+        (np.nanmean(model.viscosity), np.nanmean(model.inertia), shown, seconds),
+    )
 
 
 def cut(recording: tv.Recording) -> tv.Ensemble:
@@ -209,7 +246,9 @@ def summary(rows: list[Outcome]) -> list[str]:
         bias = np.nanmean(mean**2) - random / len(rows)
         values = [np.nanmean(errors), math.copysign(math.sqrt(abs(bias)), bias), math.sqrt(random)]
         values += [math.sqrt(np.nanmean(errors**2))] * whole
-        texts += [f"{value:.2f}" for value in (*values, np.nanmean([row.held[name] for row in rows]))]
+        texts += [
+            f"{value:.2f}" for value in (*values, np.nanmean([row.held[name] for row in rows]))
+        ]
     for name in ("all", "intrinsic", "reflex"):
         shares = [row.shares[name] for row in rows if name in row.shares]
         texts.append(f"{np.mean(shares):.1f}" if shares else "-")

@@ -77,13 +77,22 @@ def main() -> None:
     chosen = parser.parse_args()
     console = Console(width=140)
     table = Table(title=f"{chosen.draws} draws each", title_justify="left")
-    for heading in ("case", "shown", "p over none\n< 0.0001", "p over linear\n< 0.0001", "smallest of\nthe larger p"):
+    for heading in (
+        "case",
+        "shown",
+        "p over none\n< 0.0001",
+        "p over linear\n< 0.0001",
+        "smallest of\nthe larger p",
+    ):
         table.add_column(heading, justify="left" if heading == "case" else "right")
     table.add_column("largest of\nthe larger p", justify="right")
     table.add_column("stiffness in %\nwith its torque", justify="right")
     wrong, started = 0, time.process_time()
     for case in CASES:
-        tests = [FittedEnsemble.of(drawn(case, chosen.first + draw)).reflex for draw in range(chosen.draws)]
+        tests = [
+            FittedEnsemble.of(drawn(case, chosen.first + draw)).reflex
+            for draw in range(chosen.draws)
+        ]
         shown = sum(test.shown and test.direction == case.direction for test in tests)
         chances = np.array([[test.over_none, test.over_linear] for test in tests])
         larger = chances.max(axis=1)
@@ -120,18 +129,24 @@ def drawn(case: Case, seed: int) -> tv.Ensemble:
     if case.what == "slow noise":
         wide = np.random.default_rng([seed, 7]).standard_normal(len(recording) + 10_000)
         noise = lfilter(*butter(1, 1.0, fs=recording.sampling_rate), wide)[10_000:]
-        recording = replace(recording, torque=recording.torque + 0.6 * recording.torque.std() / noise.std() * noise)
+        recording = replace(
+            recording, torque=recording.torque + 0.6 * recording.torque.std() / noise.std() * noise
+        )
     return prepared(recording)
 
 
 def prepared(recording: tv.Recording) -> tv.Ensemble:
-    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    return tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
 
 
 def print_real(console: Console, folder: Path) -> None:
     for muscle in ("plantarflexor", "dorsiflexor", "dorsiflexor_2"):
         names = {"angle": f"{muscle}_angle", "torque": f"{muscle}_torque"}
-        recording = tv.read_recording(folder / "tonic_ankle.mat", **names, sampling_rate=1000, torque_sign=-1)
+        recording = tv.read_recording(
+            folder / "tonic_ankle.mat", **names, sampling_rate=1000, torque_sign=-1
+        )
         console.print(f"{muscle}: {FittedEnsemble.of(prepared(recording)).reflex}", highlight=False)
 
 

@@ -49,9 +49,20 @@ def gain(variable: Array) -> Array:
 def ensembles(seed: int, reflex: bool) -> Iterator[tv.Ensemble]:
     """The simulated record, with and without its noise, as one realization."""
     phase = float(np.random.default_rng(seed).uniform(0, 10))
-    settings = {"relation": STIFFNESS, "viscosity_relation": VISCOSITY, "gain_relation": gain if reflex else None}
-    settings |= {"schedule": tv.simulate.SineWave(-0.1, 0.3, 10.0, phase), "variation": 0.0, "variable": "scheduling"}
-    settings |= {"reflex": tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0), "noise_bandwidth": 15.0}
+    settings = {
+        "relation": STIFFNESS,
+        "viscosity_relation": VISCOSITY,
+        "gain_relation": gain if reflex else None,
+    }
+    settings |= {
+        "schedule": tv.simulate.SineWave(-0.1, 0.3, 10.0, phase),
+        "variation": 0.0,
+        "variable": "scheduling",
+    }
+    settings |= {
+        "reflex": tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0),
+        "noise_bandwidth": 15.0,
+    }
     joint = tv.simulate.ScheduledJoint(inertia=0.016, **settings)
     made = joint.simulate(106, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=seed)
     for recording in (made.recording, made.noiseless):
@@ -65,8 +76,19 @@ def explained(torque: Array, predicted: Array) -> float:
 
 def simulated(trials: int, reflex: bool) -> Table:
     """Errors of each method over so many trials."""
-    table = Table(title=f"{trials} simulated joints {'with' if reflex else 'without'} a reflex; K in N·m/rad")
-    for heading in ("method", "mean error", "bias", "random", "coverage %", "stated/true SD", "folds %", "noiseless %"):
+    table = Table(
+        title=f"{trials} simulated joints {'with' if reflex else 'without'} a reflex; K in N·m/rad"
+    )
+    for heading in (
+        "method",
+        "mean error",
+        "bias",
+        "random",
+        "coverage %",
+        "stated/true SD",
+        "folds %",
+        "noiseless %",
+    ):
         table.add_column(heading, justify="right")
     table.add_column("gain error", justify="right")
     every = [tuple(ensembles(200 + trial, reflex)) for trial in range(trials)]
@@ -80,12 +102,16 @@ def simulated(trials: int, reflex: bool) -> Table:
         spread = error.var(axis=0, ddof=1)
         bias = np.sqrt(max(0.0, float(np.mean(error.mean(axis=0) ** 2 - spread / trials))))
         pairs = zip(models, (clean for _, clean in every), strict=True)
-        pure = [explained(clean.torque[:, clean.core], model.predict(clean)) for model, clean in pairs]
+        pure = [
+            explained(clean.torque[:, clean.core], model.predict(clean)) for model, clean in pairs
+        ]
         folds = np.mean([model.diagnostics.details["vaf_folds"] for model in models])
         numbers = [error.mean(), bias, np.sqrt(spread.mean()), 100 * held.mean()]
         numbers += [np.sqrt(np.mean(stated**2) / spread.mean()), folds, np.mean(pure)]
         gains = [each["reflex_gain"].values for each in found if "reflex_gain" in each]
-        numbers += [np.sqrt(np.mean((np.mean(gains, axis=0) - reflex * gain(GRID)) ** 2))] if gains else []
+        numbers += (
+            [np.sqrt(np.mean((np.mean(gains, axis=0) - reflex * gain(GRID)) ** 2))] if gains else []
+        )
         table.add_row(name, *(f"{number:.2f}" for number in numbers))
     return table
 
@@ -102,18 +128,35 @@ def recorded(recording: tv.Recording, values: Array) -> Iterator[Table]:
         seconds, found = time.process_time() - started, model.at(values)["stiffness"]
         both = zip(found.values, found.standard_error.values, strict=True)
         shares = [f"{model.diagnostics.details[each]:.1f}" for each in ("vaf", "vaf_folds")]
-        table.add_row(name, *(f"{value:.1f} ± {error:.1f}" for value, error in both), *shares, f"{seconds:.2f}")
+        table.add_row(
+            name,
+            *(f"{value:.1f} ± {error:.1f}" for value, error in both),
+            *shares,
+            f"{seconds:.2f}",
+        )
     pieces = tv.preprocess.segment(recording, PIECE, 0.75)
     constant = tv.ScheduledIRF(order=0, reflex_order=0, memory=0.7)
-    for method in (tv.ShortDataSegments(max_lag=0.04, window=0.4), tv.ParallelCascade(memory=0.7), constant):
-        table.add_row(f"{method.key}, parts", *(by_parts(method, pieces, value) for value in values), "", "", "")
+    for method in (
+        tv.ShortDataSegments(max_lag=0.04, window=0.4),
+        tv.ParallelCascade(memory=0.7),
+        constant,
+    ):
+        table.add_row(
+            f"{method.key}, parts",
+            *(by_parts(method, pieces, value) for value in values),
+            "",
+            "",
+            "",
+        )
     yield table
     table = Table(title="VAF of folds held out by order, the reflex's being the same, %")
     for heading in ("method", *map(str, range(5))):
         table.add_column(heading, justify="right")
     for method in (tv.ScheduledIRF, tv.ScheduledImpedance):
         models = [method(order=order, reflex_order=order).identify(ensemble) for order in range(5)]
-        table.add_row(method.key, *(f"{model.diagnostics.details['vaf_folds']:.1f}" for model in models))
+        table.add_row(
+            method.key, *(f"{model.diagnostics.details['vaf_folds']:.1f}" for model in models)
+        )
     yield table
 
 
@@ -129,13 +172,19 @@ def by_parts(method: tv.methods.Method, pieces: tv.Ensemble, value: float) -> st
     estimates = method.identify(part).estimates
     found, error = estimates["stiffness"], estimates["stiffness"].standard_error.values
     stated = f" ± {np.nanmean(error):.1f}" if np.isfinite(error).any() else ""
-    gain = f"; gain {np.nanmean(estimates['reflex_gain'].values):.1f}" if "reflex_gain" in estimates else ""
+    gain = (
+        f"; gain {np.nanmean(estimates['reflex_gain'].values):.1f}"
+        if "reflex_gain" in estimates
+        else ""
+    )
     return f"{np.nanmean(found.values):.1f}{stated} ({chosen.sum()}){gain}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Joints that follow a measured variable.")
-    parser.add_argument("file", nargs="?", help="record, with --angle, --torque, --variable, and --rate in Hz")
+    parser.add_argument(
+        "file", nargs="?", help="record, with --angle, --torque, --variable, and --rate in Hz"
+    )
     for name in ("--angle", "--torque", "--variable"):
         parser.add_argument(name)
     parser.add_argument("--rate", type=float, default=1000.0)
@@ -150,8 +199,14 @@ def main() -> None:
             for reflex in (True, False):
                 console.print(simulated(given.trials, reflex))
             return
-        names = {"angle": given.angle, "torque": given.torque, "channels": {"scheduling": given.variable}}
-        recording = tv.read_recording(given.file, sampling_rate=given.rate, torque_sign=given.torque_sign, **names)
+        names = {
+            "angle": given.angle,
+            "torque": given.torque,
+            "channels": {"scheduling": given.variable},
+        }
+        recording = tv.read_recording(
+            given.file, sampling_rate=given.rate, torque_sign=given.torque_sign, **names
+        )
         recording = tv.preprocess.decimate(recording, given.decimate, sharp=SHARP)
         for table in recorded(recording, np.array([-0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2])):
             console.print(table)

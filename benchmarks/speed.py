@@ -41,7 +41,9 @@ import tvsysid as tv
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
-Measured = dict[str, list[float]]  # processor time and wall time in ms; of a method, its effective parameters too
+Measured = dict[
+    str, list[float]
+]  # processor time and wall time in ms; of a method, its effective parameters too
 
 HERE = Path(__file__).parents[1]
 RATE_HZ, RAW_RATE_HZ, PERIOD_S = 100.0, 1000.0, 2.0
@@ -66,7 +68,9 @@ METHODS = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Speed of tvsysid beside its floors.")
-    parser.add_argument("--against", type=Path, metavar="DIR", help="another checkout to compare with")
+    parser.add_argument(
+        "--against", type=Path, metavar="DIR", help="another checkout to compare with"
+    )
     parser.add_argument("--measure", type=Path, metavar="FOLDER", help=argparse.SUPPRESS)
     given = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -89,15 +93,32 @@ def main() -> None:
 
 def write_data(folder: Path) -> None:
     """Write an ensemble of each name in ``METHODS``, and a recording."""
-    joint, noise = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()), tv.simulate.FilteredNoise()
-    systems = {"20 s": joint, "150 s": joint, "600 s": joint, "reflex, 600 s": tv.simulate.ReflexJoint()}
+    joint, noise = (
+        tv.simulate.Joint(stiffness=tv.simulate.SquareWave()),
+        tv.simulate.FilteredNoise(),
+    )
+    systems = {
+        "20 s": joint,
+        "150 s": joint,
+        "600 s": joint,
+        "reflex, 600 s": tv.simulate.ReflexJoint(),
+    }
     for name, system in systems.items():
         seconds = float(name.split()[-2])
-        recording = system.simulate(seconds, perturbation=noise, snr_db=10, seed=1, rate=RAW_RATE_HZ).recording
+        recording = system.simulate(
+            seconds, perturbation=noise, snr_db=10, seed=1, rate=RAW_RATE_HZ
+        ).recording
         # A slow variable; the angle is imposed, so that it is a reference too.
-        slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time), "reference": recording.angle}
-        ensemble = tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE_HZ), PERIOD_S)
-        tv.recordings.write_ensemble(folder / f"{name}.nc", tv.preprocess.subtract_mean(ensemble, ["reference"]))
+        slowly = {
+            "scheduling": np.sin(2 * np.pi * 0.1 * recording.time),
+            "reference": recording.angle,
+        }
+        ensemble = tv.preprocess.segment(
+            tv.preprocess.decimate(replace(recording, channels=slowly), RATE_HZ), PERIOD_S
+        )
+        tv.recordings.write_ensemble(
+            folder / f"{name}.nc", tv.preprocess.subtract_mean(ensemble, ["reference"])
+        )
         if name == "150 s":
             columns = {"angle": recording.angle, "torque": recording.torque}
             tv.recordings.write_simulation(folder / "recording.mat", columns, RAW_RATE_HZ)
@@ -107,7 +128,11 @@ def write_data(folder: Path) -> None:
     tv.recordings.write_ensemble(folder / "impulses, 600 s.nc", made)
     if WALKING.is_file():
         recording = tv.read_recording(
-            WALKING, angle="POSITION_SIGNAL", torque="TORQUE_SIGNAL", sampling_rate=RAW_RATE_HZ, torque_sign=-1
+            WALKING,
+            angle="POSITION_SIGNAL",
+            torque="TORQUE_SIGNAL",
+            sampling_rate=RAW_RATE_HZ,
+            torque_sign=-1,
         )
         ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, RATE_HZ), 1.5)
         tv.recordings.write_ensemble(folder / "walking.nc", tv.preprocess.subtract_mean(ensemble))
@@ -115,7 +140,10 @@ def write_data(folder: Path) -> None:
 
 def measured_apart(folder: Path, checkout: Path, threads: str) -> Measured:
     """Times in a process of its own, by a checkout, with so many threads of BLAS; the default number if empty."""
-    settings = os.environ | {"PYTHONPATH": str(checkout.resolve() / "src"), "OPENBLAS_NUM_THREADS": threads}
+    settings = os.environ | {
+        "PYTHONPATH": str(checkout.resolve() / "src"),
+        "OPENBLAS_NUM_THREADS": threads,
+    }
     command = [sys.executable, __file__, "--measure", str(folder)]
     done = subprocess.run(command, env=settings, stdout=subprocess.PIPE, check=True, text=True)
     result: Measured = json.loads(done.stdout)
@@ -132,12 +160,23 @@ def measured(folder: Path) -> Measured:
         for label in methods:
             method = tv.methods.parse(label)
             model = method.identify(ensemble)
-            found[f"{label}, {name}"] = [*fastest(partial(method.identify, ensemble)), model.diagnostics.parameters]
-    joint, noise = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()), tv.simulate.FilteredNoise()
+            found[f"{label}, {name}"] = [
+                *fastest(partial(method.identify, ensemble)),
+                model.diagnostics.parameters,
+            ]
+    joint, noise = (
+        tv.simulate.Joint(stiffness=tv.simulate.SquareWave()),
+        tv.simulate.FilteredNoise(),
+    )
     simulate = partial(joint.simulate, 600, perturbation=noise, snr_db=10, seed=1, rate=RAW_RATE_HZ)
     found["simulate 600 s"] = fastest(simulate)
-    found["decimate 600 s"] = fastest(partial(tv.preprocess.decimate, simulate().recording, RATE_HZ))
-    files = {folder / "recording.mat": "--angle angle --torque torque --period 2", WALKING: WALKING_OPTIONS}
+    found["decimate 600 s"] = fastest(
+        partial(tv.preprocess.decimate, simulate().recording, RATE_HZ)
+    )
+    files = {
+        folder / "recording.mat": "--angle angle --torque torque --period 2",
+        WALKING: WALKING_OPTIONS,
+    }
     for file, options in files.items():
         if file.is_file():
             more = f"--rate {RAW_RATE_HZ:g} --decimate {RATE_HZ:g} --out {folder / 'identified'} {options}".split()
@@ -177,7 +216,9 @@ def floor(case: str, times: list[float], folder: Path) -> dict[str, float]:
         regressors = np.ascontiguousarray(ensemble.angle[:, used]).T
     else:
         count = max(round(times[2]), 1)
-        regressors = np.random.default_rng(1).standard_normal((count, len(ensemble) * ensemble.samples))
+        regressors = np.random.default_rng(1).standard_normal(
+            (count, len(ensemble) * ensemble.samples)
+        )
     found = {"product": fastest(lambda: regressors @ regressors.T)[0]}
     if version := PLAIN.get(case):
         found["plain"] = fastest(partial(version, ensemble))[0]
@@ -196,7 +237,12 @@ def plain_kbr(ensemble: tv.Ensemble) -> plain.KernelFit:
     """The dense kernel, out of reach for longer records."""
     own = tv.KernelRegression()
     signals = differentiate(plain.join(ensemble.angle, ensemble.context, HALF_WIDTH), RATE_HZ)
-    kernel: dict[str, Any] = {"l1": own.length_periodic, "l2": own.length_decay, "gamma": own.gamma, "band": own.band}
+    kernel: dict[str, Any] = {
+        "l1": own.length_periodic,
+        "l2": own.length_decay,
+        "gamma": own.gamma,
+        "band": own.band,
+    }
     torque = plain.join(ensemble.torque, ensemble.context)
     return plain.kbr_dense(*signals, torque, rate=RATE_HZ, period=PERIOD_S, **kernel)
 
@@ -210,7 +256,9 @@ PLAIN: dict[str, Callable[[tv.Ensemble], Any]] = {
 }
 
 
-def times_table(here: dict[str, Measured], there: dict[str, Measured], floors: dict[str, dict[str, float]]) -> Table:
+def times_table(
+    here: dict[str, Measured], there: dict[str, Measured], floors: dict[str, dict[str, float]]
+) -> Table:
     """A row for everything that was measured."""
     table = Table(
         title="Processor (wall) time in ms",
@@ -224,9 +272,17 @@ def times_table(here: dict[str, Measured], there: dict[str, Measured], floors: d
     for case, (used, *_) in here["1"].items():
         own = floors[case]
         cells = [f"{each[case][0]:.1f} ({each[case][1]:.1f})" for each in here.values()]
-        cells += [f"{own['product']:.2f}", f"{used / own['product']:.1f}"] if "product" in own else ["", ""]
-        cells += [f"{own['plain']:.0f}", f"{own['plain'] / used:.1f}"] if "plain" in own else ["", ""]
-        ratios = [np.divide(each[case][:2], here[threads][case][:2]) for threads, each in there.items()]
+        cells += (
+            [f"{own['product']:.2f}", f"{used / own['product']:.1f}"]
+            if "product" in own
+            else ["", ""]
+        )
+        cells += (
+            [f"{own['plain']:.0f}", f"{own['plain'] / used:.1f}"] if "plain" in own else ["", ""]
+        )
+        ratios = [
+            np.divide(each[case][:2], here[threads][case][:2]) for threads, each in there.items()
+        ]
         cells += [f"{processor:.2f} ({wall:.2f})" for processor, wall in ratios]
         table.add_row(case, *cells)
     return table

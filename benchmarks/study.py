@@ -32,7 +32,11 @@ def main() -> None:
     for workers in chosen.workers:
         results, seconds, memory = timed(study, workers)
         first = first or seconds
-        console.print(stages_table(results, seconds, f"{chosen.preset}, {workers} process{'es' * (workers > 1)}"))
+        console.print(
+            stages_table(
+                results, seconds, f"{chosen.preset}, {workers} process{'es' * (workers > 1)}"
+            )
+        )
         simulated = float(results.duration_s.sum()) * study.trials
         console.print(
             f"{seconds:.1f} s, {simulated / seconds:,.0f} simulated seconds per second, {first / seconds:.2f} x as "
@@ -54,7 +58,9 @@ def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     """A row for each stage, summed over all workers."""
     simulated = float(results.duration_s.sum()) * results.sizes["trial"]
     spent = tv.study.time_spent(results)
-    table = Table(title=title, title_justify="left", caption="times of all workers, but for the last row")
+    table = Table(
+        title=title, title_justify="left", caption="times of all workers, but for the last row"
+    )
     table.add_column("stage")
     for heading in ("s", "share, %", "simulated seconds per second"):
         table.add_column(heading, justify="right")

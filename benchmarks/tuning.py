@@ -39,11 +39,20 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="folder that keeps the results")
     chosen = parser.parse_args()
     methods = [key + rest for key in chosen.methods for rest in ("", TUNED)]
-    part = {"stiffness": chosen.stiffness, "perturbation": chosen.perturbations, "duration_s": chosen.durations}
+    part = {
+        "stiffness": chosen.stiffness,
+        "perturbation": chosen.perturbations,
+        "duration_s": chosen.durations,
+    }
     given = {name: values for name, values in part.items() if values}
-    study = tv.studies.van_de_ruit_2021.preset("paper", methods=methods, trials=chosen.trials, **given)
+    study = tv.studies.van_de_ruit_2021.preset(
+        "paper", methods=methods, trials=chosen.trials, **given
+    )
     console = Console(width=None if sys.stdout.isatty() else 150)
-    with tempfile.TemporaryDirectory() as folder, Progress(*COLUMNS, disable=not sys.stdout.isatty()) as bar:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Progress(*COLUMNS, disable=not sys.stdout.isatty()) as bar,
+    ):
         task = bar.add_task("")
         results = tv.study.run(
             study,
@@ -58,7 +67,10 @@ def main() -> None:
 
 def table(key: str, results: xr.Dataset, scores: xr.Dataset) -> Table:
     """A row for each scenario."""
-    shown = Table(title=f"{key}: total error of stiffness, {results.sizes['trial']} trials", title_justify="left")
+    shown = Table(
+        title=f"{key}: total error of stiffness, {results.sizes['trial']} trials",
+        title_justify="left",
+    )
     shown.add_column("scenario")
     for heading in ("paper, N·m/rad", "tuned, N·m/rad", "change, %", "±", "seconds", "at most"):
         shown.add_column(heading, justify="right")

@@ -56,7 +56,9 @@ def main() -> None:
     withdrawn = [trust.reasons for trust in levels if trust.level == "none"]
     doubtful = sum(trust.level == "doubtful" for trust in levels)
     console.print(f"{silent} wrong by a fifth without a word")
-    console.print(f"{len(withdrawn)} of {chosen.sound} sound ones withdrawn, {doubtful} doubtful", *withdrawn)
+    console.print(
+        f"{len(withdrawn)} of {chosen.sound} sound ones withdrawn, {doubtful} doubtful", *withdrawn
+    )
     sys.exit(int(silent + len(withdrawn) > 0))
 
 
@@ -72,15 +74,26 @@ def faulty(data: Path | None) -> Iterator[tuple[str, Case, float]]:
         yield "period 1 % off", case._replace(period=round(1.01 * case.period + 0.001, 2)), 1
         yield "period doubled", case._replace(period=2 * case.period), 1
         for name, share in (("half the rate", 0.5), ("double rate", 2.0)):
-            stated = replace(recording, sampling_rate=share * recording.sampling_rate, start=recording.start / share)
+            stated = replace(
+                recording,
+                sampling_rate=share * recording.sampling_rate,
+                start=recording.start / share,
+            )
             yield name, case._replace(recording=stated), share
         late = np.roll(recording.torque, round(LATE * recording.sampling_rate))
         yield "delay of 5 ms", with_signals(case, recording.angle, late), 1
         centre, range_ = recording.angle.mean(), CLIPPED_AT * recording.angle.std()
         clipped = np.clip(recording.angle, centre - range_, centre + range_)
         yield "clipped angle", with_signals(case, clipped, recording.torque), 1
-    for bandwidth, snr_db, cutoff in ((40.0, 0.0, 5.0), (5.0, 5.0, 20.0), (5.0, 0.0, 20.0), (5.0, 0.0, 5.0)):
-        joint = tv.simulate.CompliantActuator(tv.simulate.Constant(100.0), noise_bandwidth=bandwidth)
+    for bandwidth, snr_db, cutoff in (
+        (40.0, 0.0, 5.0),
+        (5.0, 5.0, 20.0),
+        (5.0, 0.0, 20.0),
+        (5.0, 0.0, 5.0),
+    ):
+        joint = tv.simulate.CompliantActuator(
+            tv.simulate.Constant(100.0), noise_bandwidth=bandwidth
+        )
         with_command = joint.simulate(
             120, perturbation=tv.simulate.FilteredNoise(cutoff), snr_db=snr_db, seed=1
         ).recording
@@ -104,7 +117,9 @@ def cases(data: Path | None) -> Iterator[Case]:
     """Yield a simulated joint and, from a folder, a tonic ankle and a walking one."""
     square = tv.simulate.SquareWave()
     joint = tv.simulate.Joint(stiffness=square)
-    recording = joint.simulate(120, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    recording = joint.simulate(
+        120, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    ).recording
     yield Case("simulated", recording, PERIOD, (square, square))
     if data is None:
         return

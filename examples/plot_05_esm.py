@@ -34,6 +34,12 @@ for time, line, colour in ((truth.argmin(), "o--", PALETTE[0]), (truth.argmax(),
     exact = truth[time] + 2.2j * omega - 0.02 * omega**2
     label = f"{ensemble.time[time]:.2f} s, {truth[time]:.0f} N·m/rad"
     axes.plot(model.frequencies[shown], abs(exact), line[1:], color=TRUTH, linewidth=2.6)
-    axes.plot(model.frequencies[shown], abs(model.frequency_response[time, shown]), line, color=colour, label=label)
+    axes.plot(
+        model.frequencies[shown],
+        abs(model.frequency_response[time, shown]),
+        line,
+        color=colour,
+        label=label,
+    )
 axes.set(xlabel="frequency (Hz)", ylabel="gain (N·m/rad)", ylim=(0, None))
 axes.legend(loc="upper left")

@@ -10,10 +10,14 @@ from matplotlib.figure import Figure
 import tvsysid as tv
 from tvsysid.figures.style import PALETTE, TRUE_LINE
 
-joint = tv.simulate.CompliantActuator(tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque")
+joint = tv.simulate.CompliantActuator(
+    tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque"
+)
 simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=8)
 recording = tv.preprocess.decimate(simulation.recording, 100)
-ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0), ["disturbance"])
+ensemble = tv.preprocess.subtract_mean(
+    tv.preprocess.segment(recording, period=2.0), ["disturbance"]
+)
 
 # %%
 # The recorded disturbance predicts the part of the angle in which the noise has no part.

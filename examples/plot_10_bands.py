@@ -29,7 +29,9 @@ bands = {
 truth = simulation.truth_of(ensemble)["stiffness"][0]
 for name, (lower, upper) in bands.items():
     inside = ((lower <= truth) & (truth <= upper)).mean()
-    print(f"{name}: {(upper - lower).mean() / 2:.1f} N·m/rad to either side, holds {100 * inside:.0f} % of the times")
+    print(
+        f"{name}: {(upper - lower).mean() / 2:.1f} N·m/rad to either side, holds {100 * inside:.0f} % of the times"
+    )
 
 # %%
 
@@ -39,6 +41,11 @@ axes.plot(ensemble.time, truth, "k--", label="true")
 axes.plot(model.time, model.stiffness, label="sds")
 axes.fill_between(model.time, *bands["pointwise"], alpha=0.3, label="95 % at each time")
 for edge in bands["simultaneous"]:
-    axes.plot(model.time, edge, "C0:", label="95 % at all times" if edge is bands["simultaneous"][0] else None)
+    axes.plot(
+        model.time,
+        edge,
+        "C0:",
+        label="95 % at all times" if edge is bands["simultaneous"][0] else None,
+    )
 axes.set(xlabel="time (s)", ylabel="stiffness (N·m/rad)", ylim=(20, 210))
 axes.legend(ncols=4, loc="upper center", fontsize="small")

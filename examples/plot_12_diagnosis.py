@@ -18,7 +18,9 @@ simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db
 # The torque is 4 ms late, as an unequal filter makes it, and the amplifier clips it at two standard deviations.
 
 torque = np.roll(simulation.recording.torque, 4)
-recording = dataclasses.replace(simulation.recording, torque=np.clip(torque, -2 * torque.std(), 2 * torque.std()))
+recording = dataclasses.replace(
+    simulation.recording, torque=np.clip(torque, -2 * torque.std(), 2 * torque.std())
+)
 
 # %%
 # Diagnose at the recorded rate: decimation hides some faults. Each finding says what it does to the result, and what

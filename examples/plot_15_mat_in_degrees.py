@@ -20,7 +20,10 @@ import tvsysid as tv
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 perturbation = tv.simulate.PRBS()
-trials = [joint.simulate(30, perturbation=perturbation, snr_db=10, seed=seed).recording for seed in (1, 2, 3)]
+trials = [
+    joint.simulate(30, perturbation=perturbation, snr_db=10, seed=seed).recording
+    for seed in (1, 2, 3)
+]
 angle = np.degrees([each.angle for each in trials]).T + 12  # a foot that rests at 12 degrees
 torque = -np.array([each.torque for each in trials]).T
 drift = np.linspace(0, 6, torque.size).reshape(3, -1).T  # N·m, from the first trial to the last

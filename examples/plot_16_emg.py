@@ -39,7 +39,9 @@ for label, model in comparison.models.items():
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()
-for (name, torque), line in zip(comparison.models["cascade"].pathways(ensemble).items(), ("-", "-."), strict=True):
+for (name, torque), line in zip(
+    comparison.models["cascade"].pathways(ensemble).items(), ("-", "-."), strict=True
+):
     axes.plot(ensemble.time, torque.std(axis=0), line, label=name)
 axes.set(xlabel="time (s)", ylabel="torque (N·m, standard deviation)", ylim=(0, None))
 axes.legend()

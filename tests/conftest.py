@@ -48,7 +48,9 @@ settings.load_profile("repeatable")
 
 def pytest_collection_finish():
     """What is loaded by now stays: to look for garbage among it, again and again, takes a tenth of the tests' time."""
-    given(none())(lambda _: None)()  # Hypothesis 6.100 looks for what refers to its random numbers, once
+    given(none())(
+        lambda _: None
+    )()  # Hypothesis 6.100 looks for what refers to its random numbers, once
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000)
@@ -97,7 +99,10 @@ def ensemble_of_fixture():
 @pytest.fixture(autouse=True)
 def _signals():
     """The command line handles signals, here in the tests' own process."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    kept = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
     yield
     for number, handler in kept.items():
         signal.signal(number, handler)
@@ -137,7 +142,9 @@ def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     from tvsysid.cli.console import errors, output
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])  # as for an installed command
+    monkeypatch.setattr(
+        sys, "path", [folder for folder in sys.path if folder]
+    )  # as for an installed command
     monkeypatch.setenv("COLUMNS", "200")
     for console in (output, errors):  # made before, they have read another width
         monkeypatch.setattr(console, "width", 200)
@@ -157,8 +164,12 @@ def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
     for name in ("study_figures", "experiment_figures", "participant_figures"):
         monkeypatch.setattr(f"tvsysid.studies.van_de_ruit_2021.folder.{name}", lambda *given: {})
-    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None)
-    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
+    monkeypatch.setattr(
+        "tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None
+    )
+    monkeypatch.setattr(
+        "tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext()
+    )
     monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)
     monkeypatch.setattr("tvsysid.report.write_identification", lambda *given: None)
 
@@ -179,7 +190,9 @@ def sketched(monkeypatch):
 
     empty = _empty_figure()
     monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
-    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
+    monkeypatch.setattr(
+        "tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext()
+    )
 
 
 @pytest.fixture

@@ -22,7 +22,11 @@ METHODS = {
 AMOUNTS = (75, 150)
 FEW = (20, 40)
 SIGNALS = ("noise", "prbs")
-STEPS = {"alignment": (2, 0.31, 0.25, "s"), "task component": (7, 3.4, 3.0, "SD"), "residual": (31, 3.6, 3.0, "SD")}
+STEPS = {
+    "alignment": (2, 0.31, 0.25, "s"),
+    "task component": (7, 3.4, 3.0, "SD"),
+    "residual": (31, 3.6, 3.0, "SD"),
+}
 """Realizations that each step excludes, how far out the first of them is, and the limit."""
 LATE = 20
 """Further realizations that a PRBS makes come late."""
@@ -63,10 +67,14 @@ def results_of(
             usual = FEW[0] if method.startswith("kbr") else AMOUNTS[0]
             noise = random.standard_normal((bootstraps, 8)) @ _bumps(time, period)
             stiffness[place, column] = true[place] + bias + spread * np.sqrt(usual / amount) * noise
-            level += 20 * (signal != "noise" and not method.startswith("kbr")) + 2 * min(participants.index(person), 5)
+            level += 20 * (signal != "noise" and not method.startswith("kbr")) + 2 * min(
+                participants.index(person), 5
+            )
             whole[place, column] = level + 1.5 * random.standard_normal(bootstraps)
             varying[place, column] = np.clip(
-                whole[place, column][:, None] + 12 * np.sin(4 * np.pi * time / period) + random.normal(0, 2, sizes[2:]),
+                whole[place, column][:, None]
+                + 12 * np.sin(4 * np.pi * time / period)
+                + random.normal(0, 2, sizes[2:]),
                 0,
                 100,
             )
@@ -130,14 +138,25 @@ def _bumps(time, period):
 
 def fail(results, reason, recording=None, analysis=None):
     """Results in which analyses failed: one, all of a recording, or one of every recording."""
-    at = {name: label for name, label in (("recording", recording), ("analysis", analysis)) if label is not None}
+    at = {
+        name: label
+        for name, label in (("recording", recording), ("analysis", analysis))
+        if label is not None
+    }
     for name in ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
         results[name].loc[at] = np.nan
     results["failure"].loc[at] = reason
     if analysis is None:
         for name in ("target_torque", "mean_torque", "truth"):
             results[name].loc[at] = np.nan
-        for name in ("recorded", "survivors", "excluded_alignment", "excluded_task", "excluded_residual", "trials"):
+        for name in (
+            "recorded",
+            "survivors",
+            "excluded_alignment",
+            "excluded_task",
+            "excluded_residual",
+            "trials",
+        ):
             results[name].loc[at] = 0
     return results
 
@@ -147,11 +166,16 @@ def summary_of(results):
     rows, stiffness = [], results.sel(quantity="stiffness")
     every = {name: stiffness[name].values for name in MEASURED}
     labels = (results.participant, results.perturbation), (results.method_key, results.realizations)
-    recordings, analyses = (list(zip(*(each.values.tolist() for each in pair), strict=True)) for pair in labels)
+    recordings, analyses = (
+        list(zip(*(each.values.tolist() for each in pair), strict=True)) for pair in labels
+    )
     for row, recording in enumerate(recordings):
         for column, analysis in enumerate(analyses):
             cell = {name: values[row, column] for name, values in every.items()}
-            rows += [(*recording, *analysis, *each) for each in _metrics(cell, stiffness.truth.values[row])]
+            rows += [
+                (*recording, *analysis, *each)
+                for each in _metrics(cell, stiffness.truth.values[row])
+            ]
     names = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
     return pd.DataFrame(rows, columns=names)
 
@@ -181,9 +205,15 @@ def exclusions_of(results):
         cell = results.sel(recording=recording)
         count = int(cell.recorded)
         by = np.full(count, "", dtype=object)
-        reached, limits, units = np.full(count, np.nan), np.full(count, np.nan), np.full(count, "", dtype=object)
+        reached, limits, units = (
+            np.full(count, np.nan),
+            np.full(count, np.nan),
+            np.full(count, "", dtype=object),
+        )
         first = 0
-        for step, name in zip(STEPS, ("excluded_alignment", "excluded_task", "excluded_residual"), strict=True):
+        for step, name in zip(
+            STEPS, ("excluded_alignment", "excluded_task", "excluded_residual"), strict=True
+        ):
             out = slice(first, first := first + int(cell[name]))
             by[out], (_, reached[out], limits[out], units[out]) = step, STEPS[step]
         numbers = np.arange(count)

@@ -16,7 +16,9 @@ def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0,
     """Recording of a simulated joint at 1 kHz."""
     return (
         tv.simulate.Joint(stiffness=tv.simulate.PROFILES[profile])
-        .simulate(duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed)
+        .simulate(
+            duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
+        )
         .recording
     )
 
@@ -24,12 +26,16 @@ def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0,
 @lru_cache(maxsize=32)
 def cut(recording, period=2.0, rate=100.0):
     """Ensemble as it is usually prepared; recordings are compared by identity."""
-    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, rate), period))
+    return tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, rate), period)
+    )
 
 
 def changed(recording, angle=None, torque=None, **changes):
     given = {"angle": angle, "torque": torque}
-    return replace(recording, **{name: x for name, x in given.items() if x is not None}, channels={}, **changes)
+    return replace(
+        recording, **{name: x for name, x in given.items() if x is not None}, channels={}, **changes
+    )
 
 
 def places(recording, count, length, seed=5):
@@ -78,7 +84,10 @@ def zero(recording, which, count=8, length=0.6):
 
 def gapped(recording, kind="held", count=3, length=0.05):
     """Both signals held, zero or interpolated linearly, from 7 s on, 17 s, and so on."""
-    samples, signals = round(length * recording.sampling_rate), np.stack([recording.angle, recording.torque])
+    samples, signals = (
+        round(length * recording.sampling_rate),
+        np.stack([recording.angle, recording.torque]),
+    )
     for number in range(count):
         first = round((10 * number + 7) * recording.sampling_rate)
         before, after = signals[:, [first - 1]], signals[:, [first + samples]]
@@ -93,13 +102,17 @@ def gapped(recording, kind="held", count=3, length=0.05):
 
 def humming(recording, frequency=49.97, share=0.05):
     """Mains hum of a share of the angle's RMS in the angle."""
-    hum = np.sqrt(2) * np.sin(2 * np.pi * frequency * np.arange(len(recording)) / recording.sampling_rate)
+    hum = np.sqrt(2) * np.sin(
+        2 * np.pi * frequency * np.arange(len(recording)) / recording.sampling_rate
+    )
     return changed(recording, angle=recording.angle + share * recording.angle.std() * hum)
 
 
 def late(recording, seconds=0.03):
     """A torque recorded later than the angle."""
-    return changed(recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate)))
+    return changed(
+        recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate))
+    )
 
 
 def coarse(recording, deviations=0.33):
@@ -112,7 +125,9 @@ def filtered(recording, order, cutoff, both_ways=False):
     """Both channels through one low-pass in Hz, causal or both ways in time: no fault."""
     taps = butter(order, cutoff, fs=recording.sampling_rate)
     through = filtfilt if both_ways else lfilter
-    return changed(recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque))
+    return changed(
+        recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque)
+    )
 
 
 def skewed(recording, share=3e-4):
@@ -124,24 +139,35 @@ def skewed(recording, share=3e-4):
 def drifting(recording, which, deviations=5.0):
     """A sensor whose offset moves by so many standard deviations from start to end."""
     values = getattr(recording, which)
-    return changed(recording, **{which: values + np.linspace(0, deviations * values.std(), len(values))})
+    return changed(
+        recording, **{which: values + np.linspace(0, deviations * values.std(), len(values))}
+    )
 
 
 def turned(recording):
     """A torque whose sign is turned half-way."""
     return changed(
-        recording, torque=np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1) * recording.torque
+        recording,
+        torque=np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1) * recording.torque,
     )
 
 
 def softening(recording, share=0.3):
     """A torque that falls from start to end, as that of a muscle that tires."""
-    return changed(recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording)))
+    return changed(
+        recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording))
+    )
 
 
 @cache
 def giving_way(
-    duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0, noise_bandwidth=40.0
+    duration=150.0,
+    perturbation="noise",
+    actuator=100.0,
+    snr_db=5.0,
+    seed=1,
+    stiffness=100.0,
+    noise_bandwidth=40.0,
 ):
     """A joint on a soft actuator, which noise in the torque moves."""
     system = tv.simulate.CompliantActuator(
@@ -157,7 +183,9 @@ def giving_way(
 def reflexive(gain=5.0, seed=1):
     """A virtual participant with a stretch reflex, prepared."""
     traits = replace(tv.simulate.Traits.of(seed), reflex_gain=gain)
-    return tv.preprocess.prepare(tv.simulate.Participant(seed, traits).simulate().recording).ensemble
+    return tv.preprocess.prepare(
+        tv.simulate.Participant(seed, traits).simulate().recording
+    ).ensemble
 
 
 # Faults of an ensemble.
@@ -204,7 +232,9 @@ def repeated(recording, period=2.0, noise=2e-5, seed=4):
     """One realization's perturbation over and over, recorded with a little noise of the angle's sensor."""
     random = np.random.default_rng(seed)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
-    angle = np.tile(ensemble.angle[0], (len(ensemble), 1)) + noise * random.standard_normal(ensemble.angle.shape)
+    angle = np.tile(ensemble.angle[0], (len(ensemble), 1)) + noise * random.standard_normal(
+        ensemble.angle.shape
+    )
     torque = np.tile(ensemble.torque[0], (len(ensemble), 1))
     torque = torque + 0.3 * ensemble.torque.std() * random.standard_normal(torque.shape)
     return replace(ensemble, angle=angle, torque=torque)

@@ -19,14 +19,21 @@ def noise(samples, low, high, random):
 def motion(angle):
     """Angle, velocity and acceleration (3, time) of a periodic angle."""
     turns = 2j * np.pi * np.fft.rfftfreq(len(angle), 1 / RATE)
-    return np.stack([np.fft.irfft(np.fft.rfft(angle) * turns**power, len(angle)) for power in range(3)])
+    return np.stack(
+        [np.fft.irfft(np.fft.rfft(angle) * turns**power, len(angle)) for power in range(3)]
+    )
 
 
 def impulses(samples, interval, duration, random=None, jitter=0.0):
     """Half sines of 1 N·m, ``interval`` s apart, each shifted by up to ``jitter`` s."""
-    torque, shape = np.zeros(samples), np.sin(np.pi * np.arange(1, round(duration * RATE)) / (duration * RATE))
+    torque, shape = (
+        np.zeros(samples),
+        np.sin(np.pi * np.arange(1, round(duration * RATE)) / (duration * RATE)),
+    )
     for start in np.arange(0.3, samples / RATE - interval, interval):
-        first = round((start + (random.uniform(-jitter, jitter) if random is not None else 0.0)) * RATE)
+        first = round(
+            (start + (random.uniform(-jitter, jitter) if random is not None else 0.0)) * RATE
+        )
         torque[first : first + len(shape)] += shape
     return torque
 
@@ -39,7 +46,9 @@ def ringing(torque, stiffness, viscosity, inertia):
     for place, (applied, k, b) in enumerate(zip(held, stiffness, viscosity, strict=True)):
         angle[place] = state[0]
         if (key := (round(k, 3), round(b, 5))) not in steps:
-            slopes = np.array([[0, 1, 0], [-k / inertia, -b / inertia, 1 / inertia], [0, 0, 0]]) / RATE
+            slopes = (
+                np.array([[0, 1, 0], [-k / inertia, -b / inertia, 1 / inertia], [0, 0, 0]]) / RATE
+            )
             step, term = np.eye(3), np.eye(3)
             for power in range(1, 12):
                 term = term @ slopes / power
@@ -67,7 +76,9 @@ def following(stiffness, random, duration=100.0, snr_db=15.0, viscosity=0.8, ine
     variable = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(samples) / RATE / 10.0 + random.random()))
     angle, velocity, acceleration = motion(0.0087 * noise(samples, 0.0, 12.0, random))
     torque = stiffness(variable) * angle + viscosity * velocity + inertia * acceleration
-    return ensemble_of(angle, with_noise(torque, snr_db, random, 15.0), None, subtract=False, variable=variable)
+    return ensemble_of(
+        angle, with_noise(torque, snr_db, random, 15.0), None, subtract=False, variable=variable
+    )
 
 
 COLOURS = {  # amplitude by frequency in Hz
@@ -84,7 +95,12 @@ WAVES = {  # stiffness in N·m/rad by time in s, over a period of 2 s
     "triangle": lambda t: 130 - 50 * np.abs(t % 2 - 1),
     "ramp": lambda t: 80 + 25 * (t % 2),
     "chirp": lambda t: 100 + 25 * np.sin(2 * np.pi * (0.5 * (t % 2) + 3.5 / 4 * (t % 2) ** 2)),
-    "mixed": lambda t: 100 + 20 * np.sin(np.pi * t) + 10 * np.sin(3 * np.pi * t + 1) + 20 * (np.abs(t % 2 - 1) < 0.3),
+    "mixed": lambda t: (
+        100
+        + 20 * np.sin(np.pi * t)
+        + 10 * np.sin(3 * np.pi * t + 1)
+        + 20 * (np.abs(t % 2 - 1) < 0.3)
+    ),
     "stairs": lambda t: 60 + 30 * np.minimum(t % 2 // 0.437, 4),
     "square": lambda t: 70 + 60.0 * (t % 2 > 1),
     "pulse": lambda t: 80 + 50.0 * ((t % 2 > 0.9) & (t % 2 < 0.96)),
@@ -93,7 +109,9 @@ WAVES = {  # stiffness in N·m/rad by time in s, over a period of 2 s
 
 def coloured(samples, colour, random):
     """Noise of unit RMS of one of the colours; periodic."""
-    spectrum = np.fft.rfft(random.standard_normal(samples)) * COLOURS[colour](np.fft.rfftfreq(samples, 1 / RATE))
+    spectrum = np.fft.rfft(random.standard_normal(samples)) * COLOURS[colour](
+        np.fft.rfftfreq(samples, 1 / RATE)
+    )
     spectrum[0] = 0
     values = np.fft.irfft(spectrum, samples)
     return values / values.std()
@@ -118,7 +136,17 @@ def imposed(wave, perturbation, colour, snr_db, seed, duration=80.0, viscosity=1
     return np.stack([position, torque + loud * coloured(samples, colour, random)]), stiffness
 
 
-def in_loop(load, colour, snr_db, seed, duration=80.0, stiffness=100.0, viscosity=1.2, inertia=0.016, low=0.0):
+def in_loop(
+    load,
+    colour,
+    snr_db,
+    seed,
+    duration=80.0,
+    stiffness=100.0,
+    viscosity=1.2,
+    inertia=0.016,
+    low=0.0,
+):
     """Angle, torque and command (3, time) of a joint behind a load in N·m/rad, which its torque noise moves.
 
     The command is noise from ``low`` to 8 Hz; the noise's power is so much less than that of the torque without it.

@@ -19,16 +19,30 @@ METHODS = {
     "kbr": (9, 1.9, 0.90),
 }
 TIME = np.arange(200) / 100
-MEASURED = ("estimate", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "seconds", "failure")
+MEASURED = (
+    "estimate",
+    "time_varying_vaf",
+    "covered",
+    "vaf",
+    "bandpassed_vaf",
+    "seconds",
+    "failure",
+)
 DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)
-SQUARE = [("square", perturbation, duration, 10.0) for perturbation in ("noise", "prbs") for duration in DURATIONS]
+SQUARE = [
+    ("square", perturbation, duration, 10.0)
+    for perturbation in ("noise", "prbs")
+    for duration in DURATIONS
+]
 SINE = [("sine", perturbation, 150.0, 10.0) for perturbation in ("noise", "prbs")]
 
 
 def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, viscosity="constant"):
     """Results of a study in the layout of tvsysid.study.run; a scenario: profile, perturbation, duration, SNR."""
     random = np.random.default_rng(7)
-    truth = np.stack([np.asarray(PROFILES[profile](TIME), dtype=float) for profile, *_ in scenarios])
+    truth = np.stack(
+        [np.asarray(PROFILES[profile](TIME), dtype=float) for profile, *_ in scenarios]
+    )
     sizes = len(scenarios), trials, len(methods)
     stiffness = np.empty((*sizes, len(TIME)))
     seconds = np.empty(sizes)
@@ -37,9 +51,17 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             width, spread, cost = METHODS.get(method.partition(":")[0], (9, 3.0, 0.1))
             kernel = np.ones(2 * width + 1) / (2 * width + 1)
             smooth = np.convolve(np.pad(truth[place], width, mode="wrap"), kernel, mode="valid")
-            spread *= np.sqrt(150 / duration) * 10 ** ((10 - snr) / 20) * (2.8 if width == 1 and duration < 60 else 1)
-            stiffness[place, :, column] = smooth + spread * random.standard_normal((trials, len(TIME)))
-            seconds[place, :, column] = cost * (0.5 + duration / 300) * random.uniform(0.9, 1.1, trials)
+            spread *= (
+                np.sqrt(150 / duration)
+                * 10 ** ((10 - snr) / 20)
+                * (2.8 if width == 1 and duration < 60 else 1)
+            )
+            stiffness[place, :, column] = smooth + spread * random.standard_normal(
+                (trials, len(TIME))
+            )
+            seconds[place, :, column] = (
+                cost * (0.5 + duration / 300) * random.uniform(0.9, 1.1, trials)
+            )
     off = np.abs(stiffness - truth[:, None, None]) / 100
     varying = np.clip(100 - 25 * off**1.2 - random.uniform(0, 1.5, off.shape), 0, 100)
     whole = varying.mean(axis=-1)
@@ -63,7 +85,10 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "vaf": ((*cell, "statistic"), statistics),
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
-            "checksums": (("scenario", "trial", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
+            "checksums": (
+                ("scenario", "trial", "variable"),
+                np.ones((*sizes[:2], 1), dtype=np.uint64),
+            ),
             "seconds": (cell, seconds),
             "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 4), 0.05)),
             "warnings": (cell, np.full(sizes, "", dtype=object)),
@@ -87,7 +112,9 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
         },
         attrs={
             "study": json.dumps(study),
-            "versions": json.dumps({"tvsysid": "0.1.0", "numpy": "2.3.1", "scipy": "1.16.0", "python": "3.12.3"}),
+            "versions": json.dumps(
+                {"tvsysid": "0.1.0", "numpy": "2.3.1", "scipy": "1.16.0", "python": "3.12.3"}
+            ),
             "machine": "Linux x86_64, 2 cores",
         },
     )
@@ -96,7 +123,15 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
 def fail(results, method, trial, reason):
     """Results in which a method failed in a trial of every scenario."""
     place = {"method_key": list(results.method_key.values).index(method), "trial": trial}
-    for name in ("estimate", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+    for name in (
+        "estimate",
+        "time_varying_vaf",
+        "covered",
+        "vaf",
+        "bandpassed_vaf",
+        "parameters",
+        "seconds",
+    ):
         results[name][place] = np.nan
     results["failure"][place] = reason
     return results
@@ -144,9 +179,19 @@ def _metrics(cell, truth, switches):
     for name, means in (("vaf", mean), ("bandpassed_vaf", cell["bandpassed_vaf"][:, 0])):
         values = means[np.isfinite(means)]
         count = len(values)
-        yield name, values.mean() if count else nan, values.std(ddof=1) / count**0.5 if count > 1 else nan, "%"
+        yield (
+            name,
+            values.mean() if count else nan,
+            values.std(ddof=1) / count**0.5 if count > 1 else nan,
+            "%",
+        )
     yield "lowest_vaf", float(np.fmin.reduce(lowest)), nan, "%"
-    yield "lowest_time_varying_vaf", float(np.fmin.reduce(mean_known(cell["time_varying_vaf"]))), nan, "%"
+    yield (
+        "lowest_time_varying_vaf",
+        float(np.fmin.reduce(mean_known(cell["time_varying_vaf"]))),
+        nan,
+        "%",
+    )
     yield "coverage", 100 * float(mean_known(cell["covered"].ravel())), nan, "%"
     yield "without_band", 100 * float(np.isnan(cell["covered"]).mean()), nan, "%"
     yield "left_out", 0.0, nan, "samples"
@@ -193,8 +238,12 @@ def responses_of(methods=("eirf", "sds", "birf")):
 
 def scores_of(told, scenarios, methods, metrics, spread, trials):
     """Scores of a study as they are told of each scenario, method and metric, with replicates of this spread."""
-    value = np.array([[[told(s, method, metric) for metric in metrics] for method in methods] for s in scenarios])
-    replicates = value[..., None] * (1 + spread * np.random.default_rng(1).standard_normal((*value.shape, 200)))
+    value = np.array(
+        [[[told(s, method, metric) for metric in metrics] for method in methods] for s in scenarios]
+    )
+    replicates = value[..., None] * (
+        1 + spread * np.random.default_rng(1).standard_normal((*value.shape, 200))
+    )
     dims = ("scenario", "method_key", "metric")
     return xr.Dataset(
         {
@@ -202,5 +251,9 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
             "replicates": ((*dims, "draw"), replicates),
             "trials": (dims[:2], np.full(value.shape[:2], trials)),
         },
-        coords={"scenario": [s.label for s in scenarios], "method_key": list(methods), "metric": list(metrics)},
+        coords={
+            "scenario": [s.label for s in scenarios],
+            "method_key": list(methods),
+            "metric": list(metrics),
+        },
     )

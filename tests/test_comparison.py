@@ -48,12 +48,16 @@ def test_it_gives_what_each_method_gives_by_itself():
     assert list(found.models) == ["sds", repr(tv.BasisIRF())]
     alone = tv.ShortDataSegments().identify(ensemble)
     np.testing.assert_array_equal(found.models["sds"].stiffness, alone.stiffness)
-    np.testing.assert_array_equal(found.bands["sds"]["stiffness"], alone.estimates["stiffness"].band())
+    np.testing.assert_array_equal(
+        found.bands["sds"]["stiffness"], alone.estimates["stiffness"].band()
+    )
     torque = ensemble.torque[:, ensemble.core]
     np.testing.assert_array_equal(found.vaf["sds"], tv.metrics.vaf(torque, alone.predict(ensemble)))
     table = found.over_time()
     assert len(table) == 2 * ensemble.samples
-    np.testing.assert_array_equal(table[table.method == "sds"].viscosity_upper, found.bands["sds"]["viscosity"][1])
+    np.testing.assert_array_equal(
+        table[table.method == "sds"].viscosity_upper, found.bands["sds"]["viscosity"][1]
+    )
     row = found.summary().iloc[0]
     assert row["stiffness (N·m/rad)"] == pytest.approx(alone.stiffness.mean())
     assert row["lowest (N·m/rad)"] == alone.stiffness.min()
@@ -62,7 +66,10 @@ def test_it_gives_what_each_method_gives_by_itself():
 def test_a_method_that_lacks_its_channel_is_skipped_and_the_others_go_on():
     found = tv.compare(ensemble_of(), [Level(), "sds"])
     assert list(found.models) == ["sds"]
-    assert "needs the channel 'emg' (scheduling, V), the ensemble has no further channel" in found.skipped["Level()"]
+    assert (
+        "needs the channel 'emg' (scheduling, V), the ensemble has no further channel"
+        in found.skipped["Level()"]
+    )
     with pytest.raises(tv.InputError, match="needs the channel 'emg'"):
         tv.compare(ensemble_of(), [Level()])
     with pytest.raises(tv.InputError, match="needs the channel 'emg'"):
@@ -73,13 +80,19 @@ def test_any_quantity_and_any_pathway_comes_through():
     ensemble = ensemble_of()
     shape = ensemble.angle.shape
     with_emg = tv.Ensemble(
-        ensemble.angle, ensemble.torque, 100.0, ensemble.context, channels={"emg": np.full(shape, 100.0)}
+        ensemble.angle,
+        ensemble.torque,
+        100.0,
+        ensemble.context,
+        channels={"emg": np.full(shape, 100.0)},
     )
     found = tv.compare(with_emg, [Level()])
     model = found.models["Level()"]
     np.testing.assert_array_equal(model.stiffness, 100.0)
     assert list(model.pathways(with_emg)) == ["intrinsic", "reflex"]
-    np.testing.assert_allclose(model.predict(with_emg), 100 * with_emg.angle[:, with_emg.core], rtol=1e-12)
+    np.testing.assert_allclose(
+        model.predict(with_emg), 100 * with_emg.angle[:, with_emg.core], rtol=1e-12
+    )
     table = found.over_time()
     assert (table.offset_upper > table.offset).all()
     assert np.isnan(table.stiffness_upper).all()
@@ -94,7 +107,9 @@ def test_an_error_of_a_plugin_names_its_place():
         def identify(self, ensemble):
             raise ZeroDivisionError("by zero")
 
-    with pytest.raises(tv.InputError, match=r"method Broken: ZeroDivisionError: by zero \(test_comparison.py, line"):
+    with pytest.raises(
+        tv.InputError, match=r"method Broken: ZeroDivisionError: by zero \(test_comparison.py, line"
+    ):
         tv.compare(ensemble_of(), [Broken()])
 
 
@@ -123,7 +138,9 @@ def test_an_error_of_skip_names_its_place():
         def skip(self, ensemble):
             return {}["reason"]
 
-    with pytest.raises(tv.InputError, match=r"method Broken: KeyError: 'reason' \(test_comparison.py, line"):
+    with pytest.raises(
+        tv.InputError, match=r"method Broken: KeyError: 'reason' \(test_comparison.py, line"
+    ):
         tv.compare(ensemble_of(), [Broken()])
 
 
@@ -132,7 +149,9 @@ def test_a_channel_either_keeps_its_mean_or_loses_it():
         inputs = (tv.Input("emg", "input", "V"),)
 
     assert tv.methods.deviating_channels([Driven(), OnlyStiffness()]) == ("emg",)
-    with pytest.raises(tv.InputError, match="channel 'emg' is a scheduling variable, which keeps its mean, for one"):
+    with pytest.raises(
+        tv.InputError, match="channel 'emg' is a scheduling variable, which keeps its mean, for one"
+    ):
         tv.methods.deviating_channels([Driven(), Level()])
 
 
@@ -151,10 +170,16 @@ def test_names_in_a_dataset_are_told_apart():
         def identify(self, ensemble):
             values = ensemble.angle[:, ensemble.core]
             error = tv.StandardError(np.ones(ensemble.samples), 9)
-            names = {"stiffness": ("realization", "time"), "offset": ("time",), "offset_lower": ("time",)}
+            names = {
+                "stiffness": ("realization", "time"),
+                "offset": ("time",),
+                "offset_lower": ("time",),
+            }
             return Found(
                 {
-                    name: tv.Estimate(values if axes[1:] else values[0], "V", axes, None if axes[1:] else error)
+                    name: tv.Estimate(
+                        values if axes[1:] else values[0], "V", axes, None if axes[1:] else error
+                    )
                     for name, axes in names.items()
                 }
             )
@@ -162,8 +187,12 @@ def test_names_in_a_dataset_are_told_apart():
     ensemble = ensemble_of()
     with pytest.raises(tv.InputError, match="two variables have the name 'offset_lower'"):
         tv.methods.apply(Confused(), ensemble).to_xarray()
-    model = tv.methods.apply(Level(), dataclasses.replace(ensemble, channels={"emg": ensemble.torque}))
-    with pytest.raises(tv.InputError, match=r"the model tells 20 realizations apart, the ensemble has 3"):
+    model = tv.methods.apply(
+        Level(), dataclasses.replace(ensemble, channels={"emg": ensemble.torque})
+    )
+    with pytest.raises(
+        tv.InputError, match=r"the model tells 20 realizations apart, the ensemble has 3"
+    ):
         model.to_xarray(ensemble.select([0, 1, 2]))
 
 
@@ -176,12 +205,16 @@ def test_axes_come_in_their_order_and_every_model_has_its_shapes():
             found = super().identify(ensemble)
             if self.turn:
                 values = found.estimates["stiffness"].values.T
-                found.estimates["stiffness"] = tv.Estimate(values, "N m/rad", ("time", "realization"))
+                found.estimates["stiffness"] = tv.Estimate(
+                    values, "N m/rad", ("time", "realization")
+                )
                 return found
             return tv.methods.apply(Level(), ensemble.select([0, 1]))
 
     ensemble = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque})
-    with pytest.raises(tv.InputError, match="stiffness is over time, realization; expected realization before time"):
+    with pytest.raises(
+        tv.InputError, match="stiffness is over time, realization; expected realization before time"
+    ):
         tv.methods.apply(Turned(), ensemble)
     with pytest.raises(tv.InputError, match=r"must be of shape \(20, 200\), it is \(2, 200\)"):
         tv.methods.apply(Turned(turn=False), ensemble)
@@ -199,14 +232,21 @@ def test_what_a_model_says_is_nobodys_to_change():
 
     model = tv.methods.apply(Over(), ensemble_of())
     values[0] = levels[0] = 99.0
-    for held in (estimate.values, estimate.error.values, estimate.error.freedom, model.coordinates["emg"]):
+    for held in (
+        estimate.values,
+        estimate.error.values,
+        estimate.error.freedom,
+        model.coordinates["emg"],
+    ):
         assert held[0] < 2
         with pytest.raises(ValueError, match="read-only"):
             held[0] = 5.0
     rank = np.ones(3)
     Diagnostics(1.0, rank)
     rank[0] = 2.0
-    with pytest.raises(tv.InputError, match=r"expected a tuple of axes, got 'emg'; write \('emg',\)"):
+    with pytest.raises(
+        tv.InputError, match=r"expected a tuple of axes, got 'emg'; write \('emg',\)"
+    ):
         tv.Estimate(np.ones(3), "N m/rad", "emg")
 
 
@@ -229,7 +269,9 @@ def by_hand(raw, method, folds):
 @pytest.mark.filterwarnings("ignore:eirf. 45 realizations are less than twice the 25 lags")
 def test_vaf_of_realizations_held_out_is_that_of_the_raw_data_less_means_of_the_others():
     raw = ensemble_of(120.0)
-    raw = dataclasses.replace(raw, torque=raw.torque + np.sin(np.arange(raw.torque.shape[1]) / 20), angle=raw.angle + 1)
+    raw = dataclasses.replace(
+        raw, torque=raw.torque + np.sin(np.arange(raw.torque.shape[1]) / 20), angle=raw.angle + 1
+    )
     found = tv.compare(tv.preprocess.subtract_mean(raw), ["sds", "eirf", "birf"])
     calls = []
     held_out = found.held_out_vaf(4, progress=lambda done, total: calls.append((done, total)))
@@ -262,7 +304,9 @@ def test_nothing_of_what_is_held_out_is_seen():
     parts = np.array_split(np.arange(40), 5)
     for (kept, every), part in zip(method.seen[1:], parts, strict=True):
         np.testing.assert_array_equal(kept.onsets, np.delete(found.ensemble.onsets, part))
-        np.testing.assert_allclose([kept.angle.mean(axis=0), kept.torque.mean(axis=0)], 0, atol=1e-13)
+        np.testing.assert_allclose(
+            [kept.angle.mean(axis=0), kept.torque.mean(axis=0)], 0, atol=1e-13
+        )
         assert not every.torque[part].any()
         assert len(every) == 40
 
@@ -272,13 +316,18 @@ def test_held_out_vaf_says_where_a_method_cannot_do_without_a_fold():
     ensemble = tv.preprocess.subtract_mean(ensemble_of(20.0).select([0, 1, 2, 3]))
     with pytest.warns(tv.DataQualityWarning, match="leave open whether there is a stretch reflex"):
         found = tv.compare(ensemble, ["adaptive", "kbr"])
-    with pytest.warns(tv.DataQualityWarning, match="adaptive: no held-out VAF .*: it needs at least 4 realizations"):
+    with pytest.warns(
+        tv.DataQualityWarning,
+        match="adaptive: no held-out VAF .*: it needs at least 4 realizations",
+    ):
         held_out = found.held_out_vaf()
     assert np.isnan(held_out["adaptive"]).all()
     assert np.isfinite(held_out["kbr"]).all()
     with pytest.raises(tv.InputError, match="folds must be a whole number from 2 on, got 1"):
         found.held_out_vaf(1)
-    alone, two = (dataclasses.replace(found, ensemble=ensemble.select(range(count))) for count in (1, 2))
+    alone, two = (
+        dataclasses.replace(found, ensemble=ensemble.select(range(count))) for count in (1, 2)
+    )
     assert np.isnan(alone.held_out_vaf()["kbr"]).all()
     with pytest.warns(tv.DataQualityWarning) as said:
         assert np.isnan(two.held_out_vaf()["kbr"]).all()

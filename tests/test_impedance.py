@@ -32,17 +32,23 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
         inputs = angle[:, time : time + 2 * LAGS + 1]
         left = output - regressors @ expected
         explained = inputs @ np.linalg.lstsq(inputs, left, rcond=None)[0]
-        assert solution.explained[time] - fitted[time] == pytest.approx(np.mean(explained**2), rel=1e-4)
+        assert solution.explained[time] - fitted[time] == pytest.approx(
+            np.mean(explained**2), rel=1e-4
+        )
 
 
 def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
     angle, torque, _ = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
-    whole, _ = impedance.second_order_readout(phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE)
+    whole, _ = impedance.second_order_readout(
+        phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE
+    )
     np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
     time = np.arange(60) / RATE
-    one = np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]  # acceleration is in proportion to the angle
+    one = (
+        np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]
+    )  # acceleration is in proportion to the angle
     phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
     matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
     assert np.isnan(matrix[:, 1:]).all()
@@ -64,5 +70,7 @@ def test_agreement():
     fitted, beyond, chance = np.array([3.0, 5.0]), np.array([1.0, 1.0]), np.array([0.5, 0.5])
     assert impedance.agreement(fitted, beyond, chance) == pytest.approx(90.0)
     assert impedance.agreement(fitted, chance, beyond) == 100.0
-    assert impedance.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(100 * (1 - 0.5 / 6))
+    assert impedance.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(
+        100 * (1 - 0.5 / 6)
+    )
     assert np.isnan(impedance.agreement(fitted * np.nan, beyond, chance))

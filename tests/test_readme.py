@@ -23,8 +23,14 @@ def blocks(heading):
 @pytest.mark.parametrize(
     ("heading", "command"),
     [
-        ("Run it", "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/tvsysid benchmark"),
-        ("Test it", 'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest'),
+        (
+            "Run it",
+            "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/tvsysid benchmark",
+        ),
+        (
+            "Test it",
+            'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest',
+        ),
     ],
 )
 def test_commands_are_one_line_each(heading, command):
@@ -78,7 +84,9 @@ def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "tvsysid-inspect" / "ankle.mat.pos-tq.diagnosis.html").exists()
     count = len(tv.quality.FAULTS)
     assert f"looks for {count} things" in README
-    assert f"no fault found in {count - 4} of {count} checks" in " ".join(capsys.readouterr().out.split())
+    assert f"no fault found in {count - 4} of {count} checks" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_methods_are_those_of_the_package():

@@ -6,7 +6,9 @@ import pytest
 import tvsysid as tv
 from tvsysid.methods.adaptive.words import changes
 
-reflexes_are_told = pytest.mark.filterwarnings("ignore:.*not of second order:tvsysid.errors.DataQualityWarning")
+reflexes_are_told = pytest.mark.filterwarnings(
+    "ignore:.*not of second order:tvsysid.errors.DataQualityWarning"
+)
 MUSCLES = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
 # Time-averaged stiffness with one pathway, by independent fits: too high by 68, 29 and 16 %, since these fits take the
 # reflex's torque for the joint's own. That methods agree on it says that they do the same, not that it is right; the
@@ -15,8 +17,12 @@ ONE_PATHWAY = {"plantarflexor": (107, 112), "dorsiflexor": (100, 105), "dorsifle
 
 
 def read(file, angle, torque, period):
-    recording = tv.read_recording(file, angle=angle, torque=torque, sampling_rate=1000, torque_sign=-1)
-    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period))
+    recording = tv.read_recording(
+        file, angle=angle, torque=torque, sampling_rate=1000, torque_sign=-1
+    )
+    return tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
+    )
 
 
 def tonic(folder, muscle, period=2.0):
@@ -33,7 +39,12 @@ def identified(method, ensemble, muscle):
 
 @pytest.fixture(scope="module")
 def walking(recordings_folder):
-    return read(recordings_folder / "walking_ankle_small_reflex.mat", "POSITION_SIGNAL", "TORQUE_SIGNAL", 1.5)
+    return read(
+        recordings_folder / "walking_ankle_small_reflex.mat",
+        "POSITION_SIGNAL",
+        "TORQUE_SIGNAL",
+        1.5,
+    )
 
 
 @pytest.mark.parametrize("key", ["sds", "birf", "esm", "kbr"])
@@ -49,12 +60,16 @@ def test_tonic_stiffness_with_its_reflex_is_flat_and_as_expected(recordings_fold
 
 
 @pytest.mark.parametrize("muscle", MUSCLES)
-def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(recordings_folder, muscle):
+def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(
+    recordings_folder, muscle
+):
     # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as many.
     model = identified(tv.EnsembleIRF(), tonic(recordings_folder, muscle, 0.5), muscle)
     low, high = ONE_PATHWAY[muscle]
     assert 0.95 * low < model.stiffness.mean() < 1.05 * high
-    assert model.stiffness.std() / model.stiffness.mean() < (0.25 if muscle == "plantarflexor" else 0.1)
+    assert model.stiffness.std() / model.stiffness.mean() < (
+        0.25 if muscle == "plantarflexor" else 0.1
+    )
 
 
 @pytest.mark.slow
@@ -69,14 +84,19 @@ def test_a_tuned_kernel_finds_that_tonic_stiffness_does_not_change(recordings_fo
 
 
 def test_too_few_realizations_for_the_ensemble_alone_are_told(recordings_folder):
-    with pytest.warns(tv.DataQualityWarning, match="28 realizations are less than twice the 25 lags"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="28 realizations are less than twice the 25 lags"
+    ):
         tv.EnsembleIRF().identify(tonic(recordings_folder, "dorsiflexor"))
 
 
 @pytest.mark.parametrize("muscle", ["dorsiflexor", "dorsiflexor_2"])
 def test_methods_agree_on_the_tonic_dorsiflexors(recordings_folder, muscle):
     ensemble = tonic(recordings_folder, muscle, 0.5)
-    means = [tv.methods.create(key).identify(ensemble).stiffness.mean() for key in tv.methods.PAPER_METHODS]
+    means = [
+        tv.methods.create(key).identify(ensemble).stiffness.mean()
+        for key in tv.methods.PAPER_METHODS
+    ]
     assert max(means) / min(means) < 1.1
 
 
@@ -135,7 +155,9 @@ INTRINSIC = {
 @pytest.mark.filterwarnings(
     "ignore:cascade. the (intrinsic response|threshold|reflex gain):tvsysid.errors.DataQualityWarning"
 )
-@pytest.mark.parametrize("muscle", [MUSCLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in MUSCLES[1:])])
+@pytest.mark.parametrize(
+    "muscle", [MUSCLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in MUSCLES[1:])]
+)
 def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     ensemble = tonic(recordings_folder, muscle)
     model = tv.JointCascade().identify(ensemble)
@@ -147,10 +169,14 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     assert np.mean(upper - lower) < 16
     details = model.diagnostics.details
     assert (details["reflex_shown"], details["direction"]) == (1, 1)
-    assert details["vaf"] == pytest.approx(share, abs=1.5)  # slow drift counts, which nothing explains
+    assert details["vaf"] == pytest.approx(
+        share, abs=1.5
+    )  # slow drift counts, which nothing explains
     assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1)
     assert details["evidence_positive"] > details["evidence_negative"] + 20
-    assert model.over_time("reflex_gain").mean() == pytest.approx({"dorsiflexor_2": 6.8}.get(muscle, 40), rel=0.25)
+    assert model.over_time("reflex_gain").mean() == pytest.approx(
+        {"dorsiflexor_2": 6.8}.get(muscle, 40), rel=0.25
+    )
     assert 0.005 < model.inertia.mean() < 0.02
 
 
@@ -160,7 +186,9 @@ def test_tonic_stiffness_without_its_reflex_needs_no_settings(recordings_folder,
     if muscle == "plantarflexor":
         model = tv.AdaptiveRegression().identify(ensemble)
     else:
-        with pytest.warns(tv.DataQualityWarning, match=r"adaptive. the intrinsic response is not") as told:
+        with pytest.warns(
+            tv.DataQualityWarning, match=r"adaptive. the intrinsic response is not"
+        ) as told:
             model = tv.AdaptiveRegression().identify(ensemble)
         assert len(told) == 1
     low, high, _, expected = INTRINSIC[muscle]
@@ -180,7 +208,9 @@ def is_physical(model):
 
 @pytest.mark.slow
 def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
-    with pytest.warns(tv.DataQualityWarning, match=r"adaptive. the intrinsic response is not") as told:
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"adaptive. the intrinsic response is not"
+    ) as told:
         model = tv.AdaptiveRegression().identify(walking)
     assert len(told) == 1
     is_physical(model)
@@ -194,7 +224,9 @@ def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
 
 @pytest.mark.slow
 def test_walking_has_a_small_reflex(walking):
-    with pytest.warns(tv.DataQualityWarning, match=r"cascade. the intrinsic response is not") as told:
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"cascade. the intrinsic response is not"
+    ) as told:
         model = tv.JointCascade().identify(walking)
     assert len(told) == 1
     is_physical(model)
@@ -241,7 +273,9 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
     ensemble = tv.preprocess.segment(recording, 1.0)
     mean = ensemble.channels["posture"].mean(axis=1)
     low, high = (
-        tv.ShortDataSegments(window=0.9).identify(tv.preprocess.subtract_mean(ensemble.select(chosen))).stiffness
+        tv.ShortDataSegments(window=0.9)
+        .identify(tv.preprocess.subtract_mean(ensemble.select(chosen)))
+        .stiffness
         for chosen in (mean < np.quantile(mean, 0.4), mean > np.quantile(mean, 0.6))
     )
     assert 15 < np.nanmean(low) < np.nanmean(high) < 90
@@ -251,7 +285,11 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
 @pytest.fixture(scope="module")
 def ankle(moving):
     """All of the record as one realization, decimated as `tvsysid identify --scheduling` does."""
-    signals = {"angle": "io.posPert1", "torque": "io.tqPert1", "channels": {"scheduling": SCHEDULING}}
+    signals = {
+        "angle": "io.posPert1",
+        "torque": "io.tqPert1",
+        "channels": {"scheduling": SCHEDULING},
+    }
     recording = tv.read_recording(moving, sampling_rate=1000, torque_sign=-1, **signals)
     return tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=True), None)
 
@@ -261,7 +299,11 @@ ANGLES = np.array([-0.40, -0.30, -0.20, -0.10, 0.0, 0.10, 0.20])
 FOLLOWS = {
     "lpv": ([14.9, 8.1, 7.7, 13.6, 26.0, 44.7, 69.8], [2.0, 1.2, 1.4, 1.5, 1.4, 1.8, 3.2], 92.6),
     "lpvkbi": ([14.9, 7.8, 7.3, 13.4, 26.1, 45.4, 71.2], [1.9, 1.1, 1.2, 1.3, 1.2, 1.5, 2.9], 91.4),
-    "lpv:reflex=false": ([20.3, 12.8, 13.0, 21.1, 36.9, 60.6, 92.1], [1.9, 1.0, 1.1, 1.2, 1.2, 1.6, 2.9], 83.4),
+    "lpv:reflex=false": (
+        [20.3, 12.8, 13.0, 21.1, 36.9, 60.6, 92.1],
+        [1.9, 1.0, 1.1, 1.2, 1.2, 1.6, 2.9],
+        83.4,
+    ),
 }
 
 
@@ -272,15 +314,17 @@ def test_a_moving_ankle_follows_its_angle(ankle, key):
         model = tv.methods.parse(key).identify(ankle)
     alone, *at_rest = model.diagnostics.warnings
     assert alone.startswith("scheduling is below -0.306 in the third of 5 parts of the record only")
-    assert ["stiffness would be" in text and "use rest_order=" in text for text in at_rest] == [True] * (
-        "reflex_gain" in model.estimates
-    )
+    assert ["stiffness would be" in text and "use rest_order=" in text for text in at_rest] == [
+        True
+    ] * ("reflex_gain" in model.estimates)
     assert model.diagnostics.details["vaf_folds"] > least
     found = model.at(ANGLES)
     assert (np.abs(found["stiffness"].values - expected) < 2 * np.array(deviation)).all()
     if "reflex_gain" in found:
         assert model.diagnostics.details["direction"] == 1
-        np.testing.assert_allclose(found["reflex_gain"].values, [3.0, 3.1, 3.5, 4.1, 4.8, 5.7, 6.8], atol=0.8)
+        np.testing.assert_allclose(
+            found["reflex_gain"].values, [3.0, 3.1, 3.5, 4.1, 4.8, 5.7, 6.8], atol=0.8
+        )
 
 
 def test_a_torque_at_rest_that_follows_the_ankle_brings_it_nearer_to_parts_of_the_record(ankle):
@@ -305,8 +349,15 @@ def walker(recordings_folder):
     """Experiment on 40 of the walking record's cycles: eirf with short lags, for these are few."""
     short = {"name": "eirf", "method": "eirf:max_lag=0.04"}
     experiment = tv.study.Experiment(
-        participants={"walker": {"walking": str(recordings_folder / "walking_ankle_small_reflex.mat")}},
-        reading={"angle": "POSITION_SIGNAL", "torque": "TORQUE_SIGNAL", "sampling_rate": 1000, "torque_sign": -1},
+        participants={
+            "walker": {"walking": str(recordings_folder / "walking_ankle_small_reflex.mat")}
+        },
+        reading={
+            "angle": "POSITION_SIGNAL",
+            "torque": "TORQUE_SIGNAL",
+            "sampling_rate": 1000,
+            "torque_sign": -1,
+        },
         preparation={
             **{"reference": None, "task_limit": None, "residual_limit": None},
             **{"rate": 100, "ends": 0, "period": 1.5},
@@ -321,7 +372,9 @@ def walker(recordings_folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ["eirf", "sds", "birf", "esm", "kbr"])
 def test_walking_stiffness_of_40_cycles_is_traced_within_its_error_bars(walker, key):
-    stiffness = walker.estimate.sel(quantity="stiffness").sel(recording="walker-walking", analysis=f"{key}-40")
+    stiffness = walker.estimate.sel(quantity="stiffness").sel(
+        recording="walker-walking", analysis=f"{key}-40"
+    )
     assert stiffness.shape == (40, 150)
     mean, spread = stiffness.mean("bootstrap"), stiffness.std("bootstrap", ddof=1)
     # What independent fits found: low at the start, a peak at 0.7 s, and a trough after it.

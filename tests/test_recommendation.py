@@ -35,13 +35,19 @@ CASES = [
     ({"noise bias": 17}, "adaptive"),
     ({"loop bias": 24}, BY_REFERENCE),
     ({"loop bias": 24, "mean stiffness": -60}, BY_REFERENCE),
-    ({"loop bias": 24, "slow noise": 14}, "kbr:reference={reference},weighting=residual,tuned=true"),
+    (
+        {"loop bias": 24, "slow noise": 14},
+        "kbr:reference={reference},weighting=residual,tuned=true",
+    ),
     ({"loop bias": 24, "feedback": 30}, BY_REFERENCE),
     ({"loop bias": 9, "switches": 2, "shape over level": 0.5}, BY_REFERENCE),
     ({"loop bias": 9, "switches": 2, "shape over level": 1.5}, "adaptive"),
     ({"loop bias": math.nan}, "adaptive"),
     ({"reflex": 20, "slow noise": 14}, "adaptive"),
-    ({"reflex": 3, "slow noise": 17, "noise bias": 12}, "adaptive"),  # a reflex, too, is seen at some frequencies only
+    (
+        {"reflex": 3, "slow noise": 17, "noise bias": 12},
+        "adaptive",
+    ),  # a reflex, too, is seen at some frequencies only
     ({"slow noise": 14}, WEIGHTED),
     ({"slow noise": 14, "evidence of few harmonics": 9}, WEIGHTED),
     ({"slow noise": 14, "realizations": 3}, "cascade"),
@@ -91,17 +97,25 @@ def test_adaptive_by_its_own_posterior_and_units_of_all_that_is_measured():
     found = tv.recommend(ensemble_of())
     assert found.suited == ("birf:tuned=true", "adaptive", "kbr")  # a sine
     assert found.measured["evidence of few harmonics"][0] > 10
-    assert found.against["adaptive"].startswith("It does not know of harmonics, which the evidence prefers by ")
+    assert found.against["adaptive"].startswith(
+        "It does not know of harmonics, which the evidence prefers by "
+    )
     assert abs(found.measured["noise bias"][0]) < 2
     assert found.measured["angle RMS"][1] == "rad"
-    assert {"switches", "stiffness changes by", "constant", "slow noise", "information"} <= set(found.measured)
+    assert {"switches", "stiffness changes by", "constant", "slow noise", "information"} <= set(
+        found.measured
+    )
     assert "<td style='text-align:left'>angle RMS</td>" in found._repr_html_()
 
 
 @pytest.mark.parametrize(("gain", "suited"), [(0.0, ",reflex=false"), (8.0, "")])
 def test_a_reflex_beside_a_measured_variable_by_what_is_held_out(gain, suited):
-    joint = tv.simulate.ScheduledJoint(gain_relation=np.polynomial.Polynomial([gain]) if gain else None)
-    recording = joint.simulate(30, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    joint = tv.simulate.ScheduledJoint(
+        gain_relation=np.polynomial.Polynomial([gain]) if gain else None
+    )
+    recording = joint.simulate(
+        30, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    ).recording
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     found = tv.recommend(tv.preprocess.subtract_mean(ensemble), scheduling="emg")
     assert found.suited[0].startswith(f"lpvkbi:variable=emg{suited}")
@@ -114,7 +128,9 @@ def test_how_stiffness_by_a_reference_differs_in_shape_and_on_average(closed_loo
     found = tv.BasisIRF(reference="disturbance").tuned(closed_loop).method.identify(closed_loop)
     waves = 5 + 10 * np.sin(2 * np.pi * found.time / 2.0)  # whole periods of unit power 1/2
     other = SimpleNamespace(time=found.time, stiffness=found.stiffness - waves)
-    assert shape_over_level(closed_loop, "disturbance", other) == pytest.approx(np.sqrt(50) / 5, rel=0.02)
+    assert shape_over_level(closed_loop, "disturbance", other) == pytest.approx(
+        np.sqrt(50) / 5, rel=0.02
+    )
 
 
 @pytest.mark.slow
@@ -122,7 +138,9 @@ def test_a_loop_by_its_reference(closed_loop):
     named = tv.recommend(closed_loop, "disturbance")
     assert named.suited[0] == "kbr:reference=disturbance,weighting=residual,tuned=true"
     assert named.measured["loop bias"][0] == pytest.approx(25, abs=10)
-    assert named.against["sds"].startswith("It takes the angle as imposed, which makes its stiffness 2")
+    assert named.against["sds"].startswith(
+        "It takes the angle as imposed, which makes its stiffness 2"
+    )
     together = [each for each in named.objections if "takes the angle as imposed" in each]
     assert len(together) == 1  # of the methods that share it, once
     assert ", sds, " in together[0]
@@ -133,21 +151,36 @@ def test_a_loop_by_its_reference(closed_loop):
     assert unnamed.measured["noise bias"][0] == pytest.approx(17, abs=5)
     assert math.isnan(unnamed.measured.get("loop bias", (math.nan,))[0])
     assert "Only the actuator's command" in unnamed.caveats[-2]
-    assert "Channel 'disturbance' moves the angle, and was not named as the reference" in unnamed.caveats[-1]
+    assert (
+        "Channel 'disturbance' moves the angle, and was not named as the reference"
+        in unnamed.caveats[-1]
+    )
     assert unnamed.unnamed_references == unnamed.caveats[-1:]
     # What is the method but for settings that are chosen from the data leads; another reference is another method.
-    methods = {"sds": tv.ShortDataSegments(), "a": tv.KernelRegression(reference="disturbance", weighting="residual")}
+    methods = {
+        "sds": tv.ShortDataSegments(),
+        "a": tv.KernelRegression(reference="disturbance", weighting="residual"),
+    }
     assert named.leading(methods) == "a"
-    assert named.leading({"b": tv.KernelRegression(reference="other", weighting="residual")}) is None
+    assert (
+        named.leading({"b": tv.KernelRegression(reference="other", weighting="residual")}) is None
+    )
 
 
 def test_only_what_was_applied_is_taken_for_a_reference(closed_loop):
     late = np.roll(closed_loop.signal("disturbance"), 5, axis=1)  # as what answers the angle
     noise = np.random.default_rng(1).normal(size=late.shape)
-    others = {"late": late, "noise": noise, "sensor": closed_loop.angle + 1e-4 * noise, "still": 0 * noise}
+    others = {
+        "late": late,
+        "noise": noise,
+        "sensor": closed_loop.angle + 1e-4 * noise,
+        "still": 0 * noise,
+    }
     others["torque sensor"] = closed_loop.torque + 0.01 * noise
     ensemble = dataclasses.replace(closed_loop, channels=others)
-    assert {name: tv.quality.find_reference(ensemble, name).found for name in others} == dict.fromkeys(others, False)
+    assert {
+        name: tv.quality.find_reference(ensemble, name).found for name in others
+    } == dict.fromkeys(others, False)
 
 
 def test_bad_input():
@@ -159,7 +192,11 @@ def test_bad_input():
 
 @pytest.fixture(scope="module")
 def closed_loop():
-    joint = tv.simulate.CompliantActuator(tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque")
-    recording = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=1).recording
+    joint = tv.simulate.CompliantActuator(
+        tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque"
+    )
+    recording = joint.simulate(
+        40, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=1
+    ).recording
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     return tv.preprocess.subtract_mean(ensemble, ["disturbance"])

@@ -19,13 +19,19 @@ def angle(random):
     ("change", "message"),
     [
         ({"angle": []}, "angle: expected samples, got an empty array"),
-        ({"angle": np.zeros((500, 2))}, r"angle: expected 1 axis \(time\), got an array of shape \(500, 2\)"),
+        (
+            {"angle": np.zeros((500, 2))},
+            r"angle: expected 1 axis \(time\), got an array of shape \(500, 2\)",
+        ),
         ({"angle": ["a"] * 500}, "angle: expected real numbers, got values of type <U1"),
         ({"angle": np.ones(500, dtype=complex)}, "got values of type complex128"),
         ({"angle": [[1.0], [1.0, 2.0]]}, "rows of different length"),
         ({"torque": np.zeros(499)}, r"must have the same shape, got \(500,\) and \(499,\)"),
         ({"angle": np.full(500, 0.1)}, "all 500 values are 0.1 rad; a joint that is not moved"),
-        ({"torque": np.full(500, 5.0)}, "torque: all 500 values are 5 N·m; a torque that does not answer"),
+        (
+            {"torque": np.full(500, 5.0)},
+            "torque: all 500 values are 5 N·m; a torque that does not answer",
+        ),
         ({"sampling_rate": True}, "expected a number of hertz, got True"),
         ({"trial_starts": (0, 100.5)}, "trial_starts: expected whole numbers"),
         ({"start": "now"}, "start: expected the time"),
@@ -34,7 +40,10 @@ def angle(random):
         ({"sampling_rate": float("nan")}, "positive number of hertz"),
         ({"sampling_rate": "fast"}, "expected a number of hertz, got 'fast'"),
         ({"start": float("inf")}, "start: expected the time"),
-        ({"channels": {"emg": np.zeros(3)}}, r"channel 'emg': expected the angle's shape \(500,\), got \(3,\)"),
+        (
+            {"channels": {"emg": np.zeros(3)}},
+            r"channel 'emg': expected the angle's shape \(500,\), got \(3,\)",
+        ),
         ({"trial_starts": (0, 500)}, "trial_starts: expected increasing"),
         ({"trial_starts": (5,)}, "trial_starts: expected increasing"),
     ],
@@ -50,7 +59,9 @@ def test_a_recording_refuses_what_it_cannot_use(angle, change, message):
 def test_values_that_are_not_finite_are_counted_and_located(angle, name, bad):
     values = angle.copy()
     values[[17, 40]] = bad
-    with pytest.raises(tv.InputError, match=f"{name}: 2 of 500 values are NaN or infinite, the first at time 17"):
+    with pytest.raises(
+        tv.InputError, match=f"{name}: 2 of 500 values are NaN or infinite, the first at time 17"
+    ):
         tv.Recording(**({"angle": angle, "torque": angle, "sampling_rate": 100.0} | {name: values}))
 
 
@@ -62,15 +73,24 @@ def test_huge_finite_values_are_accepted():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"angle": np.zeros(500)}, r"angle: expected 2 axes \(realization, time\), got an array of shape \(500,\)"),
+        (
+            {"angle": np.zeros(500)},
+            r"angle: expected 2 axes \(realization, time\), got an array of shape \(500,\)",
+        ),
         ({"torque": np.zeros((10, 49))}, "must have the same shape"),
         ({"context": 25}, "from 0 to 24"),
         ({"context": -1}, "from 0 to 24"),
         ({"context": 1.5}, "whole number of samples"),
         ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
         ({"trials": ["a"] * 10}, "trials: expected whole numbers"),
-        ({"torque": 1e31 * np.eye(10, 50)}, r"torque: expected values in N·m, .* got values up to 1e\+31.* damaged"),
-        ({"angle": -1e-150 * np.eye(10, 50)}, "angle: expected values in rad, .* got values up to 1e-150.* unit wrong"),
+        (
+            {"torque": 1e31 * np.eye(10, 50)},
+            r"torque: expected values in N·m, .* got values up to 1e\+31.* damaged",
+        ),
+        (
+            {"angle": -1e-150 * np.eye(10, 50)},
+            "angle: expected values in rad, .* got values up to 1e-150.* unit wrong",
+        ),
     ],
 )
 def test_an_ensemble_refuses_what_it_cannot_use(angle, change, message):
@@ -158,7 +178,10 @@ def test_runs_join_realizations_that_follow_each_other(angle):
 
     assert runs() == [[i] for i in range(10)]
     assert runs(onsets=np.arange(10) * 0.5) == [list(range(10))]
-    assert runs(onsets=np.arange(10) * 0.5, trials=[0] * 4 + [1] * 6) == [[0, 1, 2, 3], [4, 5, 6, 7, 8, 9]]
+    assert runs(onsets=np.arange(10) * 0.5, trials=[0] * 4 + [1] * 6) == [
+        [0, 1, 2, 3],
+        [4, 5, 6, 7, 8, 9],
+    ]
     gap = np.arange(10) * 0.5 + np.where(np.arange(10) > 6, 0.5, 0.0)
     assert runs(onsets=gap) == [list(range(7)), [7, 8, 9]]
     shuffled = np.array([3, 0, 1, 2, 4, 5, 6, 7, 8, 9]) * 0.5
@@ -167,7 +190,9 @@ def test_runs_join_realizations_that_follow_each_other(angle):
 
 def test_select_takes_everything_along(angle):
     matrix = angle.reshape(10, 50)
-    ensemble = tv.Ensemble(matrix, 2 * matrix, 100.0, onsets=np.arange(10.0), channels={"emg": 3 * matrix})
+    ensemble = tv.Ensemble(
+        matrix, 2 * matrix, 100.0, onsets=np.arange(10.0), channels={"emg": 3 * matrix}
+    )
     chosen = ensemble.select([4, 4, 1])
     np.testing.assert_array_equal(chosen.onsets, [4, 4, 1])
     np.testing.assert_array_equal(chosen.channels["emg"], 3 * matrix[[4, 4, 1]])
@@ -179,7 +204,9 @@ def test_signals_go_by_name_and_survive_selection(random):
     ensemble = tv.Ensemble(angle, torque, 100.0, context=5, channels={"emg": emg})
     np.testing.assert_array_equal(ensemble.signal("angle"), angle)
     np.testing.assert_array_equal(ensemble.select([1, 1]).signal("emg"), emg[[1, 1]])
-    with pytest.raises(tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque', 'emg'"):
+    with pytest.raises(
+        tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque', 'emg'"
+    ):
         ensemble.signal("EMG")
 
 
@@ -211,7 +238,9 @@ def test_derivatives_of_a_sine_where_they_reach(context):
     expected = np.stack([np.sin(inside), omega * np.cos(inside), -(omega**2) * np.sin(inside)])
     for order in range(3):
         scale = omega**order
-        np.testing.assert_allclose(found[order][:, inner], expected[order][:, inner], atol=2e-3 * scale)
+        np.testing.assert_allclose(
+            found[order][:, inner], expected[order][:, inner], atol=2e-3 * scale
+        )
         assert np.isnan(found[order][:, :missing]).all()
         assert np.isnan(found[order][:, 100 - missing :]).all()
 

@@ -23,10 +23,20 @@ def model():
 
 def found(*names, value=-math.inf):
     """Diagnosis with these findings."""
-    return SimpleNamespace(findings=[Finding(name, value, True, f"{name} was seen") for name in names])
+    return SimpleNamespace(
+        findings=[Finding(name, value, True, f"{name} was seen") for name in names]
+    )
 
 
-def judged(model, diagnosis=None, method=None, recommendation=SUITS, suited=True, held_out_vaf=80.0, unnamed=()):
+def judged(
+    model,
+    diagnosis=None,
+    method=None,
+    recommendation=SUITS,
+    suited=True,
+    held_out_vaf=80.0,
+    unnamed=(),
+):
     given = method or tv.BasisIRF()
     return trust_in(model, given, recommendation, suited, diagnosis, held_out_vaf, unnamed)
 
@@ -45,17 +55,25 @@ def test_what_makes_every_method_wrong_withdraws_the_stiffness(model, name):
 
 
 def test_swapped_channels_are_said_in_one_reason(model):
-    level, (reason,) = judged(model, found("angle-unit", "torque-unit", "reversed-torque", "feedback"))
+    level, (reason,) = judged(
+        model, found("angle-unit", "torque-unit", "reversed-torque", "feedback")
+    )
     assert (level, reason[:39]) == ("none", "Angle and torque are probably swapped: ")
 
 
 def test_a_negative_stiffness_is_withdrawn_without_a_diagnosis(model):
     values = model.estimates["stiffness"].values
-    estimates = {**model.estimates, "stiffness": replace(model.estimates["stiffness"], values=-values)}
+    estimates = {
+        **model.estimates,
+        "stiffness": replace(model.estimates["stiffness"], values=-values),
+    }
     level, (reason,) = judged(replace(model, estimates=estimates))
     assert level == "none"
     assert "--torque-sign -1" in reason
-    assert judged(replace(model, estimates=estimates), found("reversed-torque")) == (level, (reason,))
+    assert judged(replace(model, estimates=estimates), found("reversed-torque")) == (
+        level,
+        (reason,),
+    )
 
 
 def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
@@ -68,7 +86,10 @@ def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
 def test_a_reference_mends_a_loop_and_nothing_else(model):
     by_reference = tv.BasisIRF(reference="cmd")
     none_suits = replace(SUITS, suited=())
-    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, False, 0.0) == ("good", ())
+    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, False, 0.0) == (
+        "good",
+        (),
+    )
     assert judged(model, found("angle-unit"), by_reference).level == "none"
 
 
@@ -79,7 +100,10 @@ def test_a_bias_that_the_rules_prefer_to_a_reference_is_a_doubt(model):
 
 def test_no_method_and_no_prediction_withdraw_the_stiffness(model):
     none_suits = replace(SUITS, suited=(), why="the torque is too weak: perturb more")
-    assert judged(model, recommendation=none_suits) == ("none", ("The torque is too weak: perturb more.",))
+    assert judged(model, recommendation=none_suits) == (
+        "none",
+        ("The torque is too weak: perturb more.",),
+    )
     assert judged(model, held_out_vaf=0.0).level == "none"
     assert judged(model, held_out_vaf=math.nan).level == "good"
 

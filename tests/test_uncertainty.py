@@ -37,7 +37,9 @@ def test_the_standard_error_of_a_mean():
     lower, upper = found.band("stiffness", 0.95)
     np.testing.assert_allclose((lower + upper) / 2, found.model.stiffness, atol=1e-12)
     # Student's t with 19 degrees of freedom, and the variance of a mean, which divides by 19.
-    np.testing.assert_allclose(upper - lower, 2 * 2.0930241 * np.sqrt(20 / 19) * deviation, rtol=1e-6)
+    np.testing.assert_allclose(
+        upper - lower, 2 * 2.0930241 * np.sqrt(20 / 19) * deviation, rtol=1e-6
+    )
     assert list(found.draws) == ["stiffness"]
     with pytest.raises(tv.InputError, match="there is no 'inertia'; the quantities are stiffness"):
         found.band("inertia")
@@ -46,7 +48,9 @@ def test_the_standard_error_of_a_mean():
 def test_draws_repeat_and_only_grow():
     ensemble, method = ensemble_of(), tv.BasisIRF()
     told = []
-    few = tv.uncertainty.bootstrap(method, ensemble, 3, seed=1, progress=lambda *done: told.append(done))
+    few = tv.uncertainty.bootstrap(
+        method, ensemble, 3, seed=1, progress=lambda *done: told.append(done)
+    )
     more = tv.uncertainty.bootstrap(method, ensemble, 5, seed=1)
     assert told == [(1, 3), (2, 3), (3, 3)]
     assert len(few) == 3
@@ -85,11 +89,15 @@ class Fragile(Mean):
 
 
 def test_a_bad_draw_is_left_out_and_told():
-    with pytest.warns(tv.DataQualityWarning, match=r"of 200 draws \(the first: LinAlgError: SVD did not") as caught:
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"of 200 draws \(the first: LinAlgError: SVD did not"
+    ) as caught:
         found = tv.uncertainty.bootstrap(Fragile((2,)), ensemble_of(), 200, seed=1)
     assert caught[0].filename == __file__
     lost = np.isnan(found.draws["stiffness"]).all(axis=1)
-    assert found.failed == lost.sum() == pytest.approx(200 * 0.19, abs=20)  # binomial: twice of 20 draws
+    assert (
+        found.failed == lost.sum() == pytest.approx(200 * 0.19, abs=20)
+    )  # binomial: twice of 20 draws
     assert f"200 draws, {found.failed} failed, of Fragile" in repr(found)
     np.testing.assert_array_equal(
         found.draws["stiffness"][~lost],
@@ -97,7 +105,9 @@ def test_a_bad_draw_is_left_out_and_told():
     )
     for lower, upper in (found.band(), found.band(simultaneous=True)):
         assert (lower < upper).all()
-    with pytest.raises(tv.InputError, match=r"could not identify 200 of 200 draws .* at least 2 are needed"):
+    with pytest.raises(
+        tv.InputError, match=r"could not identify 200 of 200 draws .* at least 2 are needed"
+    ):
         tv.uncertainty.bootstrap(OnlyTheWhole(), ensemble_of(), 200, seed=1)
 
 
@@ -137,7 +147,10 @@ def test_single_draws_do_not_warn():
     ("arguments", "message"),
     [
         ((tv.BasisIRF, ensemble_of(), 5, 1), r"got an object of .*Meta; make one: BasisIRF\(\)"),
-        ((None, ensemble_of(), 5, 1), r"expected a method with identify\(ensemble\), got an object of NoneType"),
+        (
+            (None, ensemble_of(), 5, 1),
+            r"expected a method with identify\(ensemble\), got an object of NoneType",
+        ),
         ((Mean(), np.zeros((3, 4)), 5, 1), "expected an Ensemble, got ndarray"),
         ((Mean(), ensemble_of().select([0]), 5, 1), "at least 2 realizations to draw from, got 1"),
         ((Mean(), ensemble_of(), 1, 1), "at least 2 draws, got 1"),
@@ -177,9 +190,14 @@ class Scheduled:
 
 def test_estimates_over_a_measured_variable_are_drawn():
     ensemble = ensemble_of()
-    with pytest.warns(tv.DataQualityWarning, match="offset: the values that it is over depend on the draw"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="offset: the values that it is over depend on the draw"
+    ):
         found = tv.uncertainty.bootstrap(Scheduled(), ensemble, 5, seed=1)
-    assert {name: draws.shape for name, draws in found.draws.items()} == {"stiffness": (5, 3), "gain": (5, 200)}
+    assert {name: draws.shape for name, draws in found.draws.items()} == {
+        "stiffness": (5, 3),
+        "gain": (5, 200),
+    }
     assert "stiffness ±" in repr(found)
     for simultaneous in (False, True):
         lower, upper = found.band("stiffness", simultaneous=simultaneous)
@@ -187,7 +205,9 @@ def test_estimates_over_a_measured_variable_are_drawn():
         assert (upper > lower).all()
     gain = tv.uncertainty.bootstrap(Scheduled(("gain",)), ensemble, 5, seed=1)
     assert re.search("5 draws.*: gain ±.* N·m/V", repr(gain))
-    with pytest.warns(tv.DataQualityWarning, match="stiffness: the values that it is over depend on the draw"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="stiffness: the values that it is over depend on the draw"
+    ):
         moving = tv.uncertainty.bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
     assert (len(moving), dict(moving.draws)) == (5, {})
     assert "no quantity" in repr(moving)
@@ -195,7 +215,10 @@ def test_estimates_over_a_measured_variable_are_drawn():
 
 def test_it_travels_pickled():
     found = tv.uncertainty.bootstrap(Mean(), ensemble_of(), 3, seed=1)
-    for again in (pickle.loads(cloudpickle.dumps(found)), tv.uncertainty.Bootstrap(found.model, 20, {}, 0, 3)):
+    for again in (
+        pickle.loads(cloudpickle.dumps(found)),
+        tv.uncertainty.Bootstrap(found.model, 20, {}, 0, 3),
+    ):
         assert len(again) == 3
     again = copy.deepcopy(tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble_of(), 3, seed=1))
     with pytest.raises(ValueError, match="read-only"):

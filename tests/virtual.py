@@ -22,12 +22,16 @@ IMPERFECTIONS = (
 
 @lru_cache(maxsize=4)
 def simulated(number: int, perturbation: str = "noise") -> tv.simulate.Simulation:
-    return tv.simulate.Participant(number).simulate(perturbation=tv.simulate.PERTURBATIONS[perturbation])
+    return tv.simulate.Participant(number).simulate(
+        perturbation=tv.simulate.PERTURBATIONS[perturbation]
+    )
 
 
 def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
     """Traits of a person who follows the target without fail."""
-    return replace(tv.simulate.Traits.of(number), **{**dict.fromkeys(IMPERFECTIONS, 0.0), **changes})
+    return replace(
+        tv.simulate.Traits.of(number), **{**dict.fromkeys(IMPERFECTIONS, 0.0), **changes}
+    )
 
 
 @cache

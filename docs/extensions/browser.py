@@ -23,7 +23,11 @@ def add_scripts(app: Sphinx, page: str, template: str, context: dict[str, Any], 
     """Give the page its script and style, and no other page."""
     if page == PAGE:
         app.add_css_file("browser/page.css")
-        app.add_js_file("browser/page.js", loading_method="defer", **{"data-pyodide": "yes" if fetched(app) else ""})
+        app.add_js_file(
+            "browser/page.js",
+            loading_method="defer",
+            **{"data-pyodide": "yes" if fetched(app) else ""},
+        )
 
 
 def files_of(package: str) -> list[tuple[Path, str]]:
@@ -41,7 +45,9 @@ def files_of(package: str) -> list[tuple[Path, str]]:
 def pack(app: Sphinx, error: Exception | None) -> None:
     """Put tvsysid and what it needs beside Pyodide, in one archive."""
     if error is None and fetched(app):
-        with ZipFile(Path(app.outdir) / "_static/pyodide/packages.zip", "w", ZIP_DEFLATED) as archive:
+        with ZipFile(
+            Path(app.outdir) / "_static/pyodide/packages.zip", "w", ZIP_DEFLATED
+        ) as archive:
             for package in PACKAGES:
                 for path, name in files_of(package):
                     archive.write(path, name)

@@ -33,7 +33,9 @@ def command_line() -> str:
     group = get_command(program)
     context = group.make_context("tvsysid", [], resilient_parsing=True)
     text = get_docs_for_click(obj=group, ctx=context, name="tvsysid")
-    text = re.sub(r"\*\*Commands\*\*:.*?(?=^## )", "", text, flags=re.DOTALL | re.MULTILINE)  # cut short there
+    text = re.sub(
+        r"\*\*Commands\*\*:.*?(?=^## )", "", text, flags=re.DOTALL | re.MULTILINE
+    )  # cut short there
     return text.replace("# `tvsysid`", "# Command line", 1).replace("```console\n$ ", "```text\n")
 
 
@@ -50,7 +52,10 @@ def settings() -> str:
     for key in tv.methods.names():
         told, kind = tv.methods.describe(key), type(tv.methods.create(key)).__name__
         lines += [f"## `{key}`: {told.title.lower()}", ""]
-        lines += [f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports {', '.join(told.reports)}.", ""]
+        lines += [
+            f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports {', '.join(told.reports)}.",
+            "",
+        ]
         lines += [f"It needs {'; '.join(told.needs)}.", ""] if told.needs else []
         lines += [*(f"- {each}" for each in told.assumptions), ""]
         rows = [each.partition(" = ") for each in told.settings]
@@ -73,7 +78,15 @@ def package(name: str) -> str:
         and not each.startswith("_")
         and (name == "tvsysid" or each not in tv.__all__)
     }
-    lines = [name, "=" * len(name), "", f".. automodule:: {name}", "", f".. currentmodule:: {name}", ""]
+    lines = [
+        name,
+        "=" * len(name),
+        "",
+        f".. automodule:: {name}",
+        "",
+        f".. currentmodule:: {name}",
+        "",
+    ]
     lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {each}" for each in own), ""]
     for each, value in own.items():
         lines += [each, "-" * len(each), ""]
@@ -94,9 +107,13 @@ def write(app: Sphinx) -> None:
             place.write_text(text, encoding="utf-8")
 
 
-def skip(app: Sphinx, what: str, name: str, member: object, skipped: bool, options: object) -> bool | None:
+def skip(
+    app: Sphinx, what: str, name: str, member: object, skipped: bool, options: object
+) -> bool | None:
     """Leave out fields of named tuples, of which Python says no more than their number; the class describes them."""
-    return True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None
+    return (
+        True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None
+    )
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -22,17 +22,31 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
     try:
         array = np.asarray(values)
     except ValueError as error:  # ragged nested lists
-        raise InputError(f"{name}: expected an array of numbers, got rows of different length") from error
+        raise InputError(
+            f"{name}: expected an array of numbers, got rows of different length"
+        ) from error
     if array.size == 0:
         raise InputError(f"{name}: expected samples, got an empty array of shape {array.shape}")
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name}: expected real numbers, got values of type {array.dtype}; convert them first")
-    expected = f"{len(axes)} axis ({axes[0]})" if len(axes) == 1 else f"{len(axes)} axes ({', '.join(axes)})"
+        raise InputError(
+            f"{name}: expected real numbers, got values of type {array.dtype}; convert them first"
+        )
+    expected = (
+        f"{len(axes)} axis ({axes[0]})"
+        if len(axes) == 1
+        else f"{len(axes)} axes ({', '.join(axes)})"
+    )
     if array.ndim != len(axes):
-        raise InputError(f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it")
+        raise InputError(
+            f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it"
+        )
     given, array = array, np.ascontiguousarray(array, dtype=np.float64)
     # What the caller can still write to is copied; what nobody can is shared.
-    array = array.copy() if array.flags.writeable and np.may_share_memory(array, given) else array.view()
+    array = (
+        array.copy()
+        if array.flags.writeable and np.may_share_memory(array, given)
+        else array.view()
+    )
     finite = np.isfinite(array)
     if not finite.all():
         first = np.argwhere(~finite)[0]
@@ -52,9 +66,13 @@ def checked_rate(sampling_rate: float) -> float:
     try:
         rate = float(sampling_rate)
     except (TypeError, ValueError) as error:
-        raise InputError(f"sampling_rate: expected a number of hertz, got {sampling_rate!r}") from error
+        raise InputError(
+            f"sampling_rate: expected a number of hertz, got {sampling_rate!r}"
+        ) from error
     if not (math.isfinite(rate) and rate > 0):
-        raise InputError(f"sampling_rate: expected a positive number of hertz, got {sampling_rate!r}")
+        raise InputError(
+            f"sampling_rate: expected a positive number of hertz, got {sampling_rate!r}"
+        )
     return rate
 
 
@@ -69,4 +87,6 @@ class Frozen:
     def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping, unlike a dict, cannot be pickled.
         values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(dict(each) if isinstance(each, MappingProxyType) else each for each in values)
+        return type(self), tuple(
+            dict(each) if isinstance(each, MappingProxyType) else each for each in values
+        )

@@ -72,8 +72,15 @@ class Comparison(Shown, Frozen):
     @cached_property
     def recommendation(self) -> Recommendation:
         """Which method suits these data, and why, with the reference or the variable that a method here takes."""
-        inputs = {item.kind: item.name for method in self.methods.values() for item in inputs_of(method)}
-        return recommend(self.ensemble, inputs.get("reference"), inputs.get("scheduling"), model=self._adaptive[1])
+        inputs = {
+            item.kind: item.name for method in self.methods.values() for item in inputs_of(method)
+        }
+        return recommend(
+            self.ensemble,
+            inputs.get("reference"),
+            inputs.get("scheduling"),
+            model=self._adaptive[1],
+        )
 
     @property
     def leading(self) -> str:
@@ -109,7 +116,15 @@ class Comparison(Shown, Frozen):
         label, best = self.leading, self.recommendation
         unnamed = (*unnamed_references, *best.unnamed_references)
         known = diagnosis or best.diagnosis
-        return trust_in(self.models[label], self.methods[label], best, self.is_suited, known, held_out_vaf, unnamed)
+        return trust_in(
+            self.models[label],
+            self.methods[label],
+            best,
+            self.is_suited,
+            known,
+            held_out_vaf,
+            unnamed,
+        )
 
     @property
     def _adaptive(self) -> tuple[str, Model]:
@@ -123,11 +138,15 @@ class Comparison(Shown, Frozen):
 
     def _repr_html_(self) -> str:
         table, told = self.summary(), {"skipped": self.skipped, "failed": self.failed}
-        notes = [f"{label} {what}: {why}" for what, each in told.items() for label, why in each.items()]
+        notes = [
+            f"{label} {what}: {why}" for what, each in told.items() for label, why in each.items()
+        ]
         if (trust := self.trust()).level == "none":
             notes = [f"No stiffness is stated. {' '.join(trust.reasons)}", *notes]
         about = f"{', '.join(self.models)} on {self.ensemble!r}"
-        return summary_html("Comparison", about, list(map(str, table.columns)), table.itertuples(index=False), notes)
+        return summary_html(
+            "Comparison", about, list(map(str, table.columns)), table.itertuples(index=False), notes
+        )
 
     def summary(self) -> pd.DataFrame:
         """A row for each method: means over time, extremes of the stiffness with their times, VAF; units in the names.
@@ -143,8 +162,12 @@ class Comparison(Shown, Frozen):
         rows: list[dict[str, Any]] = []
         for label, model in self.models.items():
             stiffness = model.stiffness
-            known = np.isfinite(stiffness).any()  # a method may estimate it over another variable than time
-            lowest, highest = (int(place(stiffness)) if known else 0 for place in (np.nanargmin, np.nanargmax))
+            known = np.isfinite(
+                stiffness
+            ).any()  # a method may estimate it over another variable than time
+            lowest, highest = (
+                int(place(stiffness)) if known else 0 for place in (np.nanargmin, np.nanargmax)
+            )
             lower, upper = self.bands[label]["stiffness"]
             rows.append(
                 {
@@ -166,7 +189,9 @@ class Comparison(Shown, Frozen):
         """``time_varying_vaf`` for pictures: none of a single realization, over which there is no variance."""
         return dict(self.time_varying_vaf) if len(self.ensemble) > 1 else {}
 
-    def held_out_vaf(self, folds: int = FOLDS, *, progress: Progress | None = None) -> dict[str, Array]:
+    def held_out_vaf(
+        self, folds: int = FOLDS, *, progress: Progress | None = None
+    ) -> dict[str, Array]:
         r"""Variance accounted for of realizations that were left out, in per cent, shape (realization,), by label.
 
         Realizations are dealt, in the order of the record, into so many folds of consecutive ones, whose slow changes
@@ -228,7 +253,9 @@ class Comparison(Shown, Frozen):
         parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
         found = {label: np.full(len(ensemble), np.nan) for label in self.models}
         failed: dict[str, str] = {}
-        least = 3 if ensemble.mean_subtracted else 2  # of one realization kept, nothing is left beside its mean
+        least = (
+            3 if ensemble.mean_subtracted else 2
+        )  # of one realization kept, nothing is left beside its mean
         if len(ensemble) == 2 < least:
             text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
@@ -253,7 +280,10 @@ class Comparison(Shown, Frozen):
         every = ensemble
         if ensemble.mean_subtracted:
             names = [name for name in deviating_channels([method]) if name in ensemble.channels]
-            deviations = {name: values - values[kept].mean(axis=0) for name, values in _acting(ensemble, names).items()}
+            deviations = {
+                name: values - values[kept].mean(axis=0)
+                for name, values in _acting(ensemble, names).items()
+            }
             own = {name: deviations.pop(name) for name in ("angle", "torque")}
             every = replace(ensemble, **own, channels={**ensemble.channels, **deviations})
         torque = every.torque[:, every.core]
@@ -284,7 +314,11 @@ class Comparison(Shown, Frozen):
         for label, model in self.models.items():
             columns: dict[str, Iterable[Any]] = {"time_s": model.time, "method": repeat(label)}
             for name, (lower, upper) in self.bands[label].items():
-                columns |= {name: model.over_time(name), f"{name}_lower": lower, f"{name}_upper": upper}
+                columns |= {
+                    name: model.over_time(name),
+                    f"{name}_lower": lower,
+                    f"{name}_upper": upper,
+                }
             columns["time_varying_vaf"] = self.time_varying_vaf[label]
             rows += _rows(columns)
         return rows
@@ -306,9 +340,18 @@ class Comparison(Shown, Frozen):
                     warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                     lower, upper = estimate.band()
                 over = estimate.axes[0]
-                columns: dict[str, Iterable[Any]] = {"method": repeat(label), "variable": repeat(over)}
-                columns |= {"value": model.coordinates[over], "quantity": repeat(name), "unit": repeat(estimate.unit)}
-                rows += _rows(columns | {"estimate": estimate.values, "lower": lower, "upper": upper})
+                columns: dict[str, Iterable[Any]] = {
+                    "method": repeat(label),
+                    "variable": repeat(over),
+                }
+                columns |= {
+                    "value": model.coordinates[over],
+                    "quantity": repeat(name),
+                    "unit": repeat(estimate.unit),
+                }
+                rows += _rows(
+                    columns | {"estimate": estimate.values, "lower": lower, "upper": upper}
+                )
         return rows
 
 
@@ -365,7 +408,9 @@ def compare(
             )
     if not named:
         raise InputError("compare: expected a method at least, got none")
-    chosen = {label: parse(item) if isinstance(item, str) else item for label, item in named.items()}
+    chosen = {
+        label: parse(item) if isinstance(item, str) else item for label, item in named.items()
+    }
     found: dict[str, Identified] = {}
     predicted: dict[str, Array] = {}
     bands: dict[str, dict[str, tuple[Array, Array]]] = {}
@@ -376,7 +421,10 @@ def compare(
             advance(number, len(chosen))
             try:
                 one = identify(method, ensemble, label, tune=tune or isinstance(method, Tuned))
-                predicted[label], bands[label] = one.model.predict(ensemble), _bands_of(label, one.model)
+                predicted[label], bands[label] = (
+                    one.model.predict(ensemble),
+                    _bands_of(label, one.model),
+                )
                 found[label] = one
             except SkippedError as error:
                 skipped[label] = str(error)
@@ -402,7 +450,9 @@ def compare(
     )
 
 
-def delay_to_correct(cut: Callable[[float], Ensemble], judged: Ensemble, method: str) -> tuple[float, str]:
+def delay_to_correct(
+    cut: Callable[[float], Ensemble], judged: Ensemble, method: str
+) -> tuple[float, str]:
     """Choose how much of a delay of the torque to correct, in s: all, unless half or none of it predicts better.
 
     A joint that is not of second order, or a fixture that gives way, looks like a delay of another size. So
@@ -444,7 +494,9 @@ def delay_to_correct(cut: Callable[[float], Ensemble], judged: Ensemble, method:
     best, count = int(np.argmax(means)), min(map(len, predicted))
     better, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or better < BETTER else 2
-    vaf = "{:.1f} % as recorded, {:.1f} with half and {:.1f} with all of it corrected".format(*means)
+    vaf = "{:.1f} % as recorded, {:.1f} with half and {:.1f} with all of it corrected".format(
+        *means
+    )
     what = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
     return float(delays[chosen]), f"{what}: held-out VAF of {method} is {vaf}"
 
@@ -455,9 +507,13 @@ def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Ar
         warnings.simplefilter("ignore", DataQualityWarning)
         if len(ensembles[0]) == 1:
             models = [compare(each, [method]).models[method] for each in ensembles]
-            return method, [np.array([model.diagnostics.details.get("vaf_folds", np.nan)]) for model in models]
+            return method, [
+                np.array([model.diagnostics.details.get("vaf_folds", np.nan)]) for model in models
+            ]
         found = compare(ensembles[0], ["adaptive"])
-        return "adaptive", [replace(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles]
+        return "adaptive", [
+            replace(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles
+        ]
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
@@ -487,6 +543,12 @@ def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:
         for name, estimate in model.estimates.items():
             if estimate.axes in {("time",), ("realization", "time")}:
                 lower, upper = estimate.band()
-                alone = estimate.values.size == len(model.time)  # of several realizations there is none of the mean
-                bands[name] = (lower.ravel(), upper.ravel()) if alone else (np.full(len(model.time), np.nan),) * 2
+                alone = estimate.values.size == len(
+                    model.time
+                )  # of several realizations there is none of the mean
+                bands[name] = (
+                    (lower.ravel(), upper.ravel())
+                    if alone
+                    else (np.full(len(model.time), np.nan),) * 2
+                )
     return bands

@@ -62,7 +62,10 @@ def by_text(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     groups: dict[str, dict[str, list[str]]] = {}
     for who, text in warned:
         groups.setdefault(PERCENTAGE.sub("%", text), {}).setdefault(text, []).append(who)
-    return {_ranged(list(texts)): list(dict.fromkeys(chain(*texts.values()))) for texts in groups.values()}
+    return {
+        _ranged(list(texts)): list(dict.fromkeys(chain(*texts.values())))
+        for texts in groups.values()
+    }
 
 
 def _ranged(texts: list[str]) -> str:
@@ -97,7 +100,11 @@ def plain_text(message: object) -> str:
 
 def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:
     package, *libraries = library_folders()
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(package)
+    ]
     of_file = [frame for frame in frames if frame.filename == file]
     of_user = [frame for frame in frames if not frame.filename.startswith(("<", *libraries))]
     for chosen in (of_file, of_user, frames):
@@ -110,5 +117,8 @@ def _place(error: BaseException, file: str | None) -> tuple[str | None, int | No
 def library_folders() -> tuple[str, ...]:
     """Folders of code that is not the user's: this package first, then Python's and all that is installed."""
     paths = sysconfig.get_paths()
-    folders = (str(Path(__file__).parent), *(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")))
+    folders = (
+        str(Path(__file__).parent),
+        *(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+    )
     return tuple(f"{folder}{os.sep}" for folder in folders)

@@ -49,13 +49,19 @@ def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
 def plain_array(what: str, given: object) -> NDArray[Any]:
     """Array of what somebody gave, whatever it holds; an InputError where numbers could be taken for others."""
     if isinstance(given, np.ma.MaskedArray):
-        raise InputError(f"{what}: got a masked array; fill what is masked with NaN: values.filled(np.nan)")
+        raise InputError(
+            f"{what}: got a masked array; fill what is masked with NaN: values.filled(np.nan)"
+        )
     if isinstance(given, np.ndarray) and type(given) not in (np.ndarray, np.memmap):
-        raise InputError(f"{what}: expected a plain NumPy array, got one of type {type(given).__name__}")
+        raise InputError(
+            f"{what}: expected a plain NumPy array, got one of type {type(given).__name__}"
+        )
     try:
         return np.asarray(given)
     except Exception as error:
-        raise InputError(f"{what}: expected an array of numbers, got {describe_error(error)}") from error
+        raise InputError(
+            f"{what}: expected an array of numbers, got {describe_error(error)}"
+        ) from error
 
 
 def read_only(values: ArrayLike) -> Array:
@@ -80,17 +86,25 @@ class StandardError:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
-        object.__setattr__(self, "freedom", np.broadcast_to(read_only(self.freedom), np.shape(self.values)))
+        object.__setattr__(
+            self, "freedom", np.broadcast_to(read_only(self.freedom), np.shape(self.values))
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
         return type(self), (self.values, np.array(self.freedom), self.arc, self.absent)
 
-    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+    def limits(
+        self, values: Array, level: float, simultaneous: bool = False
+    ) -> tuple[Array, Array]:
         """Lower and upper limits about ``values``; see :meth:`Estimate.band`."""
         known = np.isfinite(self.values)
         freedom = self.freedom[known]
-        multiple = simultaneous_value(level, freedom, self.arc) if simultaneous else critical_value(level, freedom)
+        multiple = (
+            simultaneous_value(level, freedom, self.arc)
+            if simultaneous
+            else critical_value(level, freedom)
+        )
         width = np.full(self.values.shape, np.nan)
         width[known] = multiple * self.values[known]
         return values - width, values + width
@@ -172,7 +186,9 @@ class Estimate:
                 f"estimate: expected real numbers, NaN where there is none, got values of type {values.dtype}{infinite}"
             )
         if isinstance(self.axes, str):
-            raise InputError(f"estimate: expected a tuple of axes, got {self.axes!r}; write ({self.axes!r},)")
+            raise InputError(
+                f"estimate: expected a tuple of axes, got {self.axes!r}; write ({self.axes!r},)"
+            )
         if values.ndim != len(self.axes):
             raise InputError(
                 f"estimate: expected values over {', '.join(self.axes)}, got an array of shape {values.shape}"
@@ -189,7 +205,11 @@ class Estimate:
 
     def __repr__(self) -> str:
         known = self.values[np.isfinite(self.values)]
-        span = f"{known.min():.3g} to {known.max():.3g} {self.unit}" if known.size else f"no value ({self.unit})"
+        span = (
+            f"{known.min():.3g} to {known.max():.3g} {self.unit}"
+            if known.size
+            else f"no value ({self.unit})"
+        )
         return f"Estimate({span} over {', '.join(self.axes)})"
 
     @property
@@ -222,7 +242,9 @@ class Estimate:
         """
         error = self.standard_error
         if error is None:
-            error = StandardError(np.full(self.values.shape, np.nan), np.array(np.inf), absent=NO_ERROR)
+            error = StandardError(
+                np.full(self.values.shape, np.nan), np.array(np.inf), absent=NO_ERROR
+            )
         if error.absent and not np.isfinite(error.values).any():
             warnings.warn(f"no band: {error.absent}", DataQualityWarning, stacklevel=2)
         return error.limits(self.values, level, simultaneous)
@@ -232,7 +254,10 @@ NO_ERROR = "the method states no standard error"
 
 
 def impedance_estimates(
-    stiffness: Array, viscosity: Array, inertia: Array, errors: ErrorStatistics | Mapping[str, StandardError] | None
+    stiffness: Array,
+    viscosity: Array,
+    inertia: Array,
+    errors: ErrorStatistics | Mapping[str, StandardError] | None,
 ) -> dict[str, Estimate]:
     """Estimates of a joint's impedance over time, with their standard errors or what these are worked out from."""
 
@@ -252,7 +277,10 @@ def standard_errors(
 ) -> dict[str, StandardError]:
     """Standard errors of stiffness, viscosity and inertia from arrays (time, 3)."""
     columns = zip(values.T, freedom.T, arcs, strict=True)
-    return {name: StandardError(*column, absent) for name, column in zip(IMPEDANCE, columns, strict=True)}
+    return {
+        name: StandardError(*column, absent)
+        for name, column in zip(IMPEDANCE, columns, strict=True)
+    }
 
 
 def no_errors(times: int, why: str) -> dict[str, StandardError]:

@@ -10,7 +10,9 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.numerics.moments import diagonal_moments, window_matrices
 
-ROUNDING = 1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
+ROUNDING = (
+    1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
+)
 SINGULAR = 1e-9  # determinant of three regressors' correlation matrix below which they cannot be told apart
 
 
@@ -19,7 +21,9 @@ def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
     return np.asarray(impulse_response.sum(axis=1) * sample_time)
 
 
-def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> tuple[Array, Array]:
+def second_order_readout(
+    phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
+) -> tuple[Array, Array]:
     r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
 
     Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The fit, weighted by
@@ -84,10 +88,14 @@ class DerivativeMoments(NamedTuple):
         fitted = float(np.einsum("tm,tmk,tk->", impedance, self.regressors, impedance))
         unexplained = self.answers.sum(axis=0) - np.einsum("tjm,tm->j", self.mixed, impedance)
         left = (float(self.square.sum()) - 2 * explained + fitted) / times
-        return agreement_of_moments(fitted / times, unexplained / times, self.around, left, realizations * times)
+        return agreement_of_moments(
+            fitted / times, unexplained / times, self.around, left, realizations * times
+        )
 
 
-def derivative_moments(products: Array, angle: Array, torque: Array, sampling_rate: float) -> DerivativeMoments:
+def derivative_moments(
+    products: Array, angle: Array, torque: Array, sampling_rate: float
+) -> DerivativeMoments:
     """Moments of angle, velocity and acceleration, which are sums of the angles about; no derivative is formed.
 
     They are those of the times :data:`HALF_WIDTH` from both ends of angle and torque (realization, time). ``products``
@@ -101,7 +109,9 @@ def derivative_moments(products: Array, angle: Array, torque: Array, sampling_ra
     inner = torque[:, HALF_WIDTH : torque.shape[1] - HALF_WIDTH]
     answers = diagonal_moments(inner, angle, 2 * HALF_WIDTH)
     square = np.einsum("rt,rt->t", inner, inner) / len(inner)
-    return DerivativeMoments(filters @ mixed, answers @ filters.T, square, mixed, answers, windows.mean(axis=0))
+    return DerivativeMoments(
+        filters @ mixed, answers @ filters.T, square, mixed, answers, windows.mean(axis=0)
+    )
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:
@@ -125,7 +135,9 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
     return 100 * min(1.0, 1 - float(np.sum((beyond - chance)[known])) / total)
 
 
-def agreement_of_moments(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
+def agreement_of_moments(
+    fitted: float, cross: Array, moments: Array, left: float, samples: int
+) -> float:
     """Agreement of a second-order fit with the torque's mean response to lagged angles, in per cent.
 
     The response is taken as the same at all times: what a fit leaves because it smooths a change of stiffness has no

@@ -19,12 +19,16 @@ def available() -> int | None:
 
     None where the system tells nothing.
     """
-    return max(0, min(rooms)) if (rooms := [*_machine(), *_control_groups(), *_own_limit()]) else None
+    return (
+        max(0, min(rooms)) if (rooms := [*_machine(), *_control_groups(), *_own_limit()]) else None
+    )
 
 
 def _machine() -> Iterator[int]:
     with suppress(OSError):
-        told = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))
+        told = re.search(
+            r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii")
+        )
         if told:
             yield 1024 * int(told[1])
             return
@@ -32,7 +36,9 @@ def _machine() -> Iterator[int]:
         yield os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def _control_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> Iterator[int]:
+def _control_groups(
+    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
+) -> Iterator[int]:
     """What each control group around this process leaves, of either version; caches of files can be had too."""
     with suppress(OSError, ValueError):
         for line in own.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -49,9 +55,17 @@ def _control_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc
             inner = mount / path.lstrip("/")
             for folder in (inner, *inner.parents):
                 if folder.is_relative_to(mount):
-                    with suppress(OSError, ValueError):  # a group without a limit has no number there
-                        limit, used = (int((folder / name).read_text(encoding="ascii")) for name in names[:2])
-                        told = re.search(rf"^{names[2]} (\d+)$", (folder / "memory.stat").read_text("ascii"), re.M)
+                    with suppress(
+                        OSError, ValueError
+                    ):  # a group without a limit has no number there
+                        limit, used = (
+                            int((folder / name).read_text(encoding="ascii")) for name in names[:2]
+                        )
+                        told = re.search(
+                            rf"^{names[2]} (\d+)$",
+                            (folder / "memory.stat").read_text("ascii"),
+                            re.M,
+                        )
                         yield limit - used + (int(told[1]) if told else 0)
 
 
@@ -65,6 +79,8 @@ def _own_limit() -> Iterator[int]:
 def addresses() -> int | None:
     """Bytes of addresses that this process has taken, which is what its limit counts; None where nothing tells."""
     try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf(
+            "SC_PAGE_SIZE"
+        )
     except (OSError, ValueError):
         return None

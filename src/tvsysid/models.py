@@ -32,8 +32,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ComplexArray = NDArray[np.complex128]
-Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # values with the names of their axes, by name
-Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]  # axes, values and attributes, by name
+Labelled = dict[
+    str, tuple[tuple[str, ...], ArrayLike]
+]  # values with the names of their axes, by name
+Variables = dict[
+    str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]
+]  # axes, values and attributes, by name
 
 
 class Content(NamedTuple):
@@ -92,13 +96,18 @@ class Model(Shown, ABC):
                 value = value.view()
                 value.flags.writeable = False
                 object.__setattr__(self, item.name, value)
-        coordinates = {name: frozen(np.asarray(values)) for name, values in self.coordinates.items()}
+        coordinates = {
+            name: frozen(np.asarray(values)) for name, values in self.coordinates.items()
+        }
         object.__setattr__(self, "coordinates", MappingProxyType(coordinates))
         object.__setattr__(self, "estimates", MappingProxyType(dict(self.estimates)))
 
     def __getstate__(self) -> dict[str, object]:
         # A read-only mapping, unlike a dict, cannot be pickled.
-        return self.__dict__ | {"estimates": dict(self.estimates), "coordinates": dict(self.coordinates)}
+        return self.__dict__ | {
+            "estimates": dict(self.estimates),
+            "coordinates": dict(self.coordinates),
+        }
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
@@ -143,7 +152,10 @@ class Model(Shown, ABC):
                 f"predict: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
                 "tvsysid.preprocess.segment, as the model's data were"
             )
-        if ensemble.samples != len(self.time) or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9:
+        if (
+            ensemble.samples != len(self.time)
+            or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9
+        ):
             raise InputError(
                 f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, the ensemble "
                 f"{ensemble.samples} at {ensemble.sampling_rate:g} Hz; decimate and segment it in the same way"
@@ -159,7 +171,11 @@ class Model(Shown, ABC):
 
     def __repr__(self) -> str:
         known = self.stiffness[np.isfinite(self.stiffness)]
-        span = f"stiffness {known.min():.1f} to {known.max():.1f} N·m/rad" if known.size else "no stiffness"
+        span = (
+            f"stiffness {known.min():.1f} to {known.max():.1f} N·m/rad"
+            if known.size
+            else "no stiffness"
+        )
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
         return (
             f"{type(self).__name__}({self.method}: {span} over {len(self.time) / self.sampling_rate:g} s, "
@@ -190,22 +206,37 @@ class Model(Shown, ABC):
                     warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                     lower, upper = estimate.band()
                 beside = {"standard_error": error.values, "lower": lower, "upper": upper}
-                parts |= {f"{name}_{what}": (estimate.axes, values) for what, values in beside.items()}
+                parts |= {
+                    f"{name}_{what}": (estimate.axes, values) for what, values in beside.items()
+                }
                 variables = _joined(variables, {f"{name}_freedom": (estimate.axes, error.freedom)})
             variables = _joined(variables, parts)
             units |= dict.fromkeys(parts, estimate.unit)
         coordinates: Labelled = {"time": (("time",), self.time)}
-        coordinates = _joined(coordinates, {name: ((name,), values) for name, values in self.coordinates.items()})
-        over_time = {"rank": self.diagnostics.rank, "instrument_strength": self.diagnostics.strength}
-        found: Labelled = {name: (("time",), values) for name, values in over_time.items() if values is not None}
+        coordinates = _joined(
+            coordinates, {name: ((name,), values) for name, values in self.coordinates.items()}
+        )
+        over_time = {
+            "rank": self.diagnostics.rank,
+            "instrument_strength": self.diagnostics.strength,
+        }
+        found: Labelled = {
+            name: (("time",), values) for name, values in over_time.items() if values is not None
+        }
         variables = _joined(variables, found)
         extra, extra_coordinates = self._identified()
         variables, coordinates = _joined(variables, extra), _joined(coordinates, extra_coordinates)
         if ensemble is not None:
             torques = {f"torque_{name}": torque for name, torque in self.pathways(ensemble).items()}
             units |= dict.fromkeys(torques, "N m")
-            variables = _joined(variables, {name: (("realization", "time"), each) for name, each in torques.items()})
-            told_apart = {len(each.values) for each in self.estimates.values() if each.axes[:1] == ("realization",)}
+            variables = _joined(
+                variables, {name: (("realization", "time"), each) for name, each in torques.items()}
+            )
+            told_apart = {
+                len(each.values)
+                for each in self.estimates.values()
+                if each.axes[:1] == ("realization",)
+            }
             if told_apart - {len(ensemble)}:
                 raise InputError(
                     f"to_xarray: the model tells {max(told_apart)} realizations apart, the ensemble has "
@@ -246,7 +277,9 @@ class ImpulseResponseModel(Model):
         return {"intrinsic": _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)}
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        return {"impulse_response": (("time", "lag"), self.impulse_response)}, {"lag": (("lag",), self.lags)}
+        return {"impulse_response": (("time", "lag"), self.impulse_response)}, {
+            "lag": (("lag",), self.lags)
+        }
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -272,7 +305,9 @@ class FrequencyResponseModel(Model):
         response = np.where(self.excited, self.frequency_response, 0.0)
         weights = np.fft.fftshift(np.fft.irfft(response, self.segment, axis=1), axes=1)
         weights[np.isnan(self.frequency_response).any(axis=1)] = np.nan
-        return {"intrinsic": _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)}
+        return {
+            "intrinsic": _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)
+        }
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
@@ -324,7 +359,9 @@ class SecondOrderModel(Model):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         derivatives = ensemble.derivatives()
-        return {"intrinsic": np.asarray(sum(map(np.multiply, self.impedance(ensemble), derivatives)))}
+        return {
+            "intrinsic": np.asarray(sum(map(np.multiply, self.impedance(ensemble), derivatives)))
+        }
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
@@ -337,7 +374,9 @@ class SecondOrderModel(Model):
 def _joined(items: Labelled, further: Labelled) -> Labelled:
     """Both, none of which may have the name of another."""
     if twice := items.keys() & further.keys():
-        raise InputError(f"to_xarray: two variables have the name {min(twice)!r}; give the estimate another name")
+        raise InputError(
+            f"to_xarray: two variables have the name {min(twice)!r}; give the estimate another name"
+        )
     return items | further
 
 

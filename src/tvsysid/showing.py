@@ -50,7 +50,11 @@ def summary_html(
         return f"<tr>{''.join(shown)}</tr>"
 
     body = [row("td", each) for each in rows]
-    table = f"<table><thead>{row('th', headings)}</thead><tbody>{''.join(body)}</tbody></table>" if body else ""
+    table = (
+        f"<table><thead>{row('th', headings)}</thead><tbody>{''.join(body)}</tbody></table>"
+        if body
+        else ""
+    )
     if len(body) > FOLDED:
         table = f"<details><summary>{len(body)} rows</summary>{table}</details>"
     lines = "".join(f"<p>{_escaped(note)}</p>" for note in notes)
@@ -65,7 +69,9 @@ def _escaped(cell: object) -> str:
 
 
 @contextmanager
-def progress_bar(title: str, console: Console | None = None, disable: bool = False) -> Iterator[Progress]:
+def progress_bar(
+    title: str, console: Console | None = None, disable: bool = False
+) -> Iterator[Progress]:
     """Show a bar; what it yields is called with what is done and the total."""
     from rich.progress import (  # noqa: PLC0415  # heavy
         BarColumn,

@@ -20,7 +20,10 @@ from tvsysid.showing import Shown
 if TYPE_CHECKING:
     import xarray as xr
 
-SMALLEST, LARGEST = 1e-30, 1e30  # of an ensemble's largest angle and torque; squares of squares end beyond
+SMALLEST, LARGEST = (
+    1e-30,
+    1e30,
+)  # of an ensemble's largest angle and torque; squares of squares end beyond
 
 
 def _rms(values: Array) -> float:
@@ -55,10 +58,15 @@ class _Signals(Shown, Frozen):
                     f"{name}: all {values.size} values are {values.flat[0]:g} {unit}; {fault} cannot be "
                     "identified. Is this the right channel?"
                 )
-        channels = {name: checked_array(f"channel {name!r}", each, axes) for name, each in self.channels.items()}
+        channels = {
+            name: checked_array(f"channel {name!r}", each, axes)
+            for name, each in self.channels.items()
+        }
         for name, values in channels.items():
             if values.shape != self.angle.shape:
-                raise InputError(f"channel {name!r}: expected the angle's shape {self.angle.shape}, got {values.shape}")
+                raise InputError(
+                    f"channel {name!r}: expected the angle's shape {self.angle.shape}, got {values.shape}"
+                )
         object.__setattr__(self, "channels", MappingProxyType(channels))
         if self.recorded_angle is not None:
             recorded = checked_array("recorded_angle", self.recorded_angle, (*axes, "sample"))
@@ -145,11 +153,17 @@ class Recording(_Signals):
     def __post_init__(self) -> None:
         self._check(("time",))
         if not (isinstance(self.start, (int, float, np.number)) and math.isfinite(self.start)):
-            raise InputError(f"start: expected the time of the first sample in seconds, got {self.start!r}")
+            raise InputError(
+                f"start: expected the time of the first sample in seconds, got {self.start!r}"
+            )
         starts = self.trial_starts
         if not all(isinstance(first, (int, np.integer)) for first in starts):
             raise InputError(f"trial_starts: expected whole numbers, got {starts!r}")
-        if not starts or starts[0] != 0 or any(b <= a for a, b in zip(starts, (*starts[1:], len(self)), strict=True)):
+        if (
+            not starts
+            or starts[0] != 0
+            or any(b <= a for a, b in zip(starts, (*starts[1:], len(self)), strict=True))
+        ):
             raise InputError(
                 f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, got {starts!r}"
             )
@@ -243,7 +257,9 @@ class Ensemble(_Signals):
             largest = max(abs(float(extreme(getattr(self, name)))) for extreme in (np.min, np.max))
             if not SMALLEST <= largest <= LARGEST:
                 expected = f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to {LARGEST:g}"
-                raise InputError(f"{expected}, got values up to {largest:.2g}; is the file damaged, or the unit wrong?")
+                raise InputError(
+                    f"{expected}, got values up to {largest:.2g}; is the file damaged, or the unit wrong?"
+                )
         whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
         if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(
@@ -253,12 +269,18 @@ class Ensemble(_Signals):
         object.__setattr__(self, "context", int(self.context))
         count = (len(self.angle),)
         separate = self.onsets is None and self.trials is None
-        onsets = np.zeros(count) if self.onsets is None else checked_array("onsets", self.onsets, axes[:1])
+        onsets = (
+            np.zeros(count)
+            if self.onsets is None
+            else checked_array("onsets", self.onsets, axes[:1])
+        )
         trials = np.arange(count[0]) if separate else np.zeros(count, dtype=np.int64)
         if self.trials is not None:
             trials = np.array(self.trials)
             if trials.dtype.kind not in "iu":
-                raise InputError(f"trials: expected whole numbers, got values of type {trials.dtype}")
+                raise InputError(
+                    f"trials: expected whole numbers, got values of type {trials.dtype}"
+                )
         if onsets.shape != count or trials.shape != count:
             raise InputError(
                 f"onsets and trials: expected one for each of the {count[0]} realizations, "
@@ -271,7 +293,11 @@ class Ensemble(_Signals):
         object.__setattr__(self, "trials", trials)
 
     def __repr__(self) -> str:
-        left_out = f", {self.left_out} left out: too near the ends for the context" if self.left_out else ""
+        left_out = (
+            f", {self.left_out} left out: too near the ends for the context"
+            if self.left_out
+            else ""
+        )
         plural = "s" * (len(self) != 1)
         return (
             f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at {self.sampling_rate:g} Hz, "
@@ -294,7 +320,9 @@ class Ensemble(_Signals):
         if inner.stop > inner.start:
             first = self.context + missing - reach
             angle = self.angle[:, first : self.angle.shape[1] - first]
-            out[:, :, inner] = differentiate(angle, self.sampling_rate)[: order + 1] if order else angle
+            out[:, :, inner] = (
+                differentiate(angle, self.sampling_rate)[: order + 1] if order else angle
+            )
         return out
 
     @property
@@ -332,17 +360,31 @@ class Ensemble(_Signals):
         """Ensemble of the realizations with these indices, in this order, or of those that a boolean mask marks."""
         index = np.asarray(realizations)
         if index.ndim != 1 or not index.size:
-            raise InputError(f"select: expected the indices of some realizations, got shape {index.shape}")
+            raise InputError(
+                f"select: expected the indices of some realizations, got shape {index.shape}"
+            )
         if index.dtype.kind == "b" and len(index) != len(self):
-            raise InputError(f"select: expected a mask of {len(self)} realizations, got {len(index)}")
+            raise InputError(
+                f"select: expected a mask of {len(self)} realizations, got {len(index)}"
+            )
         if index.dtype.kind not in "biu":
-            raise InputError(f"select: expected whole numbers or a boolean mask, got values of type {index.dtype}")
+            raise InputError(
+                f"select: expected whole numbers or a boolean mask, got values of type {index.dtype}"
+            )
         beyond = index[(index < -len(self)) | (index >= len(self))]
         if index.dtype.kind != "b" and beyond.size:
-            raise InputError(f"select: expected indices from {-len(self)} to below {len(self)}, got {beyond[0]}")
-        names = ["angle", "torque", "onsets", "trials"] + ["recorded_angle"] * (self.recorded_angle is not None)
+            raise InputError(
+                f"select: expected indices from {-len(self)} to below {len(self)}, got {beyond[0]}"
+            )
+        names = ["angle", "torque", "onsets", "trials"] + ["recorded_angle"] * (
+            self.recorded_angle is not None
+        )
         changes: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
-        return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
+        return replace(
+            self,
+            **changes,
+            channels={name: values[index] for name, values in self.channels.items()},
+        )
 
     def to_xarray(self) -> xr.Dataset:
         """Return the signals as an xarray.Dataset with dimensions realization and time, units as attributes."""
@@ -353,7 +395,9 @@ class Ensemble(_Signals):
         about = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
         recorded = {}
         if self.recorded_angle is not None:
-            recorded = {"recorded_angle": ((*dims, "sample"), self.recorded_angle, {"units": "rad"})}
+            recorded = {
+                "recorded_angle": ((*dims, "sample"), self.recorded_angle, {"units": "rad"})
+            }
         return xr.Dataset(
             {
                 "angle": (dims, self.angle, {"units": "rad"}),
@@ -367,5 +411,6 @@ class Ensemble(_Signals):
                 "trial": ("realization", self.trials),
             },
             # NetCDF has no truth values.
-            attrs={name: getattr(self, name) for name in about} | {"mean_subtracted": int(self.mean_subtracted)},
+            attrs={name: getattr(self, name) for name in about}
+            | {"mean_subtracted": int(self.mean_subtracted)},
         )

@@ -57,11 +57,17 @@ class Bootstrap(Frozen):
             _, deviation = mean_and_spread(self.draws[name])
             known = np.isfinite(deviation)
             unit = self.model.estimates[name].unit.replace("N m", "N·m")
-            size = f"±{deviation[known].mean():.2g} {unit} (standard deviation)" if known.any() else "not known"
+            size = (
+                f"±{deviation[known].mean():.2g} {unit} (standard deviation)"
+                if known.any()
+                else "not known"
+            )
             found = f"{name} {size}"
         return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: {found})"
 
-    def band(self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
+    def band(
+        self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False
+    ) -> tuple[Array, Array]:
         r"""Lower and upper limits of the band about the model's estimate of a quantity, each of the shape of a draw.
 
         It holds the true value with the probability ``level``, between 0 and 1: at each time by itself, or, if it is
@@ -88,20 +94,28 @@ class Bootstrap(Frozen):
         Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.4.
         """
         if quantity not in self.draws:
-            raise InputError(f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}")
+            raise InputError(
+                f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}"
+            )
         draws = self.draws[quantity]
         mean, deviation = mean_and_spread(draws)
         freedom = self.realizations - 1
         # A draw's own variance is that of so many realizations over so many, not over one less.
-        multiple = critical_value(level, np.array(float(freedom))) * math.sqrt(self.realizations / freedom)
+        multiple = critical_value(level, np.array(float(freedom))) * math.sqrt(
+            self.realizations / freedom
+        )
         if simultaneous:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distances = np.abs(draws - mean) / deviation
             axes = tuple(range(1, draws.ndim))
             identified = np.isfinite(draws).any(axis=axes)
-            largest = np.max(distances, axis=axes, where=np.isfinite(distances), initial=0.0)[identified]
+            largest = np.max(distances, axis=axes, where=np.isfinite(distances), initial=0.0)[
+                identified
+            ]
             at_one = float(critical_value(level, np.array(np.inf)))
-            multiple *= max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
+            multiple *= (
+                max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
+            )
         estimate = _drawn(self.model, quantity)
         return estimate - multiple * deviation, estimate + multiple * deviation
 
@@ -163,7 +177,9 @@ def bootstrap(
     if not isinstance(ensemble, Ensemble):
         raise InputError(f"bootstrap: expected an Ensemble, got {type(ensemble).__name__}")
     if len(ensemble) < FEWEST:
-        raise InputError(f"bootstrap: expected at least {FEWEST} realizations to draw from, got {len(ensemble)}")
+        raise InputError(
+            f"bootstrap: expected at least {FEWEST} realizations to draw from, got {len(ensemble)}"
+        )
     weights = bootstrap_weights(len(ensemble), len(ensemble), count, seed)
     if count < FEWEST:
         raise InputError(f"bootstrap: expected at least {FEWEST} draws, got {count}")
@@ -188,7 +204,9 @@ def bootstrap(
                 reasons.append(describe_error(error))
             advance(draw + 1, count)
     if reasons:
-        said = f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"
+        said = (
+            f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"
+        )
         if count - len(reasons) < FEWEST:
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
         warnings.warn(f"bootstrap: {said}; they are left out", DataQualityWarning, stacklevel=2)
@@ -201,12 +219,18 @@ def bootstrap(
 def _drawn(model: Model, quantity: str) -> Array:
     """Estimate, over time where that is its axis, the mean over realizations where the method tells these apart."""
     estimate = model.estimates.get(quantity)
-    return model.over_time(quantity) if estimate is None or estimate.axes[-1] == "time" else estimate.values
+    return (
+        model.over_time(quantity)
+        if estimate is None or estimate.axes[-1] == "time"
+        else estimate.values
+    )
 
 
 def _alike(model: Model, other: Model, quantity: str) -> bool:
     """Whether two models have an estimate over the same values of the same axes."""
     axes = other.estimates[quantity].axes
     return axes[-1] == "time" or all(
-        axis in model.coordinates and np.array_equal(model.coordinates[axis], other.coordinates[axis]) for axis in axes
+        axis in model.coordinates
+        and np.array_equal(model.coordinates[axis], other.coordinates[axis])
+        for axis in axes
     )

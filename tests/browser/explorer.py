@@ -27,14 +27,24 @@ def main(folder: str) -> int:
         print("skipped: there is no Chromium, or no Node.js")
         return 0
     joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
-    recording = joint.simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000).recording
+    recording = joint.simulate(
+        150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000
+    ).recording
     pictures = Path(folder).resolve()
     pictures.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         os.chdir(temporary)  # its name is no part of what the page shows
         np.savez("ankle.npz", pos=recording.angle, tq=-recording.torque)
         running = tv.explore("ankle.npz")
-        walk = [node, Path(__file__).with_suffix(".mjs"), browser, running.url, "pos", "tq", pictures]
+        walk = [
+            node,
+            Path(__file__).with_suffix(".mjs"),
+            browser,
+            running.url,
+            "pos",
+            "tq",
+            pictures,
+        ]
         return subprocess.run(walk, cwd=ROOT, check=False).returncode
 
 

@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 
 if __name__ == "__main__":
-    spec = importlib.util.spec_from_file_location("run", Path(__file__).parents[2] / "docs/static/browser/run.py")
+    spec = importlib.util.spec_from_file_location(
+        "run", Path(__file__).parents[2] / "docs/static/browser/run.py"
+    )
     page = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(page)
     print(json.dumps([json.loads(page.run(code)) for code in json.load(sys.stdin)]))

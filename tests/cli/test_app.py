@@ -57,11 +57,20 @@ def test_version(tvsysid):
             ("identify", "joint.mat", "--angle", "pos", *IDENTIFY[2:]),
             "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)",
         ),
-        (("identify", "joint.mat", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
+        (
+            ("identify", "joint.mat", *IDENTIFY, "--decimate", "300"),
+            "not a whole multiple of 300 Hz",
+        ),
         (("identify", "joint.mat", *IDENTIFY, "--period", "90"), "no realization of 90 s"),
         (("identify", "joint.mat", *IDENTIFY, "--method", "arx"), "unknown method 'arx'"),
-        (("identify", "joint.mat", *IDENTIFY, "--method", "sds:windw=1"), "unknown setting 'windw'"),
-        (("identify", "joint.mat", *IDENTIFY, "--method", "sds:window=9"), "longer than a realization"),
+        (
+            ("identify", "joint.mat", *IDENTIFY, "--method", "sds:windw=1"),
+            "unknown setting 'windw'",
+        ),
+        (
+            ("identify", "joint.mat", *IDENTIFY, "--method", "sds:window=9"),
+            "longer than a realization",
+        ),
         (("identify", "joint.mat", *IDENTIFY, "--torque-sign", "3"), "torque_sign must be 1 or -1"),
         (("identify", "joint.mat", *IDENTIFY, "--angle-unit", "grad"), "grad"),
         (("identify", "joint.mat", *IDENTIFY, "--columns", "rows"), "rows"),
@@ -69,9 +78,15 @@ def test_version(tvsysid):
             ("identify", "joint.mat", "--angle", "angle"),
             "missing: --torque, --rate (see tvsysid identify --help)",
         ),
-        (("identify", "joint.mat", *IDENTIFY[:-2]), "--period is missing: the duration of one repetition"),
+        (
+            ("identify", "joint.mat", *IDENTIFY[:-2]),
+            "--period is missing: the duration of one repetition",
+        ),
         (("identify",), "missing: FILE, --angle, --torque, --rate (see tvsysid identify --help)"),
-        (("identify", "joint.mat", *IDENTIFY, "--torque", "angle"), "angle and torque are both 'angle'; name the"),
+        (
+            ("identify", "joint.mat", *IDENTIFY, "--torque", "angle"),
+            "angle and torque are both 'angle'; name the",
+        ),
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
@@ -79,9 +94,18 @@ def test_version(tvsysid):
             ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
             "--diagnose needs --rate, as for tvsysid identify",
         ),
-        (("inspect", "joint.mat", *IDENTIFY), "--angle: is used with --diagnose only; add --diagnose"),
-        (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
-        (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
+        (
+            ("inspect", "joint.mat", *IDENTIFY),
+            "--angle: is used with --diagnose only; add --diagnose",
+        ),
+        (
+            ("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"),
+            "not a whole multiple of 300 Hz",
+        ),
+        (
+            ("inspect", "joint.mat", "--plot", "joint.doc"),
+            "unknown ending '.doc'; give one of .png, .pdf, .svg",
+        ),
         (("simulate", "joint.mat"), "joint.mat exists already; give another name, or --overwrite"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
         (("simulate", "other.mat", "--duration", "-1"), "duration must be a positive number"),
@@ -118,12 +142,16 @@ def test_start_is_light():
         "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'zarr', 'pydantic', 'jinja2'} & set(sys.modules);"
         "print(heavy or 'light')"
     )
-    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    shown = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
     assert shown == "light\n"
 
 
 @pytest.mark.parametrize("raised", ["KeyboardInterrupt", "GeneratorExit", "SystemExit(0)"])
-def test_a_module_that_ends_programs_while_it_is_imported_is_an_error(tvsysid, tmp_path, monkeypatch, raised):
+def test_a_module_that_ends_programs_while_it_is_imported_is_an_error(
+    tvsysid, tmp_path, monkeypatch, raised
+):
     monkeypatch.syspath_prepend(tmp_path)
     module = f"ends_by_{raised[:4].lower()}"
     (tmp_path / f"{module}.py").write_text(f"raise {raised}\n")
@@ -139,13 +167,18 @@ def test_a_thread_that_a_module_leaves_does_not_keep_the_command_from_ending(tmp
         "import threading, time\nthreading.Thread(target=time.sleep, args=(600,)).start()\n"
     )
     words = [sys.executable, "-m", "tvsysid.cli", "check-method", "leaves:Mine"]
-    ended = subprocess.run(words, check=False, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    ended = subprocess.run(
+        words, check=False, capture_output=True, text=True, cwd=tmp_path, timeout=60
+    )
     assert ended.returncode == 2
     assert "has no 'Mine'" in ended.stderr
 
 
 def test_it_is_a_module_that_can_be_run():
     done = subprocess.run(
-        [sys.executable, "-m", "tvsysid.cli", "--version"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "tvsysid.cli", "--version"],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout == "tvsysid 0.1.0\n"

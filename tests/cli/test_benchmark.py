@@ -10,7 +10,17 @@ import xarray as xr
 @pytest.mark.usefixtures("sketched")
 def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
-        "benchmark", "--trials", 2, "--duration", 40, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
+        "benchmark",
+        "--trials",
+        2,
+        "--duration",
+        40,
+        "--method",
+        "sds",
+        "--method",
+        "esm:window=0.4",
+        "--workers",
+        1,
     )
     assert (code, err) == (0, "")
     assert "square wave, filtered noise, 40 s, 10 dB, 2 trials" in out
@@ -24,14 +34,24 @@ def test_benchmark(tvsysid, tmp_path, request):
     assert set(table.perturbation) == {"noise", "prbs"}
     assert set(table.method) == {"sds", "esm:window=0.4"}
     assert xr.open_zarr(folder / "results.zarr").estimate.sizes["trial"] == 2
-    assert set(pd.read_csv(folder / "claims.csv").verdict) <= {"holds", "does not hold", "undecided", "not studied"}
+    assert set(pd.read_csv(folder / "claims.csv").verdict) <= {
+        "holds",
+        "does not hold",
+        "undecided",
+        "not studied",
+    }
     for ending in ("png", "pdf", "svg"):
         for perturbation in ("noise", "prbs"):
-            assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 0
+            assert (
+                folder / "figures" / f"comparison-square-{perturbation}.{ending}"
+            ).stat().st_size > 0
         assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 0
     page = (folder / "report.html").read_text()
     assert "esm:window=0.4" in page
-    assert "tvsysid benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 --workers 1" in page
+    assert (
+        "tvsysid benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 --workers 1"
+        in page
+    )
     before = (folder / "summary.csv").read_text()
     for name in ("summary.csv", "report.html"):
         (folder / name).unlink()
@@ -43,7 +63,9 @@ def test_benchmark(tvsysid, tmp_path, request):
 
 
 def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
-    code, out, _ = tvsysid("benchmark", "--preset", "paper", "--trials", 4, "--method", "birf", "--dry-run")
+    code, out, _ = tvsysid(
+        "benchmark", "--preset", "paper", "--trials", 4, "--method", "birf", "--dry-run"
+    )
     assert code == 0
     assert "4 trials of each of 12 scenarios, seed 0: 48 trials, 10,560 s of data" in out
     assert "nothing was run" in out
@@ -52,11 +74,17 @@ def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
-    (tmp_path / "study.toml").write_text('duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n')
+    (tmp_path / "study.toml").write_text(
+        'duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n'
+    )
     code, _, _ = tvsysid("benchmark", "study.toml", "--trials", 2, "--workers", 1, "--out", "out")
     assert code == 0
     table = pd.read_csv(tmp_path / "out" / "summary.csv")
-    assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == ({"prbs"}, {40.0}, {2})
+    assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == (
+        {"prbs"},
+        {40.0},
+        {2},
+    )
 
 
 @pytest.mark.slow
@@ -66,10 +94,24 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     (tmp_path / "faulty.py").write_text(
         "class Mine:\n    def identify(self, ensemble):\n        raise KeyError('no key')\n"
     )
-    words = ("--duration", 40, "--perturbation", "prbs", "--trials", 2, "--method", "sds", "--workers", 1)
+    words = (
+        "--duration",
+        40,
+        "--perturbation",
+        "prbs",
+        "--trials",
+        2,
+        "--method",
+        "sds",
+        "--workers",
+        1,
+    )
     code, _, err = tvsysid("benchmark", *words, "--method", "faulty:Mine")
     assert code == 1
-    assert "error: faulty:Mine: 2 of 2 trials failed and are left out; the first: KeyError: 'no key'" in err
+    assert (
+        "error: faulty:Mine: 2 of 2 trials failed and are left out; the first: KeyError: 'no key'"
+        in err
+    )
     assert "faulty.py" in err
     table = (
         pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv")
@@ -85,12 +127,22 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "sketched")  # claims about reflexes have figures of their own
 def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
-    words = ("--system", "reflex-sine", "--stiffness", "sine", "--perturbation", "noise", "--duration", 20)
+    words = (
+        "--system",
+        "reflex-sine",
+        "--stiffness",
+        "sine",
+        "--perturbation",
+        "noise",
+        "--duration",
+        20,
+    )
     words += ("--trials", 1, "--method", "birf", "--method", "cascade", "--workers", 1)
     code, out, _ = tvsysid("benchmark", *words)
     assert code == 0
     (birf,), (cascade,) = (
-        [line for line in out.splitlines() if f" {name} " in line][:1] for name in ("birf", "cascade")
+        [line for line in out.splitlines() if f" {name} " in line][:1]
+        for name in ("birf", "cascade")
     )
     assert birf.count(" - ") == cascade.count(" - ") + 2  # neither gain nor torque of a reflex
     table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "claims.csv")
@@ -101,7 +153,18 @@ def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     def values(folder, *words):
-        options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)
+        options = (
+            "--trials",
+            2,
+            "--duration",
+            40,
+            "--method",
+            "birf",
+            "--perturbation",
+            "prbs",
+            "--workers",
+            1,
+        )
         assert tvsysid("benchmark", *options, "--out", folder, *words)[0] == 0
         table = pd.read_csv(tmp_path / folder / "summary.csv")
         return table[table.metric != "seconds"].value.to_numpy()
@@ -114,7 +177,9 @@ def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):
-    code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
+    code, _, err = tvsysid(
+        "benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1
+    )
     assert code == 0
     assert "warning: eirf: " in err
     assert "fewer than the 25 lags" in err
@@ -129,22 +194,50 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
         "class Joint(tv.simulate.Joint):\n    pass\n"
         "class Noise(tv.simulate.FilteredNoise):\n    pass\n"
     )
-    own = [f"--{name}=mysystem:{what}" for name, what in (("system", "Joint"), ("stiffness", "ramp"))]
-    options = ("--duration", 8, "--period", 1, "--rate", 125, "--trials", 1, "--method", "birf", "--workers", 1)
+    own = [
+        f"--{name}=mysystem:{what}" for name, what in (("system", "Joint"), ("stiffness", "ramp"))
+    ]
+    options = (
+        "--duration",
+        8,
+        "--period",
+        1,
+        "--rate",
+        125,
+        "--trials",
+        1,
+        "--method",
+        "birf",
+        "--workers",
+        1,
+    )
     assert tvsysid("benchmark", *own, "--perturbation", "mysystem:Noise", *options)[0] == 0
     table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv")
     assert set(table.system) == {"mysystem:Joint"}
     assert set(table.quantity.dropna()) == {"stiffness", "viscosity", "inertia"}
     code, _, err = tvsysid("benchmark", "--system", "ankle", "--dry-run")
     assert code == 2
-    assert "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch" in err
+    assert (
+        "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch"
+        in err
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_titles_of_tables_tell_systems_apart(tvsysid):
     code, out, _ = tvsysid(
-        *("benchmark", "--system", "joint", "--system", "reflex", "--trials", "1", "--duration", "20"),
+        *(
+            "benchmark",
+            "--system",
+            "joint",
+            "--system",
+            "reflex",
+            "--trials",
+            "1",
+            "--duration",
+            "20",
+        ),
         *("--perturbation", "prbs", "--method", "birf", "--workers", "1"),
     )
     assert code == 0

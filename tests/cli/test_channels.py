@@ -60,7 +60,10 @@ def recording(tmp_path, monkeypatch):
     time = np.arange(4000) / 100
     emg = 1 + np.sin(np.pi * time) + 0.1 * random.standard_normal(4000)
     np.savez(
-        tmp_path / "[red]joint.npz", angle=angle, torque=100 * angle + random.standard_normal(4000), EMG_SIGNAL=emg
+        tmp_path / "[red]joint.npz",
+        angle=angle,
+        torque=100 * angle + random.standard_normal(4000),
+        EMG_SIGNAL=emg,
     )
     (tmp_path / "channel_methods.py").write_text(METHODS)
     monkeypatch.syspath_prepend(tmp_path)
@@ -70,7 +73,14 @@ def recording(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
-    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Scheduled", "--method", "birf")
+    words = (
+        "--channel",
+        "emg=EMG_SIGNAL",
+        "--method",
+        "channel_methods:Scheduled",
+        "--method",
+        "birf",
+    )
     code, out, err = tvsysid("identify", recording, *IDENTIFY, *words)
     assert (code, err) == (0, "")
     assert "[red]joint.npz: " in out
@@ -82,8 +92,19 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
     assert (own.emg_level_upper > own.emg_level).all()
     assert own.stiffness.isna().all()
     assert table[table.method == "birf"].emg_level.isna().all()
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
-    assert ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "-", "50", "150"] in rows
+    rows = [
+        [cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line
+    ]
+    assert [
+        "channel_methods:Scheduled",
+        "stiffness",
+        "N·m/rad",
+        "emg",
+        "100",
+        "-",
+        "50",
+        "150",
+    ] in rows
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
         model = tree["channel_methods:Scheduled"]
         np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)
@@ -105,14 +126,18 @@ def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
-def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(tvsysid, recording, tmp_path):
+def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(
+    tvsysid, recording, tmp_path
+):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Lazy", "--method", "birf")
     code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
     assert code == 0
     assert err == "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]\n"
     assert set(pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").method) == {"birf"}
     # One that lacks its channel is skipped too; if no method is left, that is an error.
-    code, _, err = tvsysid("identify", recording, *IDENTIFY, "--method", "channel_methods:Scheduled")
+    code, _, err = tvsysid(
+        "identify", recording, *IDENTIFY, "--method", "channel_methods:Scheduled"
+    )
     assert code == 2
     assert "channel_methods:Scheduled: it needs the channel 'emg' (scheduling, V)" in err
     assert err.count("\n") == 1
@@ -121,7 +146,9 @@ def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_diagnosis_takes_channels(tvsysid, recording):
-    code, out, _ = tvsysid("inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL")
+    code, out, _ = tvsysid(
+        "inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL"
+    )
     assert code == 0
     assert "[red]joint.npz (angle, torque): 18 realizations" in out
 
@@ -146,7 +173,15 @@ def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
     np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})
     code, _, err = tvsysid(
-        "identify", "degrees.npz", "--angle", "[/bold]angle", *IDENTIFY[2:], "--method", "birf", "--out", "[b]out"
+        "identify",
+        "degrees.npz",
+        "--angle",
+        "[/bold]angle",
+        *IDENTIFY[2:],
+        "--method",
+        "birf",
+        "--out",
+        "[b]out",
     )
     assert code == 0
     assert "warning: " in err
@@ -162,9 +197,26 @@ def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
         variation=0.0,
         schedule=tv.simulate.SineWave(-0.1, 0.3, 10.0),
     )
-    recording = joint.simulate(30, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1, rate=500).recording
-    np.savez("moving.npz", angle=recording.angle, torque=recording.torque, ankle=recording.channels["ankle"])
-    signals = ("moving.npz", "--angle", "angle", "--torque", "torque", "--rate", 500, "--decimate", 100)
+    recording = joint.simulate(
+        30, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1, rate=500
+    ).recording
+    np.savez(
+        "moving.npz",
+        angle=recording.angle,
+        torque=recording.torque,
+        ankle=recording.channels["ankle"],
+    )
+    signals = (
+        "moving.npz",
+        "--angle",
+        "angle",
+        "--torque",
+        "torque",
+        "--rate",
+        500,
+        "--decimate",
+        100,
+    )
     code, _, err = tvsysid("identify", *signals)
     assert (code, "--period is missing: the duration of one repetition" in err) == (2, True)
     code, out, err = tvsysid("identify", *signals, "--scheduling", "ankle", "--out", "found")

@@ -39,10 +39,22 @@ ends = 1
 
 @pytest.mark.usefixtures("sketched")
 def test_virtual_participants(tvsysid, tmp_path, request):
-    words = ("experiment", "--virtual", 1, "--perturbation", "prbs", "--method", "birf", "--realizations", 20)
+    words = (
+        "experiment",
+        "--virtual",
+        1,
+        "--perturbation",
+        "prbs",
+        "--method",
+        "birf",
+        "--realizations",
+        20,
+    )
     code, _, err = tvsysid(*words, "--bootstraps", 3, "--workers", 1)
     assert code == 0
-    assert " ".join(err.split()).startswith("warning: P1-prbs: Aligning realizations to the target changes")
+    assert " ".join(err.split()).startswith(
+        "warning: P1-prbs: Aligning realizations to the target changes"
+    )
     assert err.count("warning") == 1
     folder = tmp_path / "tvsysid-experiment"
     page = (folder / "report.html").read_text()
@@ -66,7 +78,8 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     with xr.open_zarr(folder / "results.zarr", chunks=None) as results:
         assert results.estimate.sel(quantity="stiffness").shape == (1, 1, 3, 256)
     tables = {
-        name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv", "alignment.csv")
+        name: (folder / name).read_bytes()
+        for name in ("summary.csv", "claims.csv", "exclusions.csv", "alignment.csv")
     }
     for name in tables:
         (folder / name).unlink()
@@ -116,7 +129,9 @@ def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(FILES.replace("bootstraps", "bootstrap"))
     code, _, err = tvsysid("experiment", "study.toml")
     assert code == 2
-    assert "study.toml: experiment: bootstrap: unknown key; did you mean bootstraps?" in " ".join(err.split())
+    assert "study.toml: experiment: bootstrap: unknown key; did you mean bootstraps?" in " ".join(
+        err.split()
+    )
 
 
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):

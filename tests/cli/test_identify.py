@@ -29,7 +29,9 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
         "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
     )
     tvsysid("simulate", "joint.mat", "--duration", 40)
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds")
+    code, out, err = tvsysid(
+        "identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds"
+    )
     assert (code, err) == (0, "")
     assert "plainly:Mine" in out
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").groupby("method")
@@ -41,7 +43,10 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     methods = ["--method", "plainly:Faulty", "--method", "sds"]
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--out", "others")
     assert code == 1
-    assert "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+    assert (
+        "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 12)"
+        in err
+    )
     assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}
 
 
@@ -54,7 +59,9 @@ def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_pat
     monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", interrupted)
     tvsysid("simulate", "joint.mat", "--duration", 40)
     tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf", "--out", "found")
-    assert sorted(each.name for each in (tmp_path / "found").iterdir() if each.suffix in {".csv", ".nc"}) == [
+    assert sorted(
+        each.name for each in (tmp_path / "found").iterdir() if each.suffix in {".csv", ".nc"}
+    ) == [
         "models.nc",
         "stiffness.csv",
     ]
@@ -64,11 +71,25 @@ def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_pat
 
 @pytest.mark.slow
 def test_simulate_then_identify(tvsysid, tmp_path):
-    code, out, _ = tvsysid("simulate", "joint.mat", "--duration", 60, "--perturbation", "prbs", "--snr", 20)
+    code, out, _ = tvsysid(
+        "simulate", "joint.mat", "--duration", 60, "--perturbation", "prbs", "--snr", 20
+    )
     assert code == 0
-    assert "tvsysid identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 --period 2" in out
+    assert (
+        "tvsysid identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 --period 2"
+        in out
+    )
     code, out, err = tvsysid(
-        "identify", "joint.mat", *IDENTIFY, "--method", "sds", "--method", "kbr", "--out", "found", "--sheet"
+        "identify",
+        "joint.mat",
+        *IDENTIFY,
+        "--method",
+        "sds",
+        "--method",
+        "kbr",
+        "--out",
+        "found",
+        "--sheet",
     )
     assert (code, err) == (0, "")
     assert "28 realizations of 2 s" in out
@@ -100,7 +121,9 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     code, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY)
     assert code == 0
     _, first, switch, other, between, *table = out.splitlines()
-    found = re.fullmatch(r"recommended \(adaptive\): stiffness ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first)
+    found = re.fullmatch(
+        r"recommended \(adaptive\): stiffness ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first
+    )
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
     assert switch.startswith("  it switches by +")
     assert float(re.search(r"at ([\d.]+) s", other)[1]) == pytest.approx(1.5, abs=0.02)
@@ -118,7 +141,9 @@ def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysi
     methods = ("--method", "sds", "--method", "birf")
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--torque-sign", -1, *methods)
     assert code == 0
-    assert re.fullmatch(r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err)
+    assert re.fullmatch(
+        r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err
+    )
 
 
 def told_with_period(tvsysid, period):
@@ -152,7 +177,9 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
         ("angle", "mm", "No joint is so stiff or so soft", "or leave out a unit that is there."),
     ],
 )
-def test_no_stiffness_is_stated_from_wrong_channels_or_units(tvsysid, angle, torque, reason, remedy):
+def test_no_stiffness_is_stated_from_wrong_channels_or_units(
+    tvsysid, angle, torque, reason, remedy
+):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     signals = loadmat("joint.mat")
     more = {"degrees": np.degrees(signals["angle"]), "mm": 1000 * signals["torque"]}
@@ -173,8 +200,14 @@ def test_no_stiffness_is_stated_from_wrong_channels_or_units(tvsysid, angle, tor
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid):
     joint = tv.simulate.CompliantActuator(tv.simulate.Constant(100.0), noise_bandwidth=5.0)
-    recording = joint.simulate(80, perturbation=tv.simulate.FilteredNoise(), snr_db=0, seed=1).recording
-    signals = {"angle": recording.angle, "torque": recording.torque, "cmd": recording.channels["disturbance"]}
+    recording = joint.simulate(
+        80, perturbation=tv.simulate.FilteredNoise(), snr_db=0, seed=1
+    ).recording
+    signals = {
+        "angle": recording.angle,
+        "torque": recording.torque,
+        "cmd": recording.channels["disturbance"],
+    }
     savemat("loop.mat", signals)
     _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, "--method", "adaptive")
     told = out.splitlines()[1]
@@ -184,7 +217,9 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid
     options = told.partition("identify by ")[2].removesuffix(".")
     assert options == "--channel cmd=cmd --method kbr:reference=cmd,weighting=residual"
     _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, *options.split())
-    assert float(re.search(r"│ kbr:reference\S* +│ +([\d.]+)", out)[1]) == pytest.approx(100, rel=0.1)
+    assert float(re.search(r"│ kbr:reference\S* +│ +([\d.]+)", out)[1]) == pytest.approx(
+        100, rel=0.1
+    )
     assert "no stiffness" not in out
 
 
@@ -199,10 +234,21 @@ def test_a_period_twice_too_long_is_noted_once(tvsysid):
 def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
     tvsysid("simulate", "joint.mat", "--duration", 10)
     _, _, err = tvsysid(
-        "identify", "joint.mat", "--angle", "angle", "--torque", "torque", "--rate", 1000, "--period", 99
+        "identify",
+        "joint.mat",
+        "--angle",
+        "angle",
+        "--torque",
+        "torque",
+        "--rate",
+        1000,
+        "--period",
+        99,
     )
     note, *_ = err.splitlines()
-    assert note.startswith("note: identifying at 1000 Hz takes minutes, where seconds do; --decimate 100 is usual")
+    assert note.startswith(
+        "note: identifying at 1000 Hz takes minutes, where seconds do; --decimate 100 is usual"
+    )
 
 
 @pytest.mark.slow
@@ -217,7 +263,16 @@ def test_trials_and_degrees(tvsysid, tmp_path):
             "torque": -signals["torque"].reshape(6, 10_000).T,
         },
     )
-    options = ("--columns", "trials", "--angle-unit", "deg", "--torque-sign", -1, "--method", "birf")
+    options = (
+        "--columns",
+        "trials",
+        "--angle-unit",
+        "deg",
+        "--torque-sign",
+        -1,
+        "--method",
+        "birf",
+    )
     code, out, _ = tvsysid("identify", "trials.mat", *IDENTIFY, *options)
     assert code == 0
     assert "18 realizations of 2 s" in out
@@ -230,9 +285,14 @@ def test_trials_and_degrees(tvsysid, tmp_path):
 def test_identify_takes_other_formats(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate", "joint.csv", "--duration", 40)
     assert code == 0
-    assert "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 --period 2" in out
+    assert (
+        "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 --period 2"
+        in out
+    )
     signals = pd.read_csv("joint.csv")
-    xr.Dataset({name: ("time", signals[name]) for name in ("angle", "torque")}).to_netcdf("joint.nc", engine="h5netcdf")
+    xr.Dataset({name: ("time", signals[name]) for name in ("angle", "torque")}).to_netcdf(
+        "joint.nc", engine="h5netcdf"
+    )
     found = []
     for name in ("joint.csv", "joint.nc"):
         code, out, err = tvsysid("identify", name, *IDENTIFY, "--method", "birf")
@@ -247,14 +307,27 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
 def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40, "--perturbation", "prbs", "--snr", 20)
     signals = loadmat(tmp_path / "joint.mat")
-    savemat(tmp_path / "late.mat", {"angle": signals["angle"], "torque": np.roll(signals["torque"], 3)})
+    savemat(
+        tmp_path / "late.mat", {"angle": signals["angle"], "torque": np.roll(signals["torque"], 3)}
+    )
     inertia, said = {}, {}
-    for file, options in (("joint.mat", []), ("late.mat", ["--no-align-channels"]), ("late.mat", [])):
-        code, said[file, len(options)], err = tvsysid("identify", file, *IDENTIFY, "--method", "sds", *options)
+    for file, options in (
+        ("joint.mat", []),
+        ("late.mat", ["--no-align-channels"]),
+        ("late.mat", []),
+    ):
+        code, said[file, len(options)], err = tvsysid(
+            "identify", file, *IDENTIFY, "--method", "sds", *options
+        )
         assert (code, err) == (0, "")
-        inertia[file, len(options)] = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").inertia.mean()
+        inertia[file, len(options)] = pd.read_csv(
+            tmp_path / "tvsysid-identify" / "stiffness.csv"
+        ).inertia.mean()
     assert "corrected" not in said["joint.mat", 0] + said["late.mat", 1]
-    late = re.search(r"the torque is ([\d.]+) ± [\d.]+ ms late; all of it is corrected: held-out", said["late.mat", 0])
+    late = re.search(
+        r"the torque is ([\d.]+) ± [\d.]+ ms late; all of it is corrected: held-out",
+        said["late.mat", 0],
+    )
     assert float(late[1]) == pytest.approx(3, abs=0.75)  # less is in order
     assert inertia["late.mat", 1] < 0.7 * inertia["joint.mat", 0]
     assert inertia["late.mat", 0] == pytest.approx(0.02, rel=0.06)
@@ -268,8 +341,14 @@ def test_gaps_and_mains_are_taken_out_and_said(tvsysid, tmp_path):
     savemat(tmp_path / "joint.mat", {"angle": recording.angle, "torque": recording.torque})
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds")
     assert (code, err) == (0, "")
-    assert re.search(r"both signals .* for 0\.051? s at .* 2 times more; 3 realizations with gaps were left out", out)
-    assert "a line at 50 Hz has 4.9 % of the angle's RMS; mains hum was subtracted from all channels" in out
+    assert re.search(
+        r"both signals .* for 0\.051? s at .* 2 times more; 3 realizations with gaps were left out",
+        out,
+    )
+    assert (
+        "a line at 50 Hz has 4.9 % of the angle's RMS; mains hum was subtracted from all channels"
+        in out
+    )
     assert "16 realizations of 2 s" in out
     _, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds", "--no-remove-mains")
     assert "mains hum" not in out
@@ -282,33 +361,56 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     methods = ("--method", "birf", "--method", "kbr")
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
     assert (code, err) == (0, "")
-    assert "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, periodic=False): " in out
+    assert (
+        "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, periodic=False): "
+        in out
+    )
     folder = tmp_path / "tvsysid-identify"
     table = pd.read_csv(folder / "tuning.csv")
-    assert list(table.columns) == ["method", "settings", "criterion", "value", "unit", "standard_error", "chosen"]
+    assert list(table.columns) == [
+        "method",
+        "settings",
+        "criterion",
+        "value",
+        "unit",
+        "standard_error",
+        "chosen",
+    ]
     for _, rows in table.groupby("method"):
         assert rows.value[rows.chosen].item() == rows.value.max()
     assert (folder / "tuning.png").is_file()
     with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
-        assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
+        assert (
+            tree["birf"]
+            .attrs["method"]
+            .startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
+        )
     (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
     kept = pd.read_csv(folder / "stiffness.csv")
     request.getfixturevalue("undrawn")
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2]))
+    code, out, err = tvsysid(
+        "identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2])
+    )
     assert (code, err) == (0, "")
     repeated = pd.read_csv(folder / "stiffness.csv")
     np.testing.assert_array_equal(repeated.stiffness, kept.stiffness)
     # As in a study, one method may choose its settings and another not.
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds")
+    code, out, err = tvsysid(
+        "identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds"
+    )
     assert (code, err) == (0, "")
     assert "the same settings again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
-    (tmp_path / "untunable.py").write_text("class Mine:\n    def identify(self, ensemble):\n        return None\n")
+    (tmp_path / "untunable.py").write_text(
+        "class Mine:\n    def identify(self, ensemble):\n        return None\n"
+    )
     tvsysid("simulate", "joint.mat", "--duration", 40)
-    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune")
+    code, _, err = tvsysid(
+        "identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune"
+    )
     assert code == 2
     assert "leave out tune (--tune), and write key:tuned=true" in err
 
@@ -316,8 +418,17 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
-    tvsysid("simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40)
-    _, _, err = tvsysid("identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade")
-    assert err.startswith("warning: a reflex is taken for stiffness by sds: positive velocity predicts at least ")
-    assert "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)" in err
+    tvsysid(
+        "simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40
+    )
+    _, _, err = tvsysid(
+        "identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade"
+    )
+    assert err.startswith(
+        "warning: a reflex is taken for stiffness by sds: positive velocity predicts at least "
+    )
+    assert (
+        "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)"
+        in err
+    )
     assert err.count("warning") == 1

@@ -11,7 +11,9 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 4)
     code, out, err = tvsysid("inspect", "joint.mat")
     assert (code, err) == (0, "")
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
+    rows = [
+        [cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line
+    ]
     assert ["angle", "4000 x 1", "float64", "-", "1000"] in rows
     assert ["sampling_rate", "1 x 1", "float64", "-", "-"] in rows
     assert "wrote tvsysid-inspect/joint.mat.png" in out
@@ -28,14 +30,22 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 60)
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
     assert (code, err) == (0, "")
-    assert "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 checks" in out
-    assert "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)" in out
+    assert (
+        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 checks"
+        in out
+    )
+    assert (
+        "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"
+        in out
+    )
     assert "method for these data: adaptive: stiffness switches, which it places" in out
     assert "wrote tvsysid-inspect/joint.mat.angle-torque.diagnosis.html" in out
     page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
     assert "Diagnosis of joint.mat (angle, torque)" in page
-    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
+    code, out, err = tvsysid(
+        "inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9"
+    )
     assert (code, err) == (0, "")
     assert "reversed-torque (-" in out
     assert "remedy: read the file with torque_sign=-1 (--torque-sign -1)" in out
@@ -46,7 +56,9 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
 @pytest.mark.slow
 def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
     (tmp_path / "joint.csv").write_text("angle,torque,cmd\n" + "0,1,2\n1,0,1\n" * 9)
-    code, out, err = tvsysid("inspect", "joint.csv", "--diagnose", *IDENTIFY, "--reference", "command")
+    code, out, err = tvsysid(
+        "inspect", "joint.csv", "--diagnose", *IDENTIFY, "--reference", "command"
+    )
     assert (code, out) == (2, "")
     assert "add --channel command=CHANNEL, one of angle, torque, cmd" in err
 
@@ -54,7 +66,11 @@ def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
-    np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
+    np.savez(
+        "many.npz",
+        note=np.array("[red]hello"),
+        **{f"c{number}": np.ones((3, 2)) for number in range(14)},
+    )
     code, out, err = tvsysid("inspect", "many.npz")
     assert (code, err) == (0, "note: 2 more channels are not drawn\n")
     assert "text" in out
@@ -62,7 +78,9 @@ def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     assert "no signals to draw" in tvsysid("inspect", "none.npz")[1]
 
 
-@pytest.mark.parametrize(("recorded", "usual"), [(1000, "100"), (1024, "128"), (2048, "128"), (960, "96")])
+@pytest.mark.parametrize(
+    ("recorded", "usual"), [(1000, "100"), (1024, "128"), (2048, "128"), (960, "96")]
+)
 def test_the_usual_rate_divides_that_of_the_recording(recorded, usual):
     assert decimation(recorded) == f"--decimate {usual}"
 

@@ -51,7 +51,13 @@ def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_p
     monkeypatch.syspath_prepend(str(tmp_path))
     code, out, err = tvsysid("methods")
     assert code == 0
-    for words in ("Good [red]method", "order (must be given)", "gain=2.5", "has no 'Bad'", "Short data segments"):
+    for words in (
+        "Good [red]method",
+        "order (must be given)",
+        "gain=2.5",
+        "has no 'Bad'",
+        "Short data segments",
+    ):
         assert words in out
     assert err.startswith("note: 'sds' is offered by the installed package mypackage too")
 
@@ -80,7 +86,8 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     assert (code, err) == (1, "")
     assert "✓ identifies a joint" in out
     assert (
-        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), " in out
+        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), "
+        in out
     )
     assert "without predict(ensemble)" in out
     assert "– predicts the torque: not run: 'returns a model' failed" in out

@@ -15,15 +15,29 @@ CHANNELS = ("--angle", "angle", "--torque", "torque", "--rate", 100)
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     monkeypatch.setattr("tvsysid.planning.answers.MOST", 40)
     ensemble = ensemble_of(40.0, "sine", "noise")
-    signals = {name: ensemble.signal(name)[:, ensemble.core].ravel() for name in ("angle", "torque")}
+    signals = {
+        name: ensemble.signal(name)[:, ensemble.core].ravel() for name in ("angle", "torque")
+    }
     savemat(tmp_path / "pilot.mat", signals)
     code, shown, errors = tvsysid(
-        *("plan", "--pilot", "pilot.mat", *CHANNELS, "--method", "birf", "--method", "sds:window=0.6"),
+        *(
+            "plan",
+            "--pilot",
+            "pilot.mat",
+            *CHANNELS,
+            "--method",
+            "birf",
+            "--method",
+            "sds:window=0.6",
+        ),
         *("--precision", 6, "--resolution", 0.25, "--out", "planned", "--verify"),
     )
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
-    assert "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and the" in shown
+    assert (
+        "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and the"
+        in shown
+    )
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
     verified = re.search(r"birf +│ +(\d+) │ +[\d.]+ │ +([\d.]+) │ +[-+]\d+ % │ +([\d.]+)", shown)
     reached, half = map(float, verified.groups()[1:])
@@ -40,7 +54,9 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
 @pytest.mark.parametrize(("reached", "missed"), [(2.0, False), (2.6, True)])
 def test_verified_answers_that_miss_the_wish_are_named(capsys, monkeypatch, reached, missed):
     answer = Answer("prbs", "sds", 19, 31.5, 4.0, 0.5, 0.1)
-    monkeypatch.setattr(Plan, "verify", lambda plan, progress: [Verified("prbs", "sds", 19, 2.0, reached, 40)])
+    monkeypatch.setattr(
+        Plan, "verify", lambda plan, progress: [Verified("prbs", "sds", 19, 2.0, reached, 40)]
+    )
     _verify(Plan(5.0, None, {"prbs": Protocol(perturbation="prbs")}, {}, {}, (answer,)))
     # 1.96 * hypot(2.6, 0.5)
     assert ("sds misses the wish: ± 5.19 with 19 realizations" in capsys.readouterr().out) == missed
@@ -65,7 +81,10 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
         (("--pilot", "pilot.mat"), "--pilot needs --angle, --torque and --rate"),
         (("--pilot", "pilot.mat", "--noise", 1), "the pilot shows what --noise would state"),
         (("--noise", 1, "--snr", 10), "--noise and --snr: give one of them"),
-        (("--rate", 100, "--context", 1), "--rate, --context: said of a pilot recording; give that too (--pilot FILE)"),
+        (
+            ("--rate", 100, "--context", 1),
+            "--rate, --context: said of a pilot recording; give that too (--pilot FILE)",
+        ),
         (("--precision", 0), "precision: expected a positive number"),
         (("--stiffness", "squared"), "unknown profile 'squared'"),
     ],

@@ -61,13 +61,29 @@ def own(tmp_path, monkeypatch):
     ],
 )
 def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further):
-    code, out, err = tvsysid("simulate", "joint.mat", "--system", name, "--duration", 8, "--seed", 3)
+    code, out, err = tvsysid(
+        "simulate", "joint.mat", "--system", name, "--duration", 8, "--seed", 3
+    )
     assert (code, err) == (0, "")
-    signals = {name: values for name, values in loadmat("joint.mat").items() if not name.startswith("__")}
-    usual = {"angle", "torque", "noiseless_torque", "stiffness", "viscosity", "inertia", "sampling_rate"}
+    signals = {
+        name: values for name, values in loadmat("joint.mat").items() if not name.startswith("__")
+    }
+    usual = {
+        "angle",
+        "torque",
+        "noiseless_torque",
+        "stiffness",
+        "viscosity",
+        "inertia",
+        "sampling_rate",
+    }
     assert set(signals) == usual | further
-    simulation = tv.simulate.SYSTEMS[name].simulate(8, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
-    np.testing.assert_array_equal(signals["stiffness"].ravel(), simulation.truth["stiffness"][1000:9000])
+    simulation = tv.simulate.SYSTEMS[name].simulate(
+        8, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
+    )
+    np.testing.assert_array_equal(
+        signals["stiffness"].ravel(), simulation.truth["stiffness"][1000:9000]
+    )
     np.testing.assert_array_equal(signals["torque"].ravel(), simulation.recording.torque[1000:9000])
     # What is printed can be typed: channels are named.
     for channel in simulation.recording.channels:
@@ -78,20 +94,43 @@ def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further)
 
 @pytest.mark.usefixtures("own")
 def test_ones_own_profile_perturbation_and_system(tvsysid):
-    words = ("--stiffness", "own_systems:Steps", "--perturbation", "own_systems:Hum", "--duration", 8)
+    words = (
+        "--stiffness",
+        "own_systems:Steps",
+        "--perturbation",
+        "own_systems:Hum",
+        "--duration",
+        8,
+    )
     code, out, err = tvsysid("simulate", "joint.mat", *words)
     assert (code, err) == (0, "")
     assert "--period 4" in out
     assert set(np.unique(loadmat("joint.mat")["stiffness"])) == {60.0, 90.0}
-    words = ("--system", "tvsysid.simulate:ReflexJoint:inertia=0.03", "--stiffness", "sine", "--duration", 8)
+    words = (
+        "--system",
+        "tvsysid.simulate:ReflexJoint:inertia=0.03",
+        "--stiffness",
+        "sine",
+        "--duration",
+        8,
+    )
     assert tvsysid("simulate", "reflex.mat", *words)[0] == 0
     assert set(np.unique(loadmat("reflex.mat")["inertia"])) == {0.03}
-    words = ("--system", "reflex-sine:inertia=0.03", "--perturbation", "pulses:duration=0.1", "--duration", 8)
+    words = (
+        "--system",
+        "reflex-sine:inertia=0.03",
+        "--perturbation",
+        "pulses:duration=0.1",
+        "--duration",
+        8,
+    )
     assert tvsysid("simulate", "pulses.mat", *words)[0] == 0
     pulses = loadmat("pulses.mat")
     assert (pulses["inertia"] == 0.03).all()
     assert np.ptp(pulses["reflex_gain"]) == pytest.approx(8.0)
-    assert tvsysid("simulate", "rigid.mat", "--system", "own_systems:Rigid", "--duration", 8)[0] == 0
+    assert (
+        tvsysid("simulate", "rigid.mat", "--system", "own_systems:Rigid", "--duration", 8)[0] == 0
+    )
     assert set(np.unique(loadmat("rigid.mat")["stiffness"])) == {400.0}
 
 
@@ -103,13 +142,28 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
             ("--system", "arm"),
             "unknown system 'arm'; expected one of joint, reflex, reflex-sine,",
         ),
-        (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
-        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, pulses, multisine, or"),
+        (
+            ("--stiffness", "step"),
+            "unknown profile 'step'; expected one of square, sine, constant, or",
+        ),
+        (
+            ("--perturbation", "pink"),
+            "unknown perturbation 'pink'; expected one of noise, prbs, pulses, multisine, or",
+        ),
         (("--system", "own_systems:Hum"), "class Hum has no simulate"),
         (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
-        (("--system", "own_systems:Empty"), "simulate must return a tvsysid.simulate.Simulation, got int"),
-        (("--system", "own_systems:Rigid", "--stiffness", "sine"), "is not a dataclass with a field stiffness"),
-        (("--stiffness", "own_systems:broken"), "system joint: ZeroDivisionError: division by zero (own_systems.py"),
+        (
+            ("--system", "own_systems:Empty"),
+            "simulate must return a tvsysid.simulate.Simulation, got int",
+        ),
+        (
+            ("--system", "own_systems:Rigid", "--stiffness", "sine"),
+            "is not a dataclass with a field stiffness",
+        ),
+        (
+            ("--stiffness", "own_systems:broken"),
+            "system joint: ZeroDivisionError: division by zero (own_systems.py",
+        ),
     ],
 )
 def test_errors_say_what_was_expected(tvsysid, words, message):

@@ -50,14 +50,20 @@ def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
         assert (code, err) == (0, "")
         assert not steering(out)
         assert len(list((tmp_path / f"tvsysid-{command[0]}").iterdir())) == files
-    for command in (("inspect", "no" + FILE), ("identify", FILE, *words[2:], "--angle", "no"), ("report", FILE)):
+    for command in (
+        ("inspect", "no" + FILE),
+        ("identify", FILE, *words[2:], "--angle", "no"),
+        ("report", FILE),
+    ):
         code, _, err = tvsysid(*command)
         assert code == 2
         assert not steering(err)
 
 
 @pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 2), (errno.EPIPE, 0)])
-def test_the_work_is_done_though_nothing_can_be_printed(tvsysid, tmp_path, monkeypatch, number, code):
+def test_the_work_is_done_though_nothing_can_be_printed(
+    tvsysid, tmp_path, monkeypatch, number, code
+):
     class Lost(io.StringIO):
         def write(self, text):
             raise OSError(number, os.strerror(number))
@@ -84,11 +90,16 @@ def test_a_narrow_terminal_breaks_no_number(monkeypatch, capsys):
         assert "163.5" in shown[width]
         assert "0.0205" in shown[width]
         assert "mymodule:MyMethod │" not in shown[width]
-    assert shown[20] == "stiffness\nmethod: mymodule:MyMethod\n  mean (N·m/rad): 163.5\n  inertia: 0.0205\n"
+    assert (
+        shown[20]
+        == "stiffness\nmethod: mymodule:MyMethod\n  mean (N·m/rad): 163.5\n  inertia: 0.0205\n"
+    )
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sets a limit that only POSIX knows")
-def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_left(tvsysid, tmp_path):
+def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_left(
+    tvsysid, tmp_path
+):
     import resource
 
     tvsysid("simulate", "joint.mat", "--duration", 40)
@@ -107,7 +118,14 @@ def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_lef
 @pytest.mark.parametrize("name", ["sds", "kbr:reference=disturbance,weighting=residual"])
 def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, name):
     monkeypatch.setattr(output, "width", 80)
-    headings = ["method", "bias\n(N·m/rad)", "random\n(N·m/rad)", "total\n(N·m/rad)", "VAF\n(%)", "VAF 1-10 Hz\n(%)"]
+    headings = [
+        "method",
+        "bias\n(N·m/rad)",
+        "random\n(N·m/rad)",
+        "total\n(N·m/rad)",
+        "VAF\n(%)",
+        "VAF 1-10 Hz\n(%)",
+    ]
     show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
@@ -122,7 +140,13 @@ def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, n
 
 def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):
     with shown_warnings():
-        for text in ("sds: 9.5 % is odd", "esm: 12 % is odd", "sds: 9.5 % is odd", "kbr: 5 lags", "what is odd: it"):
+        for text in (
+            "sds: 9.5 % is odd",
+            "esm: 12 % is odd",
+            "sds: 9.5 % is odd",
+            "kbr: 5 lags",
+            "what is odd: it",
+        ):
             warnings.warn(text, DataQualityWarning, stacklevel=1)
     told = ["9.5 to 12 % is odd (sds, esm)", "kbr: 5 lags", "what is odd: it"]
     assert capsys.readouterr().err.splitlines() == [f"warning: {text}" for text in told]

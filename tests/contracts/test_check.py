@@ -110,7 +110,9 @@ class Degrees(Fit):
 class PredictsElastically(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
-        return spoiled(model, predict=lambda other: model.stiffness * other.angle[:, other.core] / 2)
+        return spoiled(
+            model, predict=lambda other: model.stiffness * other.angle[:, other.core] / 2
+        )
 
 
 class RemembersItsPrediction(Fit):
@@ -129,7 +131,11 @@ class TakesAsConstant(Fit):
 class Random(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
-        return spoiled(model, stiffness=model.stiffness + 0.01 * np.random.default_rng().normal(size=ensemble.samples))
+        return spoiled(
+            model,
+            stiffness=model.stiffness
+            + 0.01 * np.random.default_rng().normal(size=ensemble.samples),
+        )
 
 
 class ReturnsItself:
@@ -155,7 +161,9 @@ class Threshold(Fit):
 
 class HundredHertz(Fit):
     def identify(self, ensemble):
-        return super().identify(tv.Ensemble(ensemble.angle, ensemble.torque, 100.0, ensemble.context))
+        return super().identify(
+            tv.Ensemble(ensemble.angle, ensemble.torque, 100.0, ensemble.context)
+        )
 
 
 class TwoSeconds(Fit):
@@ -218,7 +226,10 @@ class WrongInputs(Fit):
 
 
 class TooManyInputs(Fit):
-    inputs = (tv.methods.Input("emg", "scheduling", "1"), tv.methods.Input("force", "reference", "N"))
+    inputs = (
+        tv.methods.Input("emg", "scheduling", "1"),
+        tv.methods.Input("force", "reference", "N"),
+    )
 
 
 class Skips(Fit):
@@ -236,7 +247,9 @@ class OverAnotherAxis(Fit):
         model = super().identify(ensemble)
         values = tv.Estimate(np.ones(4), "N m/rad", ("emg",))
         return SimpleNamespace(
-            estimates={"stiffness": values}, coordinates={"emg": np.arange(4.0)}, predict=model.predict
+            estimates={"stiffness": values},
+            coordinates={"emg": np.arange(4.0)},
+            predict=model.predict,
         )
 
 
@@ -270,7 +283,9 @@ class SaysOtherPathways(Fit):
 class WrongLength(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
-        return SimpleNamespace(estimates={**model.estimates, "reflex_gain": np.ones(7)}, predict=model.predict)
+        return SimpleNamespace(
+            estimates={**model.estimates, "reflex_gain": np.ones(7)}, predict=model.predict
+        )
 
 
 class SecondPathway(Fit):
@@ -288,7 +303,10 @@ class NoReflex(SecondPathway):
         model = Fit().identify(ensemble)
 
         def pathways(other):
-            return {"intrinsic": model.predict(other), "reflex": np.zeros((len(other), other.samples))}
+            return {
+                "intrinsic": model.predict(other),
+                "reflex": np.zeros((len(other), other.samples)),
+            }
 
         return SimpleNamespace(stiffness=model.stiffness, pathways=pathways)
 
@@ -299,7 +317,13 @@ def failed(method):
 
 @pytest.mark.parametrize(
     "method",
-    [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.PAPER_METHODS)],
+    [
+        Fit(),
+        NeedsMany(),
+        NeedsManyOrSkips(),
+        Doubts(),
+        *map(tv.methods.create, tv.methods.PAPER_METHODS),
+    ],
     ids=repr,
 )
 def test_good_methods_pass(method):
@@ -310,46 +334,114 @@ def test_good_methods_pass(method):
     ("method", "name", "words"),
     [
         (Fit, "has identify", "got the class Fit itself; give Fit()"),
-        (3, "has identify", "expected an object with identify(ensemble), got an object of type int"),
+        (
+            3,
+            "has identify",
+            "expected an object with identify(ensemble), got an object of type int",
+        ),
         (Writes(), "identifies a joint", "work on a copy, as in ensemble.angle.copy()"),
-        (Replaces(), "leaves the ensemble untouched", "identify changed the ensemble, which all methods share"),
-        (WrongInputs(), "states its inputs", "inputs must be a tuple of tvsysid.methods.Input (with a comma"),
-        (TooManyInputs(), "states its inputs", "no system that the package simulates has all of emg, force"),
+        (
+            Replaces(),
+            "leaves the ensemble untouched",
+            "identify changed the ensemble, which all methods share",
+        ),
+        (
+            WrongInputs(),
+            "states its inputs",
+            "inputs must be a tuple of tvsysid.methods.Input (with a comma",
+        ),
+        (
+            TooManyInputs(),
+            "states its inputs",
+            "no system that the package simulates has all of emg, force",
+        ),
         (
             Skips(),
             "states its inputs",
             "torque RMS 0.963 N·m): it is closed today",
         ),
-        (OverAnotherAxis(), "returns a model", "expected an estimate of stiffness over time, got stiffness"),
-        (WithoutCoordinates(), "returns a model", "more has the axis 'emg', for which the model has no coordinates"),
-        (SaysTooMuch(), "returns a model", "expected estimates of all its quantities, got none of reflex_gain"),
+        (
+            OverAnotherAxis(),
+            "returns a model",
+            "expected an estimate of stiffness over time, got stiffness",
+        ),
+        (
+            WithoutCoordinates(),
+            "returns a model",
+            "more has the axis 'emg', for which the model has no coordinates",
+        ),
+        (
+            SaysTooMuch(),
+            "returns a model",
+            "expected estimates of all its quantities, got none of reflex_gain",
+        ),
         (SaysScheduled(), "returns a model", "as in {'stiffness_at_emg': 20}, got ('stiff"),
-        (SaysOtherScheduled(), "returns a model", "of all its quantities, got none of stiffness_at_emg"),
+        (
+            SaysOtherScheduled(),
+            "returns a model",
+            "of all its quantities, got none of stiffness_at_emg",
+        ),
         (TooManyScheduled(), "returns a model", "expected 3 values of stiffness at most"),
-        (SaysOtherPathways(), "has pathways that add up", "of its pathway_names, got none of reflexx"),
-        (WrongLength(), "returns a model", "reflex_gain over time must be of shape (200,), it is (7,)"),
+        (
+            SaysOtherPathways(),
+            "has pathways that add up",
+            "of its pathway_names, got none of reflexx",
+        ),
+        (
+            WrongLength(),
+            "returns a model",
+            "reflex_gain over time must be of shape (200,), it is (7,)",
+        ),
         (
             SecondPathway(),
             "has pathways that add up",
             "expected pathways(ensemble) with predict(ensemble) as",
         ),
         (Crashes(), "identifies a joint", "it stopped with ValueError: matmul"),
-        (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_check.py, line "),
+        (
+            CrashesFarBelow(),
+            "identifies a joint",
+            "LinAlgError: Singular matrix (test_check.py, line ",
+        ),
         (ReturnsNothing(), "returns a model", "identify returned None"),
-        (ReturnsArray(), "returns a model", "an object of type ndarray without stiffness and predict(ensemble)"),
+        (
+            ReturnsArray(),
+            "returns a model",
+            "an object of type ndarray without stiffness and predict(ensemble)",
+        ),
         (CountsContext(), "returns a model", "= (200,), got (300,); this counts the context"),
-        (Complex(), "returns a model", "expected predict(ensemble) as real floating-point numbers, got complex128"),
-        (Integers(), "returns a model", "expected stiffness as real floating-point numbers, got int64"),
+        (
+            Complex(),
+            "returns a model",
+            "expected predict(ensemble) as real floating-point numbers, got complex128",
+        ),
+        (
+            Integers(),
+            "returns a model",
+            "expected stiffness as real floating-point numbers, got int64",
+        ),
         (Infinite(), "returns a model", "stiffness holds infinite values; give NaN"),
         (KnowsNothing(), "returns a model", "stiffness is NaN at 100 % of the samples"),
         (Reversed(), "recovers a constant stiffness", "the sign is reversed"),
         (Degrees(), "recovers a constant stiffness", "1.75 N·m/rad in the mean, where 100 is true"),
         (PredictsElastically(), "predicts the torque", "expected more than 80 %"),
-        (RemembersItsPrediction(), "predicts the torque", "of shape (realization, time) = (20, 200), got (75, 200)"),
+        (
+            RemembersItsPrediction(),
+            "predicts the torque",
+            "of shape (realization, time) = (20, 200), got (75, 200)",
+        ),
         (Random(), "gives the same numbers again", "give random numbers a fixed seed"),
-        (ReturnsItself(), "gives the same numbers again", "the first model changed when identify was called again"),
+        (
+            ReturnsItself(),
+            "gives the same numbers again",
+            "the first model changed when identify was called again",
+        ),
         (HoldsLock(), "can be sent to a worker", "hold no open file, lock or generator in it"),
-        (Threshold(), "scales with the torque", "ten times the torque gave 2 times the stiffness; expected 10"),
+        (
+            Threshold(),
+            "scales with the torque",
+            "ten times the torque gave 2 times the stiffness; expected 10",
+        ),
         (
             HundredHertz(),
             "works at another rate and length",
@@ -363,7 +455,11 @@ def test_good_methods_pass(method):
             "takes few realizations, or says that it does not",
             "3 realizations: IndexError: out of",
         ),
-        (SingularOnFew(), "takes few realizations, or says that it does not", "3 realizations: LinAlgError: Singular"),
+        (
+            SingularOnFew(),
+            "takes few realizations, or says that it does not",
+            "3 realizations: LinAlgError: Singular",
+        ),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Fit) else None,
 )
@@ -408,7 +504,11 @@ def test_line_of_the_users_file_is_named():
 def test_what_depends_on_a_failure_is_not_run():
     checks = {check.name: check for check in check_method(ReturnsNothing())}
     assert checks["identifies a joint"].passed
-    for name in ("recovers a constant stiffness", "can be sent to a worker", "works without context"):
+    for name in (
+        "recovers a constant stiffness",
+        "can be sent to a worker",
+        "works without context",
+    ):
         assert checks[name].message == "not run: 'returns a model' failed"
         assert not checks[name].passed
     checks = {check.name: check for check in check_method(Crashes())}

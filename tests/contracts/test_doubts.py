@@ -19,7 +19,9 @@ def doubts(method, ensemble):
         model = method.identify(ensemble)
     texts = [str(warning.message) for warning in caught]
     assert [f"{method.key}: {text}" for text in model.diagnostics.warnings] == texts
-    assert all(warning.filename == __file__ for warning in caught), "the warning points at the caller"
+    assert all(warning.filename == __file__ for warning in caught), (
+        "the warning points at the caller"
+    )
     return " ".join(texts)
 
 
@@ -61,7 +63,9 @@ def test_an_offset_shifts_the_stiffness_unless_subtracted():
 
 
 def test_fewer_realizations_than_lags():
-    assert "20 realizations are fewer than the 25 lags" in doubts(tv.EnsembleIRF(), ensemble_of(40.0))
+    assert "20 realizations are fewer than the 25 lags" in doubts(
+        tv.EnsembleIRF(), ensemble_of(40.0)
+    )
 
 
 @five
@@ -126,7 +130,9 @@ def test_a_rate_far_above_the_perturbation_for_spectra():
 def test_a_joint_that_is_not_of_second_order(key, perturbation):
     simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant(100.0)).simulate(
         150,
-        perturbation={"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}[perturbation],
+        perturbation={"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}[
+            perturbation
+        ],
         snr_db=10,
         seed=4,
     )

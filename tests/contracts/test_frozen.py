@@ -23,7 +23,11 @@ def test_what_is_written_is_read(tmp_path, capsys):
     ("path", "changed", "told"),
     [
         ("methods/square/sds/stiffness", np.array([np.nan, 50.0, 100.001]), "stiffness 1.0e-05"),
-        ("methods/square/sds/stiffness", np.array([1.0, 50.0, 100.0]), "stiffness: NaN at other places"),
+        (
+            "methods/square/sds/stiffness",
+            np.array([1.0, 50.0, 100.0]),
+            "stiffness: NaN at other places",
+        ),
         ("methods/square/sds/stiffness", np.zeros(4), "stiffness: shape (3,), now (4,)"),
         ("methods/square/sds/warnings", "few realizations\nloud noise", "+ loud noise"),
         ("plan/default/minutes", None, "minutes: gone"),

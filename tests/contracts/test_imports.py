@@ -75,7 +75,9 @@ def test_no_room_for_everything():
 
 def test_headings_of_docstrings_stand_above_their_lines():
     for file in PACKAGE.rglob("*.py"):
-        assert not re.search(r"\w +-{3,}$|^ *-{5,} *\w", file.read_text(encoding="utf-8"), re.MULTILINE), file
+        assert not re.search(
+            r"\w +-{3,}$|^ *-{5,} *\w", file.read_text(encoding="utf-8"), re.MULTILINE
+        ), file
 
 
 @pytest.mark.slow
@@ -98,7 +100,12 @@ print("comparison", heavy & set(sys.modules) or "light")
 """
     command = [sys.executable, "-W", "ignore", "-c", program, str(tmp_path / "models.nc")]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert shown.splitlines() == ["import light", "identification light", "diagnosis light", "comparison light"]
+    assert shown.splitlines() == [
+        "import light",
+        "identification light",
+        "diagnosis light",
+        "comparison light",
+    ]
 
 
 def test_no_public_name_is_that_of_the_module_that_has_it():

@@ -57,13 +57,20 @@ REACH = {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
-SECONDS = ("kbr experiment", "cascade", "sdss", "tvpc", "bpc")  # those that take some for all checks
+SECONDS = (
+    "kbr experiment",
+    "cascade",
+    "sdss",
+    "tvpc",
+    "bpc",
+)  # those that take some for all checks
 
 
 def parametrize(*names):
     chosen = {name: pytest.mark.slow if name in SECONDS else () for name in names or METHODS}
     return pytest.mark.parametrize(
-        "method", [pytest.param(METHODS[name], id=name, marks=marks) for name, marks in chosen.items()]
+        "method",
+        [pytest.param(METHODS[name], id=name, marks=marks) for name, marks in chosen.items()],
     )
 
 
@@ -76,7 +83,9 @@ def _doubts_are_not_the_point():
 
 def assert_same(model, other, **tolerance):
     for name in ("stiffness", "viscosity", "inertia"):
-        np.testing.assert_allclose(getattr(model, name), getattr(other, name), err_msg=name, **tolerance)
+        np.testing.assert_allclose(
+            getattr(model, name), getattr(other, name), err_msg=name, **tolerance
+        )
 
 
 def enough_for(method):
@@ -99,7 +108,9 @@ def model_of(method, *data):
     [
         *(
             # Other settings of a method are asked the same again.
-            pytest.param(METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS or " " in name))
+            pytest.param(
+                METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS or " " in name)
+            )
             for name in METHODS
         ),
         *(
@@ -161,8 +172,12 @@ def test_constant_stiffness_is_recovered_from_noiseless_data(method):
     assert np.abs(model.stiffness - 100.0).mean() < allowed
 
 
-@parametrize(*(name for name in METHODS if name != "sdss"))  # a stiffness that changes is a reflex to it
-@pytest.mark.parametrize(("profile", "perturbation"), [("sine", "noise"), ("sine", "prbs"), ("square", "prbs")])
+@parametrize(
+    *(name for name in METHODS if name != "sdss")
+)  # a stiffness that changes is a reflex to it
+@pytest.mark.parametrize(
+    ("profile", "perturbation"), [("sine", "noise"), ("sine", "prbs"), ("square", "prbs")]
+)
 def test_viscosity_and_inertia_are_recovered(method, profile, perturbation):
     model = model_of(method, duration_for(method), profile, perturbation)
     assert np.mean(model.viscosity) == pytest.approx(2.2, rel=0.05)
@@ -189,7 +204,9 @@ def test_every_method_answers_bands(method):
                 band(wrong)
     whole = model.estimates["stiffness"].band(simultaneous=True)
     pointwise = model.estimates["stiffness"].band()
-    wider = np.isclose if method.time_invariant else np.greater  # a constant is at all times what it is at one
+    wider = (
+        np.isclose if method.time_invariant else np.greater
+    )  # a constant is at all times what it is at one
     assert wider(pointwise[0], whole[0])[np.isfinite(model.stiffness)].all()
     assert wider(whole[1], pointwise[1])[np.isfinite(model.stiffness)].all()
     dataset = model.to_xarray()
@@ -199,7 +216,9 @@ def test_every_method_answers_bands(method):
     assert dataset.inertia_standard_error.attrs["units"] == "kg m2"
 
 
-@parametrize(*(name for name in METHODS if name != "cascade"))  # which compares two stiffnesses instead
+@parametrize(
+    *(name for name in METHODS if name != "cascade")
+)  # which compares two stiffnesses instead
 def test_a_joint_of_second_order_agrees_with_one(method):
     model = model_of(method, duration_for(method), "square", "prbs")
     assert 99 < model.diagnostics.details["second_order_agreement"] <= 100
@@ -257,19 +276,25 @@ def test_more_context_than_needed_changes_nothing(method):
 
 @parametrize()
 @pytest.mark.parametrize(("torque", "angle"), [(25, -25), (-25, 24.7), (-3.3, -1.76)])
-def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(method, torque, angle):
+def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(
+    method, torque, angle
+):
     ensemble, model = ensemble_of(*enough_for(method)), model_of(method, *enough_for(method))
     angles = {name: getattr(ensemble, name) * 10**angle for name in ("angle", "recorded_angle")}
     scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, **angles)
     other, factor = method.identify(scaled), 10**torque / 10**angle
     # What rounding does where a prior hardly holds inertia, iterations end, or products of columns are factored (sdss).
     iterated = dict.fromkeys((METHODS["kbr experiment"], METHODS["bpc"]), 1e-6)
-    rounding = (iterated | {METHODS["birf irf ridge"]: 1e-7, METHODS["sdss"]: 1e-5}).get(method, 1e-9)
+    rounding = (iterated | {METHODS["birf irf ridge"]: 1e-7, METHODS["sdss"]: 1e-5}).get(
+        method, 1e-9
+    )
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
         atol = rounding * np.nanmax(np.abs(expected))
         np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-9, atol=atol)
-    np.testing.assert_allclose(standard_errors_of(other), standard_errors_of(model) * factor, rtol=rounding)
+    np.testing.assert_allclose(
+        standard_errors_of(other), standard_errors_of(model) * factor, rtol=rounding
+    )
 
 
 @parametrize()
@@ -355,7 +380,10 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.EnsembleIRF(max_lag=-1), "max_lag must be positive"),
         (lambda: tv.EnsembleIRF(max_lag=float("nan")), "max_lag must be positive"),
         (lambda: tv.EnsembleIRF(max_lag="long"), "max_lag must be a number, got 'long'"),
-        (lambda: tv.EnsembleIRF(solver="svd"), "solver must be one of 'mdl', 'full', 'lstsq'; got 'svd'"),
+        (
+            lambda: tv.EnsembleIRF(solver="svd"),
+            "solver must be one of 'mdl', 'full', 'lstsq'; got 'svd'",
+        ),
         (lambda: tv.EnsembleIRF(order="random"), "order must be one of"),
         (lambda: tv.ShortDataSegments(window=0), "window must be positive"),
         (lambda: tv.BasisIRF(prior="flat"), "prior must be one of"),
@@ -370,8 +398,14 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.CubicBSplines(3), "at least 4"),
         (lambda: tv.GaussianBumps(10, width=0.0), "width must be a positive number"),
         (lambda: tv.HaarWavelets(0), "at least 1"),
-        (lambda: tv.methods.create("arx"), "unknown method 'arx'; the methods are eirf, sds, birf, esm, kbr"),
-        (lambda: tv.methods.create("sds", windw=1), "unknown setting 'windw'; its settings are max_lag, window"),
+        (
+            lambda: tv.methods.create("arx"),
+            "unknown method 'arx'; the methods are eirf, sds, birf, esm, kbr",
+        ),
+        (
+            lambda: tv.methods.create("sds", windw=1),
+            "unknown setting 'windw'; its settings are max_lag, window",
+        ),
         (
             lambda: tv.methods.parse("adaptive:reference=command"),
             "unknown setting 'reference'; its settings are emg, tuned; methods with that setting are sds, birf, esm",
@@ -388,12 +422,16 @@ def test_wrong_settings_are_refused(create, message):
 
 def test_a_basis_of_the_wrong_shape_is_refused():
     method = tv.BasisIRF(basis=lambda time: time)
-    with pytest.raises(tv.InputError, match=r"shape \(200, functions\) for 200 times, got shape \(200,\)"):
+    with pytest.raises(
+        tv.InputError, match=r"shape \(200, functions\) for 200 times, got shape \(200,\)"
+    ):
         method.identify(ensemble_of())
 
 
 def test_a_callable_basis_serves():
-    method = tv.BasisIRF(basis=lambda time: np.stack([np.ones_like(time), np.sin(2 * np.pi * time)], axis=1))
+    method = tv.BasisIRF(
+        basis=lambda time: np.stack([np.ones_like(time), np.sin(2 * np.pi * time)], axis=1)
+    )
     model = method.identify(ensemble_of(150.0, "sine", "noise", 20.0))
     assert np.abs(model.stiffness - tv.simulate.SineWave()(model.time)).max() < 5
 
@@ -402,7 +440,9 @@ def test_a_callable_basis_serves():
 def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
     model = model_of(method, *enough_for(method))
     travelled = pickle.loads(pickle.dumps(model))
-    for one, other in zip(model.estimates["stiffness"].band(), travelled.estimates["stiffness"].band(), strict=True):
+    for one, other in zip(
+        model.estimates["stiffness"].band(), travelled.estimates["stiffness"].band(), strict=True
+    ):
         np.testing.assert_array_equal(one, other)
     assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()
 
@@ -410,12 +450,18 @@ def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
 @pytest.mark.parametrize("verb", ["identify", "tuned"])
 def test_blas_has_one_thread_within_a_method_and_as_many_as_before_after_it(monkeypatch, verb):
     def threads():
-        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+        return [
+            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+        ]
 
     seen, method = [], tv.ShortDataSegments()
     for name in ("_identify", "_evidence"):
         own = getattr(tv.ShortDataSegments, name)
-        monkeypatch.setattr(tv.ShortDataSegments, name, lambda *given, own=own: seen.append(threads()) or own(*given))
+        monkeypatch.setattr(
+            tv.ShortDataSegments,
+            name,
+            lambda *given, own=own: seen.append(threads()) or own(*given),
+        )
     with threadpool_limits(2):
         before = threads()
         getattr(method, verb)(ensemble_of())

@@ -16,9 +16,13 @@ import tvsysid as tv
 from tvsysid import cli
 
 SYSTEMS = {
-    Cascade: tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8.0, 4.0)),
+    Cascade: tv.simulate.ReflexJoint(
+        stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8.0, 4.0)
+    ),
     Scheduled: tv.simulate.ScheduledJoint(stiffness=tv.simulate.SineWave()),
-    Instrumental: tv.simulate.CompliantActuator(stiffness=tv.simulate.SineWave(), noise_bandwidth=2.0),
+    Instrumental: tv.simulate.CompliantActuator(
+        stiffness=tv.simulate.SineWave(), noise_bandwidth=2.0
+    ),
     Recursive: tv.simulate.Joint(stiffness=tv.simulate.SineWave()),
 }
 """What suits each."""
@@ -30,7 +34,9 @@ every_toy = pytest.mark.parametrize("toy", list(SYSTEMS), ids=lambda toy: toy.__
 
 @cache
 def simulated(toy):
-    simulation = SYSTEMS[toy].simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    simulation = SYSTEMS[toy].simulate(
+        150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     return simulation, tv.preprocess.subtract_mean(ensemble, tv.methods.deviating_channels([toy()]))
 
@@ -76,7 +82,10 @@ def test_is_skipped_where_its_channel_is_missing(toy):
     (item,) = toy.inputs
     found = tv.compare(ensemble, [toy(), "sds"])
     assert list(found.models) == ["sds"]
-    assert f"it needs the channel {item.name!r} ({item.kind}, {item.unit})" in found.skipped[toy.__name__]
+    assert (
+        f"it needs the channel {item.name!r} ({item.kind}, {item.unit})"
+        in found.skipped[toy.__name__]
+    )
     with pytest.raises(tv.InputError, match=f"it needs the channel {item.name!r}"):
         tv.methods.apply(toy(), ensemble)
 
@@ -93,7 +102,9 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
         assert stored[name].attrs["units"] == estimate.unit
         np.testing.assert_array_equal(stored[name].values, estimate.values)
         if estimate.standard_error is not None:
-            np.testing.assert_array_equal(stored[f"{name}_standard_error"].values, estimate.standard_error.values)
+            np.testing.assert_array_equal(
+                stored[f"{name}_standard_error"].values, estimate.standard_error.values
+            )
             for side, limit in zip(("lower", "upper"), estimate.band(), strict=True):
                 np.testing.assert_array_equal(stored[f"{name}_{side}"].values, limit)
     for axis, values in model.coordinates.items():
@@ -105,7 +116,8 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
-    ("system", "together"), [("scheduled", (Scheduled, Cascade)), ("compliant", (Instrumental, Recursive))]
+    ("system", "together"),
+    [("scheduled", (Scheduled, Cascade)), ("compliant", (Instrumental, Recursive))],
 )
 def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
@@ -116,7 +128,13 @@ def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
     labels = {toy: f"mytoys:{toy.__name__}" for toy in together}
     for words in (
         ["simulate", "ankle.mat", f"--system={system}", "--duration=40"],
-        ["identify", "ankle.mat", *signals, *(f"--method={label}" for label in labels.values()), "--method=sds"],
+        [
+            "identify",
+            "ankle.mat",
+            *signals,
+            *(f"--method={label}" for label in labels.values()),
+            "--method=sds",
+        ],
     ):
         monkeypatch.setattr(sys, "argv", ["tvsysid", *words])
         with pytest.raises(SystemExit) as stopped:
@@ -127,7 +145,9 @@ def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
     for toy, stored in models.items():
         assert "torque_intrinsic" in stored
         assert ("torque_reflex" in stored) == ("reflex_gain" in stored) == (toy is Cascade)
-        assert stored.stiffness.dims == (("time",) if toy in (Cascade, Instrumental) else ("realization", "time"))
+        assert stored.stiffness.dims == (
+            ("time",) if toy in (Cascade, Instrumental) else ("realization", "time")
+        )
         assert ("stiffness_lower" in stored) == (toy is not Recursive)
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
     assert set(table.method) == {*labels.values(), "sds"}
@@ -137,7 +157,11 @@ def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
 def test_is_bootstrapped_with_its_channels(toy):
     _, ensemble = simulated(toy)
     # Each draw has other extremes of EMG, and with them other values that the stiffness is over.
-    no_band = pytest.warns(tv.DataQualityWarning, match="stiffness_at_emg") if toy is Scheduled else nullcontext()
+    no_band = (
+        pytest.warns(tv.DataQualityWarning, match="stiffness_at_emg")
+        if toy is Scheduled
+        else nullcontext()
+    )
     with no_band:
         found = tv.uncertainty.bootstrap(toy(), ensemble, 5, seed=1)
     assert len(found) == 5

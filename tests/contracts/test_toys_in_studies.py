@@ -44,7 +44,13 @@ class Wobble:
 
 def study_of(toy, **settings):
     return tv.study.Study(
-        **{"system": SYSTEMS[toy], "stiffness": "sine", "perturbation": "noise", "duration_s": 60, "trials": 2}
+        **{
+            "system": SYSTEMS[toy],
+            "stiffness": "sine",
+            "perturbation": "noise",
+            "duration_s": 60,
+            "trials": 2,
+        }
         | {"methods": [toy(), "sds"]}
         | settings
     )
@@ -84,7 +90,10 @@ def test_takes_part_in_a_benchmark(toy, tmp_path):
         assert "pathway_torque" not in results or np.isnan(own.pathway_torque).all()
     if toy is Scheduled:
         model, _ = identified(toy)
-        curve, stored = model.estimates["stiffness_at_emg"], own.sel(trial=1, scheduled="stiffness_at_emg")
+        curve, stored = (
+            model.estimates["stiffness_at_emg"],
+            own.sel(trial=1, scheduled="stiffness_at_emg"),
+        )
         np.testing.assert_array_equal(stored.scheduled_estimate, curve.values)
         np.testing.assert_array_equal(stored.scheduled_standard_error, curve.standard_error.values)
         np.testing.assert_array_equal(stored.scheduling_variable, model.coordinates["emg"])
@@ -115,7 +124,9 @@ def test_is_skipped_with_the_reason_where_its_channel_is_missing_and_not_tried_a
 @every_toy
 def test_takes_part_in_an_experiment(toy, tmp_path):
     (item,) = getattr(toy, "inputs", None) or (None,)
-    simulation = SYSTEMS[toy].simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
+    simulation = SYSTEMS[toy].simulate(
+        100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
+    )
     tv.recordings.write_recording(tmp_path / "ankle.mat", simulation.recording)
     experiment = tv.study.Experiment(
         folder=tmp_path,
@@ -159,7 +170,9 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         assert (np.diff(emg, axis=1) > 0).all()
         assert "scheduled_standard_error" not in results
     table = tv.study.summarize(results)
-    assert np.isfinite(table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value).all()
+    assert np.isfinite(
+        table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value
+    ).all()
 
 
 @pytest.mark.slow
@@ -178,10 +191,14 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     results = tv.study.read_results(tmp_path / "results.zarr").load()
     cascade, sds = (results.isel(recording=0, analysis=place) for place in (0, 1))
     assert (cascade.pathway_vaf.sel(pathway="intrinsic") > 90).all()
-    assert np.isnan(cascade.pathway_vaf.sel(pathway="reflex")).all()  # the participants' reflex is at rest
+    assert np.isnan(
+        cascade.pathway_vaf.sel(pathway="reflex")
+    ).all()  # the participants' reflex is at rest
     assert np.isnan(sds.pathway_vaf).all()
     table = tv.study.summarize(results)
-    gain = table[(table.method == "Cascade") & (table.quantity == "reflex_gain")].set_index("metric")
+    gain = table[(table.method == "Cascade") & (table.quantity == "reflex_gain")].set_index(
+        "metric"
+    )
     assert gain.index.tolist() == ["mean_reflex_gain", "random_error", "bias_error", "mean_bias"]
     assert np.isfinite(gain.value).all()
 
@@ -191,15 +208,28 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
 def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tvsysid, tmp_path):
     (tmp_path / "myobjects.py").write_text(OBJECTS, encoding="utf-8")
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
-    words = ["--system=myobjects:HeavyJoint", "--stiffness=myobjects:ramp", "--perturbation=myobjects:Wobble"]
-    words += ["--method=mytoys:Recursive", "--method=birf", "--trials=2", "--duration=40", "--workers=1", "--out=out"]
+    words = [
+        "--system=myobjects:HeavyJoint",
+        "--stiffness=myobjects:ramp",
+        "--perturbation=myobjects:Wobble",
+    ]
+    words += [
+        "--method=mytoys:Recursive",
+        "--method=birf",
+        "--trials=2",
+        "--duration=40",
+        "--workers=1",
+        "--out=out",
+    ]
     code, _, err = tvsysid("benchmark", *words)
     assert code == 0, err
     results = tv.study.read_results(tmp_path / "out" / "results.zarr").load()
     np.testing.assert_allclose(results.truth.isel(scenario=0).sel(quantity="inertia"), 0.05)
     truth = results.truth.isel(scenario=0).sel(quantity="stiffness")
     np.testing.assert_allclose(truth, 60 + 40 * results.time)
-    found = results.estimate.isel(scenario=0).sel(method_key="birf", quantity="stiffness").mean("trial")
+    found = (
+        results.estimate.isel(scenario=0).sel(method_key="birf", quantity="stiffness").mean("trial")
+    )
     assert np.sqrt(np.mean((found - truth) ** 2)) < 15
     table = pd.read_csv(tmp_path / "out" / "summary.csv")
     assert set(table.method) == {"mytoys:Recursive", "birf"}

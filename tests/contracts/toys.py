@@ -26,7 +26,9 @@ class Found:
     coordinates: dict[str, np.ndarray] = field(default_factory=dict)
 
     def pathways(self, ensemble):
-        torques = self.parameters.reshape(len(self.parameters), 1, -1) * self.method.regressors(ensemble)
+        torques = self.parameters.reshape(len(self.parameters), 1, -1) * self.method.regressors(
+            ensemble
+        )
         reflex = {"reflex": torques[3]} if "reflex_gain" in self.estimates else {}
         return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
 
@@ -49,10 +51,16 @@ def sliding_fit(regressors, torque, instruments):
     inverse = np.linalg.pinv(windowed(np.einsum("irt,jrt->tij", z, x)))
     values = np.einsum("tij,tj->it", inverse, windowed(np.einsum("irt,rt->ti", z, y)))
     residual = np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0)
-    noise = windowed(np.sum(residual**2, axis=0)) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
-    spread = np.einsum("tij,tjk,tik->it", inverse, windowed(np.einsum("irt,jrt->tij", z, z)), inverse)
+    noise = windowed(np.sum(residual**2, axis=0)) / np.maximum(
+        windowed(known.sum(axis=0).astype(float)), 1.0
+    )
+    spread = np.einsum(
+        "tij,tjk,tik->it", inverse, windowed(np.einsum("irt,jrt->tij", z, z)), inverse
+    )
     values[:, ~known.any(axis=0)] = np.nan
-    return values, np.sqrt(np.maximum(noise * spread, 0.0)) + 0 * values  # a running sum may leave less than 0
+    return values, np.sqrt(
+        np.maximum(noise * spread, 0.0)
+    ) + 0 * values  # a running sum may leave less than 0
 
 
 class Cascade:
@@ -66,7 +74,9 @@ class Cascade:
         stretch = np.maximum(np.gradient(ensemble.angle, 1 / rate, axis=1), 0.0)
         muscle = bilinear([15.6**2], [1.0, 2 * 0.62 * 15.6, 15.6**2], fs=rate)
         reflex = lfilter(*muscle, np.pad(stretch, ((0, 0), (late, 0)))[:, : stretch.shape[1]])
-        reflex[:, : round(0.4 * rate)] = np.nan  # it depends on what came before, which is not known
+        reflex[:, : round(0.4 * rate)] = (
+            np.nan
+        )  # it depends on what came before, which is not known
         if ensemble.mean_subtracted:
             reflex -= reflex.mean(axis=0)
         return np.concatenate([ensemble.derivatives(), reflex[None, :, ensemble.core]])
@@ -85,7 +95,9 @@ class Scheduled:
 
     def regressors(self, ensemble):
         angle, velocity, acceleration = ensemble.derivatives()
-        return np.stack([angle, velocity, acceleration, angle * ensemble.signal("emg")[:, ensemble.core]])
+        return np.stack(
+            [angle, velocity, acceleration, angle * ensemble.signal("emg")[:, ensemble.core]]
+        )
 
     def identify(self, ensemble):
         regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
@@ -97,11 +109,19 @@ class Scheduled:
 
         def stiffness(emg, *axes):
             variance = covariance[0, 0] + 2 * emg * covariance[0, 3] + emg**2 * covariance[3, 3]
-            return Estimate(values[0] + values[3] * emg, "N m/rad", axes, StandardError(np.sqrt(variance), np.inf))
+            return Estimate(
+                values[0] + values[3] * emg,
+                "N m/rad",
+                axes,
+                StandardError(np.sqrt(variance), np.inf),
+            )
 
         emg = ensemble.signal("emg")[:, ensemble.core]
         levels = np.linspace(emg.min(), emg.max(), 20)
-        constants = (np.tile(each[1:3, None], ensemble.samples) for each in (values, np.sqrt(np.diag(covariance))))
+        constants = (
+            np.tile(each[1:3, None], ensemble.samples)
+            for each in (values, np.sqrt(np.diag(covariance)))
+        )
         estimates = {
             "stiffness": stiffness(emg, "realization", "time"),
             "stiffness_at_emg": stiffness(levels, "emg"),
@@ -149,10 +169,15 @@ class Recursive:
             return lfilter([1.0], [1.0, -0.8], windowed(products, axis=1), axis=0)
 
         left = so_far(np.einsum("irt,jrt->rtij", x, x))
-        values = np.einsum("rtij,rtj->irt", np.linalg.pinv(left), so_far(np.einsum("irt,rt->rti", x, torque)))
+        values = np.einsum(
+            "rtij,rtj->irt", np.linalg.pinv(left), so_far(np.einsum("irt,rt->rti", x, torque))
+        )
         values[:, ~known] = np.nan
         axes = ("realization", "time")
-        estimates = {name: Estimate(each, UNITS[name], axes) for name, each in zip(IMPEDANCE, values, strict=True)}
+        estimates = {
+            name: Estimate(each, UNITS[name], axes)
+            for name, each in zip(IMPEDANCE, values, strict=True)
+        }
         return Found(self, values.mean(axis=1), estimates)
 
 

@@ -24,7 +24,9 @@ def module(path):
 
 
 RUN = module(DOCS / "static/browser/run.py").run
-FIRST, *EXERCISES = re.findall(r"^## (.+?)\n(.+?)(?=^## )", (DOCS / "browser.md").read_text("utf-8"), re.M | re.S)
+FIRST, *EXERCISES = re.findall(
+    r"^## (.+?)\n(.+?)(?=^## )", (DOCS / "browser.md").read_text("utf-8"), re.M | re.S
+)
 
 
 def code_of(section):
@@ -48,11 +50,17 @@ def long(number):
 
 
 @pytest.mark.parametrize(
-    "section", [pytest.param(text, id=title, marks=long(int(title.split()[1][0]))) for title, text in EXERCISES]
+    "section",
+    [
+        pytest.param(text, id=title, marks=long(int(title.split()[1][0])))
+        for title, text in EXERCISES
+    ],
 )
 def test_an_exercise_gives_the_answers_that_are_stated(section):
     code = code_of(section)
-    stated = re.findall(r"^`(\w+ = [^`]+)`\n\n```text\n(.+?)^```", section, re.MULTILINE | re.DOTALL)
+    stated = re.findall(
+        r"^`(\w+ = [^`]+)`\n\n```text\n(.+?)^```", section, re.MULTILINE | re.DOTALL
+    )
     (values,) = choices(code).values()
     assert len(stated) >= 2
     for line, text in stated:
@@ -73,7 +81,11 @@ def test_the_first_block_and_all_of_its_choices():
     for name, values in choices(code).items():
         for value in values:
             made = eval(value, {"tv": tv})
-            assert hasattr(made, verbs[name]) if name in verbs else made in tv.methods.METHODS or made >= 0, (
+            assert (
+                hasattr(made, verbs[name])
+                if name in verbs
+                else made in tv.methods.METHODS or made >= 0
+            ), (
                 name,
                 value,
             )
@@ -88,21 +100,33 @@ def test_errors_and_warnings_are_read():
     )
     assert json.loads(RUN("x = 1\ndef f(:"))["error"].startswith("Line 2: SyntaxError: ")
     assert json.loads(RUN("raise SystemExit(3)"))["error"] == "Line 1: SystemExit: 3"
-    warned = json.loads(RUN("import warnings, tvsysid\nwarnings.warn('few', tvsysid.DataQualityWarning)"))
+    warned = json.loads(
+        RUN("import warnings, tvsysid\nwarnings.warn('few', tvsysid.DataQualityWarning)")
+    )
     assert warned == {"text": "Warning: few\n", "error": None, "curves": []}
 
 
 def test_a_file_that_is_not_the_one_meant_is_refused(tmp_path, monkeypatch):
     get = module(DOCS / "get_pyodide.py")
-    listed = {"info": {}, "packages": {name: {"name": name} for name in ("numpy", "scipy", "pandas")}}
+    listed = {
+        "info": {},
+        "packages": {name: {"name": name} for name in ("numpy", "scipy", "pandas")},
+    }
     there = {"a": b"1", "b": b"2", get.LIST: json.dumps(listed).encode()}
     meant = there | {get.LIST: get.shortened(there[get.LIST])}
-    monkeypatch.setattr(get, "FILES", {name: hashlib.sha256(content).hexdigest() for name, content in meant.items()})
+    monkeypatch.setattr(
+        get, "FILES", {name: hashlib.sha256(content).hexdigest() for name, content in meant.items()}
+    )
     get.keep(there.__getitem__, tmp_path / "kept")
-    assert set(json.loads((tmp_path / "kept" / get.LIST).read_text())["packages"]) == {"numpy", "scipy"}
+    assert set(json.loads((tmp_path / "kept" / get.LIST).read_text())["packages"]) == {
+        "numpy",
+        "scipy",
+    }
     with pytest.raises(SystemExit, match=r"b: its SHA-256 is .*, expected"):
         get.keep((there | {"b": b"3"}).__getitem__, tmp_path / "refused")
     listed["packages"]["numpy"]["file_name"] = "https://elsewhere.org/numpy.whl"
     with pytest.raises(SystemExit, match=r"pyodide-lock\.json: its SHA-256 is .*, expected"):
-        get.keep((there | {get.LIST: json.dumps(listed).encode()}).__getitem__, tmp_path / "refused")
+        get.keep(
+            (there | {get.LIST: json.dumps(listed).encode()}).__getitem__, tmp_path / "refused"
+        )
     assert not (tmp_path / "refused").exists()

@@ -23,7 +23,9 @@ def test_each_has_its_limit_effect_and_remedy(name):
     kind, told = FAULTS[name], " ".join(SECTIONS[name].split())
     assert told.lower().startswith(f": {kind.title.lower()} ")
     lowest = f" or below {kind.lowest:g} {kind.unit}" if kind.lowest else ""
-    assert f"Measure: {kind.measure}; wrong {kind.wrong} {kind.limit:g} {kind.unit}{lowest}." in told
+    assert (
+        f"Measure: {kind.measure}; wrong {kind.wrong} {kind.limit:g} {kind.unit}{lowest}." in told
+    )
     assert f"Effect: {kind.effect}." in told
     assert f"Remedy: {kind.remedy}." in told
 
@@ -31,7 +33,11 @@ def test_each_has_its_limit_effect_and_remedy(name):
 @pytest.mark.usefixtures("sketched")
 def test_the_example_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    recording = tv.simulate.Joint().simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0).recording
+    recording = (
+        tv.simulate.Joint()
+        .simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0)
+        .recording
+    )
     savemat("ankle.mat", {"pos": recording.angle, "tq": -recording.torque})
     (code,) = re.findall(r"^```python\n(.+?)\n^```", PAGE, re.MULTILINE | re.DOTALL)
     exec(code, {})

@@ -55,10 +55,16 @@ def test_the_method_passes_as_the_page_shows(tvsysid, folder):
 @pytest.mark.usefixtures("undrawn")
 def test_the_method_is_in_the_benchmark(tvsysid, folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
-    code, out, err = tvsysid(*words_of(command), "--duration", "40", "--perturbation", "noise", "--workers", "1")
+    code, out, err = tvsysid(
+        *words_of(command), "--duration", "40", "--perturbation", "noise", "--workers", "1"
+    )
     assert code == 0, out + err
     table = pd.read_csv(folder / "sliding" / "summary.csv")
-    total = table[(table.metric == "total_error") & (table.quantity == "stiffness")].set_index("method").value
+    total = (
+        table[(table.metric == "total_error") & (table.quantity == "stiffness")]
+        .set_index("method")
+        .value
+    )
     assert set(total.index) == {"sds", "mymethod:SlidingFit"}
     assert total["mymethod:SlidingFit"] < total["sds"]
 
@@ -69,7 +75,11 @@ def test_the_script_compares_the_object(folder):
     script = SCRIPT.replace("trials=5", 'trials=1, duration_s=[40], perturbation=["noise"]')
     assert script != SCRIPT
     (folder / "compare.py").write_text(script, encoding="utf-8")
-    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
+    variables = {
+        "PYTHONPATH": str(PACKAGE),
+        "PYTHONIOENCODING": "utf-8",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
     done = subprocess.run(
         [sys.executable, "compare.py"],
         cwd=folder,
@@ -88,7 +98,10 @@ def test_the_script_compares_the_object(folder):
 def test_the_method_that_reads_a_channel(tvsysid, folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
     commands, benchmark = blocks("sh")
-    check, *others = [*commands.splitlines(), f"{benchmark} --trials 1 --duration 20 --perturbation noise --workers 1"]
+    check, *others = [
+        *commands.splitlines(),
+        f"{benchmark} --trials 1 --duration 20 --perturbation noise --workers 1",
+    ]
     code, out, err = tvsysid(*words_of(check))
     assert code == 0, out + err
     assert "✗" not in out
@@ -115,4 +128,6 @@ def test_the_entry_point_is_of_the_group_that_is_read():
     from tvsysid.methods.plugins import GROUPS
 
     (project,) = blocks("toml")
-    assert tomllib.loads(project)["project"]["entry-points"] == {GROUPS["method"]: {"sliding": "mymethod:SlidingFit"}}
+    assert tomllib.loads(project)["project"]["entry-points"] == {
+        GROUPS["method"]: {"sliding": "mymethod:SlidingFit"}
+    }

@@ -15,7 +15,11 @@ PAGE = (ROOT / "docs" / "plain-methods.md").read_text(encoding="utf-8")
 
 def test_the_page_shows_every_function_of_the_file():
     parts = ast.parse(Path(plain.__file__).read_text(encoding="utf-8")).body
-    shown = re.findall(r"^```{literalinclude} \.\./benchmarks/plain\.py\n:pyobject: (\w+)\n```$", PAGE, re.MULTILINE)
+    shown = re.findall(
+        r"^```{literalinclude} \.\./benchmarks/plain\.py\n:pyobject: (\w+)\n```$",
+        PAGE,
+        re.MULTILINE,
+    )
     assert sorted(shown) == sorted(part.name for part in parts if isinstance(part, ast.FunctionDef))
 
 

@@ -47,10 +47,14 @@ def test_the_workflow_begins_at_the_lowest_python():
     lowest = PROJECT["requires-python"].removeprefix(">=")
     assert versions[0] == lowest
     setup = [
-        step["with"]["python-version"] for step in jobs["lowest"]["steps"] if "setup-python" in step.get("uses", "")
+        step["with"]["python-version"]
+        for step in jobs["lowest"]["steps"]
+        if "setup-python" in step.get("uses", "")
     ]
     assert setup == [lowest]
 
 
 def test_hooks_need_nothing_from_elsewhere():
-    assert {place["repo"] for place in yaml.safe_load(read(".pre-commit-config.yaml"))["repos"]} == {"local"}
+    assert {
+        place["repo"] for place in yaml.safe_load(read(".pre-commit-config.yaml"))["repos"]
+    } == {"local"}

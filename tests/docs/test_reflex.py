@@ -30,4 +30,6 @@ def test_the_example_separates_what_other_methods_take_for_stiffness(tmp_path, m
 def test_the_table_names_all_methods_of_two_pathways():
     table = TEXT.split("## Which method when")[1].split("##")[0]
     named = set(re.findall(r"`(\w+)(?::\w+=\w+)?`", table)) - {"emg"}
-    assert named == {key for key in tv.methods.METHODS if tv.methods.describe(key).purpose == "two pathways"}
+    assert named == {
+        key for key in tv.methods.METHODS if tv.methods.describe(key).purpose == "two pathways"
+    }

@@ -7,7 +7,13 @@ import pytest
 from tests.synthetic import responses_of, results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021 import study_figures
-from tvsysid.study.contents import OF_CHANGING_TRUTH, OF_SCHEDULED, OF_SEVERAL_PATHWAYS, OF_TRIAL, layout_of
+from tvsysid.study.contents import (
+    OF_CHANGING_TRUTH,
+    OF_SCHEDULED,
+    OF_SEVERAL_PATHWAYS,
+    OF_TRIAL,
+    layout_of,
+)
 from tvsysid.study.scores import UNITS
 from tvsysid.study.simulated import Study
 from tvsysid.study.summary import COLUMNS
@@ -36,7 +42,9 @@ def test_every_metric_is_explained_once():
 
 def test_every_variable_of_the_store_is_named():
     names = {*OF_TRIAL, *OF_SEVERAL_PATHWAYS, *OF_SCHEDULED, *OF_CHANGING_TRUTH} | {
-        each.name for each in layout_of(Study()).fixed if "time" in each.dims and each.name != "time"
+        each.name
+        for each in layout_of(Study()).fixed
+        if "time" in each.dims and each.name != "time"
     }
     text = SECTIONS["results.zarr"]
     readers = {'tv.study.read_results("results.zarr")', "xarray.open_zarr"}
@@ -47,6 +55,9 @@ def test_every_variable_of_the_store_is_named():
 @pytest.mark.slow
 def test_every_kind_of_figure_is_named():
     results = results_of()
-    kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results), responses_of())}
+    kinds = {
+        stem.partition("-")[0]
+        for stem in study_figures(results, summary_of(results), responses_of())
+    }
     kinds |= {"pathways", "bias"}  # of tests.studies.test_reflex
     assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

@@ -20,11 +20,16 @@ def test_the_example_runs():
     exec(EXAMPLE, names)
     simulation, ensemble = names["simulation"], names["ensemble"]
     truth = simulation.truth_of(ensemble)["stiffness"]
-    np.testing.assert_allclose(truth, np.tile(tv.simulate.SineWave()(ensemble.time), (20, 1)), rtol=1e-9)
+    np.testing.assert_allclose(
+        truth, np.tile(tv.simulate.SineWave()(ensemble.time), (20, 1)), rtol=1e-9
+    )
 
 
 def test_the_table_says_what_each_system_gives():
-    rows = [[cell.strip() for cell in row.strip("|").split("|")] for row in re.findall(r"^\| `\w+` \|.*$", TEXT, re.M)]
+    rows = [
+        [cell.strip() for cell in row.strip("|").split("|")]
+        for row in re.findall(r"^\| `\w+` \|.*$", TEXT, re.M)
+    ]
     rows = [[kind, name, *others] for kind, names, *others in rows for name in names.split(", ")]
     assert {name for _, name, *_ in rows if name} == set(tv.simulate.SYSTEMS)
     for kind, name, _, truth, pathways, channel in rows:
@@ -42,7 +47,9 @@ def test_the_table_says_what_each_system_gives():
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("number", [0, 1])
-def test_ones_own_profile_perturbation_and_joint_are_simulated(tvsysid, tmp_path, monkeypatch, number):
+def test_ones_own_profile_perturbation_and_joint_are_simulated(
+    tvsysid, tmp_path, monkeypatch, number
+):
     (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     (commands,) = re.findall(r"^```\n(tvsysid .+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)
@@ -54,4 +61,8 @@ def test_ones_own_profile_perturbation_and_joint_are_simulated(tvsysid, tmp_path
     assert (table.stiffness == own[0]).all()
     assert own[1] in set(table.perturbation)
     assert (table.system == ("joint" if number == 0 else "mine:DragJoint")).all()
-    assert table[(table.metric == "bias_error") & (table.quantity == "stiffness")].value.between(0.1, 30).all()
+    assert (
+        table[(table.metric == "bias_error") & (table.quantity == "stiffness")]
+        .value.between(0.1, 30)
+        .all()
+    )

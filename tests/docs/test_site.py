@@ -36,7 +36,9 @@ def test_five_minutes_from_a_file_to_a_picture(tvsysid, tmp_path):
 
 
 def test_options_of_protocols_are_there(tvsysid):
-    told = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / "protocols.md").read_text(encoding="utf-8")))
+    told = set(
+        re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / "protocols.md").read_text(encoding="utf-8"))
+    )
     shown = "".join(tvsysid(command, "--help")[1] for command in ("identify", "inspect"))
     assert told
     assert not {option for option in told if option not in shown}
@@ -46,7 +48,9 @@ def test_methods_of_the_decision_table_are_there():
     import tvsysid as tv
 
     table = (DOCS / "which-method.md").read_text(encoding="utf-8").split("## The evidence")[0]
-    words = set(re.findall(r"`((?:kbr|lpv|cascade|eirf|sds|birf|esm|adaptive)(?::[\w=,]+)?)`", table))
+    words = set(
+        re.findall(r"`((?:kbr|lpv|cascade|eirf|sds|birf|esm|adaptive)(?::[\w=,]+)?)`", table)
+    )
     assert len(words) > 8
     for word in words:
         tv.methods.parse(word)
@@ -54,9 +58,14 @@ def test_methods_of_the_decision_table_are_there():
 
 def test_every_page_is_in_a_section():
     lists = "\n".join(
-        (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("index", "how-to", "which-method", "reference")
+        (DOCS / f"{name}.md").read_text(encoding="utf-8")
+        for name in ("index", "how-to", "which-method", "reference")
     )
-    listed = {line for tree in re.findall(r"```{toctree}\n(.+?)```", lists, re.DOTALL) for line in tree.split("\n")}
+    listed = {
+        line
+        for tree in re.findall(r"```{toctree}\n(.+?)```", lists, re.DOTALL)
+        for line in tree.split("\n")
+    }
     assert {page.stem for page in DOCS.glob("*.md")} - listed == {"index"}
 
 
@@ -66,4 +75,7 @@ def test_each_picture_opens_by_itself_but_a_thumbnail(monkeypatch):
     image, thumbnail = '<img alt="two" src="../_images/a.png" />', '<img alt="" src="b.png" />'
     context = {"body": f"<p>{image}</p>{thumbnail}"}
     pictures.link(None, "", "", context, None)
-    assert context["body"] == f'<p><a class="picture" href="../_images/a.png">{image}</a></p>{thumbnail}'
+    assert (
+        context["body"]
+        == f'<p><a class="picture" href="../_images/a.png">{image}</a></p>{thumbnail}'
+    )

@@ -60,7 +60,13 @@ def test_the_python_tutorial_runs(folder):
     results = xr.open_zarr(folder / "P1.zarr", chunks=None)
     assert results.sizes["bootstrap"] == 3
     assert (results.failure == "").all()
-    assert {str(each).rpartition("-")[0] for each in results.analysis.values} == {"eirf", "sds", "birf", "esm", "kbr"}
+    assert {str(each).rpartition("-")[0] for each in results.analysis.values} == {
+        "eirf",
+        "sds",
+        "birf",
+        "esm",
+        "kbr",
+    }
 
 
 @pytest.mark.usefixtures("sketched")
@@ -76,7 +82,12 @@ def test_the_command_line_tutorial_runs(tvsysid, folder, request):
     code, told, _ = tvsysid(*words_of(experiment), "--workers", 1)
     assert code == 0
     assert "random" in told
-    for name in ("report.html", "figures/participants.pdf", "figures/participant.pdf", "exclusions.csv"):
+    for name in (
+        "report.html",
+        "figures/participants.pdf",
+        "figures/participant.pdf",
+        "exclusions.csv",
+    ):
         assert (folder / "P1" / name).stat().st_size > 1000
     table = pd.read_csv(folder / "P1" / "stiffness.csv")
     assert set(table.method) == {"eirf", "sds"}

@@ -45,7 +45,9 @@ SAID = {
 @pytest.fixture(scope="module")
 def recording():
     joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
-    return joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000).recording
+    return joint.simulate(
+        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000
+    ).recording
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,9 @@ def file(recording, tmp_path_factory):
     """In degrees, with the torque reversed and 12 ms late."""
     file = tmp_path_factory.mktemp("explored") / "my ankle.npz"
     torque = -np.roll(recording.torque, 12)
-    np.savez(file, pos=np.degrees(recording.angle), tq=torque, cmd=np.roll(recording.angle, -3), one=1.0)
+    np.savez(
+        file, pos=np.degrees(recording.angle), tq=torque, cmd=np.roll(recording.angle, -3), one=1.0
+    )
     return file
 
 
@@ -66,7 +70,9 @@ def found(file):
 def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     for name in ("save", "identified_impedance"):
         monkeypatch.setattr(f"tvsysid.figures.{name}", lambda *given: None)
-    monkeypatch.setattr("tvsysid.cli.identify._account", lambda *given: sys.exit(0))  # after the table was written
+    monkeypatch.setattr(
+        "tvsysid.cli.identify._account", lambda *given: sys.exit(0)
+    )  # after the table was written
     code, _, _ = tvsysid(*shlex.split(found.command)[1:], "--out", "found")
     assert code == 0
     written, shown = pd.read_csv("found/stiffness.csv"), found.found.over_time()
@@ -79,7 +85,9 @@ def test_the_python_shown_finds_the_same(found):
     names: dict = {}
     exec(found.python, names)
     (model,) = names["found"].models.values()
-    np.testing.assert_array_equal(model.stiffness, found.found.models[found.settings.method].stiffness)
+    np.testing.assert_array_equal(
+        model.stiffness, found.found.models[found.settings.method].stiffness
+    )
     assert found.cut.delay == pytest.approx(0.012, abs=0.0005)
 
 
@@ -88,7 +96,9 @@ def test_a_recording_needs_no_file(recording):
     found, names = outcome(settings), {"recording": recording}
     assert command(settings) == ""
     exec(python(settings), names)
-    np.testing.assert_array_equal(names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness)
+    np.testing.assert_array_equal(
+        names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness
+    )
 
 
 def test_gaps_and_mains_are_taken_out_as_identify_does(recording):
@@ -97,8 +107,13 @@ def test_gaps_and_mains_are_taken_out_as_identify_does(recording):
     found, names = outcome(settings), {"recording": spoilt}
     assert (found.cut.mains, len(found.notes)) == (50.0, 2)
     exec(found.python, names)
-    np.testing.assert_array_equal(names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness)
-    assert len(found.cut.ensemble) == len(outcome(Settings(recording, Cutting(2.0, 100.0), "esm")).cut.ensemble) - 4
+    np.testing.assert_array_equal(
+        names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness
+    )
+    assert (
+        len(found.cut.ensemble)
+        == len(outcome(Settings(recording, Cutting(2.0, 100.0), "esm")).cut.ensemble) - 4
+    )
 
 
 def test_only_what_changes_is_done_anew(found, monkeypatch):
@@ -121,7 +136,9 @@ def test_what_was_chosen_meanwhile_is_not_begun():
 
     async def chosen():
         with steps.ONE_AT_A_TIME:
-            choices = [asyncio.ensure_future(steps.in_turn(done.append, number)) for number in range(3)]
+            choices = [
+                asyncio.ensure_future(steps.in_turn(done.append, number)) for number in range(3)
+            ]
             await asyncio.sleep(2 * steps.TURN_S)
             for each in choices[:2]:
                 each.cancel()
@@ -141,7 +158,9 @@ def test_an_outcome_in_words_and_in_a_picture(found):
 
 
 def test_an_outcome_that_cannot_be_right_states_no_stiffness(file):
-    found = outcome(settings_from(SAID | {"reversed": False}, {"file": file, "channel": ("command=cmd",)}))
+    found = outcome(
+        settings_from(SAID | {"reversed": False}, {"file": file, "channel": ("command=cmd",)})
+    )
     assert found.lines[0].startswith("no stiffness is stated. No joint has a negative stiffness.")
 
 
@@ -177,7 +196,11 @@ def test_a_command_has_what_differs_from_the_defaults():
 def test_settings_are_shown_as_they_are_typed(key):
     usual = {name: text for name, text in method_settings(key).items() if text != "None"}
     made, same = tv.methods.parse(method_text(key, usual)), tv.methods.parse(key)
-    close = {name: pytest.approx(value, rel=1e-3) for name, value in vars(same).items() if isinstance(value, float)}
+    close = {
+        name: pytest.approx(value, rel=1e-3)
+        for name, value in vars(same).items()
+        if isinstance(value, float)
+    }
     assert vars(made) == vars(same) | close
     assert method_parts(method_text(key, usual)) == (key, usual)
 
@@ -199,7 +222,9 @@ def test_a_picture_in_words(found):
     from tvsysid.explorer.page import Shown, _figure
 
     assert "inertia over a realization" in str(_figure(Shown(found), "inertia"))
-    assert "reflex gain is not identified by this method" in str(_figure(Shown(found), "reflex_gain"))
+    assert "reflex gain is not identified by this method" in str(
+        _figure(Shown(found), "reflex_gain")
+    )
 
 
 def test_without_the_library_it_says_how_to_install_it(monkeypatch, file, tvsysid):

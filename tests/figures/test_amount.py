@@ -18,18 +18,36 @@ def test_lines_over_seconds_of_data(summary):
     assert all(axes.get_ylabel().endswith("(N·m/rad)") for axes in grid[:, 0])
     assert grid[0, 0].get_xscale() == grid[1, 0].get_yscale() == "log"
     assert grid[0, 0].get_yscale() == "linear"
-    assert [label.get_text() for label in grid[2, 0].get_xticklabels()] == ["40", "80", "150", "300", "600"]
-    assert [text.get_text() for text in figure.legends[0].texts] == ["eirf", "sds", "birf", "esm", "kbr"]
-    shown = rows[(rows.perturbation == "prbs") & (rows.metric == "random_error") & (rows.method == "esm")]
+    assert [label.get_text() for label in grid[2, 0].get_xticklabels()] == [
+        "40",
+        "80",
+        "150",
+        "300",
+        "600",
+    ]
+    assert [text.get_text() for text in figure.legends[0].texts] == [
+        "eirf",
+        "sds",
+        "birf",
+        "esm",
+        "kbr",
+    ]
+    shown = rows[
+        (rows.perturbation == "prbs") & (rows.metric == "random_error") & (rows.method == "esm")
+    ]
     line, _, (bars,) = grid[1, 1].containers[3]
     np.testing.assert_array_equal(line.get_ydata(), shown.value)
-    np.testing.assert_allclose(np.diff([s[:, 1] for s in bars.get_segments()])[:, 0], 2 * shown.standard_error)
+    np.testing.assert_allclose(
+        np.diff([s[:, 1] for s in bars.get_segments()])[:, 0], 2 * shown.standard_error
+    )
 
 
 @pytest.mark.slow
 def test_noise_where_only_noise_varies():
     snr = (0.0, 10.0, 20.0, np.inf)
-    figure = error_against_amount(summary_of(results_of([("sine", "noise", 40.0, db) for db in snr], trials=2)))
+    figure = error_against_amount(
+        summary_of(results_of([("sine", "noise", 40.0, db) for db in snr], trials=2))
+    )
     draw(figure)
     assert figure.axes[-1].get_xlabel() == "signal-to-noise ratio (dB)"
     assert figure.axes[0].get_xscale() == "linear"
@@ -37,11 +55,15 @@ def test_noise_where_only_noise_varies():
 
 
 def test_missing_values_and_one_trial_are_drawn():
-    results = results_of([("square", "noise", duration, 10.0) for duration in (40.0, 80.0)], ("sds",), trials=1)
+    results = results_of(
+        [("square", "noise", duration, 10.0) for duration in (40.0, 80.0)], ("sds",), trials=1
+    )
     draw(error_against_amount(summary_of(results)))
 
 
 def test_two_amounts_at_once_are_refused():
-    scenarios = [("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)]
+    scenarios = [
+        ("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)
+    ]
     with pytest.raises(InputError, match="both vary; give the rows of one"):
         error_against_amount(summary_of(results_of(scenarios, ("sds",), 2)))

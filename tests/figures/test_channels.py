@@ -28,10 +28,15 @@ def test_axes_have_units_and_time_where_they_are_stated():
 def test_names_are_drawn_letter_by_letter():
     values = [outline(np.arange(100.0))]
     names = ["x_{$", "$\\frac{$", "\x1b[31mred\r\x07", "caf\udce9\u202e", "角度"]
-    figure = recorded_channels({name: (Channel((100,), "float64", name), values) for name in names}, "".join(names))
+    figure = recorded_channels(
+        {name: (Channel((100,), "float64", name), values) for name in names}, "".join(names)
+    )
     for form in ("png", "pdf", "svg"):
         content = drawn(figure, form)
-    assert all(texts in content.decode() for texts in ("x_{$", "角度", r"\x1b[31mred\r\x07", r"caf\udce9\u202e"))
+    assert all(
+        texts in content.decode()
+        for texts in ("x_{$", "角度", r"\x1b[31mred\r\x07", r"caf\udce9\u202e")
+    )
     ElementTree.fromstring(content)
 
 

@@ -71,17 +71,25 @@ def test_truth_mean_and_spread(figure, results):
 
 
 def test_bars_are_the_summary_with_standard_errors(figure, summary):
-    rows = summary[(summary.metric == "bias_error") & (summary.method == "sds") & summary.scenario.isin(NOISE)]
+    rows = summary[
+        (summary.metric == "bias_error") & (summary.method == "sds") & summary.scenario.isin(NOISE)
+    ]
     axes = bars(figure, 5)[0]
     np.testing.assert_allclose([bar.get_height() for bar in axes.patches[5:10]], rows.value)
-    assert {to_hex(bar.get_facecolor()).upper() for bar in axes.patches[5:10]} == {lines(["sds"])["sds"][0]}
+    assert {to_hex(bar.get_facecolor()).upper() for bar in axes.patches[5:10]} == {
+        lines(["sds"])["sds"][0]
+    }
     segments = axes.collections[0].get_segments()[5:10]
     np.testing.assert_allclose([s[1, 1] - s[0, 1] for s in segments], 2 * rows.standard_error)
 
 
 def test_a_bar_far_above_all_others_is_cut_off_and_its_value_printed(figure, summary):
     axes = bars(figure, 5)[1]
-    rows = summary[(summary.metric == "random_error") & (summary.method == "eirf")].set_index("scenario").value
+    rows = (
+        summary[(summary.metric == "random_error") & (summary.method == "eirf")]
+        .set_index("scenario")
+        .value
+    )
     assert texts(axes) == [f"{rows[NOISE[0]]:.3g}"]
     assert axes.get_ylim()[1] < 0.5 * rows[NOISE[0]]
     assert axes.patches[1].get_height() == pytest.approx(rows[NOISE[1]])
@@ -115,7 +123,9 @@ def test_a_failed_trial_leaves_the_others():
     figure = method_comparison(results, summary_of(results), labels, labels)
     draw(figure)
     mean = over_time(figure, 5)[0, 3].lines[1].get_ydata()
-    np.testing.assert_allclose(mean, results.estimate.sel(quantity="stiffness").values[0, [0, 2], 3].mean(axis=0))
+    np.testing.assert_allclose(
+        mean, results.estimate.sel(quantity="stiffness").values[0, [0, 2], 3].mean(axis=0)
+    )
 
 
 @pytest.mark.slow
@@ -179,5 +189,8 @@ def test_results_that_were_stored_are_drawn_too(results, summary, tmp_path):
     few = results.isel(trial=slice(2)).sel(method_key=["sds"])
     few.to_netcdf(tmp_path / "results.nc", engine="h5netcdf")
     with xr.open_dataset(tmp_path / "results.nc", engine="h5netcdf") as stored:
-        one, two = (drawn(method_comparison(each, summary, SINE[:1], SINE[:1]), "png") for each in (few, stored))
+        one, two = (
+            drawn(method_comparison(each, summary, SINE[:1], SINE[:1]), "png")
+            for each in (few, stored)
+        )
     assert one == two

@@ -23,7 +23,11 @@ def made():
 
 def shares(figure):
     """What is drawn of each method."""
-    return {str(line.get_label()): line.get_ydata() for line in figure.axes[0].lines if line.get_linestyle() != ":"}
+    return {
+        str(line.get_label()): line.get_ydata()
+        for line in figure.axes[0].lines
+        if line.get_linestyle() != ":"
+    }
 
 
 def legend(figure):
@@ -46,7 +50,9 @@ def test_share_of_trials_over_time(made):
     assert set(nominal.get_ydata()) == {95.0}
     colours = [line.get_color() for line in figure.axes[0].lines[:3]]
     assert colours == [look.hue for look in lines(["sds", "esm", "kbr"]).values()]
-    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), made.truth.sel(quantity="stiffness")[0])
+    np.testing.assert_array_equal(
+        figure.axes[1].lines[0].get_ydata(), made.truth.sel(quantity="stiffness")[0]
+    )
     assert figure.get_suptitle() == "Bands"
     assert figure.axes[1].get_xlabel() == "time within a realization (s)"
     assert figure.axes[0].get_ylabel() == "trials whose 95 % band\nholds the truth (%)"
@@ -101,13 +107,17 @@ def test_what_is_told_below_it(made):
     made.covered[0, 3, 2, :, :10] = np.nan
     made.covered[0, 2, 1] = np.nan
     told = study_figures(made, summary_of(made))["coverage-square"]
-    assert "Of these times and trials no band, and not counted: esm 25 %, kbr 1 %." in told.description
+    assert (
+        "Of these times and trials no band, and not counted: esm 25 %, kbr 1 %." in told.description
+    )
 
 
 def test_a_study_whose_methods_have_no_bands_has_no_such_figure():
     results = results_of(SQUARE[:2], ("sds",), trials=2)
     results.covered[:] = np.nan
-    assert not [stem for stem in study_figures(results, summary_of(results)) if stem.startswith("coverage")]
+    assert not [
+        stem for stem in study_figures(results, summary_of(results)) if stem.startswith("coverage")
+    ]
     results = results_of(SQUARE[:2], ("sds",), trials=2)
     results.covered[1] = np.nan  # in the scenario that would be shown, but not in the other
     assert "coverage-square" not in study_figures(results, summary_of(results))

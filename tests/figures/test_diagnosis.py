@@ -40,7 +40,10 @@ def test_every_panel_shows_its_curve(diagnosis):
 def test_it_is_told_in_words(diagnosis):
     told = diagnosis_illustration(diagnosis, "ankle")
     assert told.title == "What was seen in ankle"
-    assert f"natural frequency of {diagnosis.measures['natural frequency'][0]:.3g} Hz" in told.description
+    assert (
+        f"natural frequency of {diagnosis.measures['natural frequency'][0]:.3g} Hz"
+        in told.description
+    )
     assert "nan" not in told.description
 
 
@@ -50,7 +53,9 @@ def test_it_is_told_in_words(diagnosis):
     [
         tv.preprocess.subtract_mean(faults.repeated(simulated())),
         tv.Ensemble(*np.random.default_rng(0).normal(size=(2, 3, 60)), 20.0),
-        tv.Ensemble(np.random.default_rng(0).normal(size=(5, 90)), np.tile(np.arange(90.0), (5, 1)), 100.0),
+        tv.Ensemble(
+            np.random.default_rng(0).normal(size=(5, 90)), np.tile(np.arange(90.0), (5, 1)), 100.0
+        ),
     ],
     ids=["no answer", "short", "the same torque"],
 )

@@ -7,7 +7,14 @@ from tests.virtual import prepared
 from tvsysid.figures.saving import drawn
 from tvsysid.studies.van_de_ruit_2021 import experiment_figures, representative
 
-ALL = ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals", "preparation"]
+ALL = [
+    "participants",
+    "participant",
+    "variance-and-spread",
+    "error-against-truth",
+    "recorded-signals",
+    "preparation",
+]
 
 
 @pytest.fixture(scope="module")
@@ -18,13 +25,17 @@ def experiment():
 @pytest.fixture(scope="module")
 def shown(experiment):
     preparations = {"P1-prbs": prepared(1, "prbs")}
-    return experiment_figures(experiment.results, experiment.summary, experiment.excerpts, preparations)
+    return experiment_figures(
+        experiment.results, experiment.summary, experiment.excerpts, preparations
+    )
 
 
 @pytest.mark.slow
 def test_all_figures_of_an_experiment():
     few = experiment_of(participants=("P1", "P2"), methods=("sds", "kbr"))
-    shown = experiment_figures(few.results, few.summary, few.excerpts, {"P1-prbs": prepared(1, "prbs")})
+    shown = experiment_figures(
+        few.results, few.summary, few.excerpts, {"P1-prbs": prepared(1, "prbs")}
+    )
     assert list(shown) == ALL
     for each in shown.values():
         figure = each.draw()
@@ -35,7 +46,9 @@ def test_all_figures_of_an_experiment():
 
 
 def test_the_participant_in_the_middle_stands_for_all(experiment, shown):
-    assert representative(experiment.results, experiment.summary) == "P2"  # VAF rises with the number
+    assert (
+        representative(experiment.results, experiment.summary) == "P2"
+    )  # VAF rises with the number
     assert shown["participant"].title == "Participant P2 in detail"
     assert shown["recorded-signals"].title == "10 s of what was recorded from P2"
     assert shown["preparation"].title == "Preparation of P1, PRBS"  # the only one given
@@ -55,8 +68,14 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
     text = shown["variance-and-spread"].description
     assert f"esm {means['vaf', 75]:.3g} and {means['vaf', 150]:.3g}" in text
     assert "mean and two standard deviations over bootstraps" in shown["participant"].description
-    assert "eirf, sds, birf, esm from 75 × 2 s of data; kbr from 20 × 2 s of data" in shown["participants"].description
-    assert f"esm {means['mean_bias', 75]:.3g}".replace("-", "−") in shown["error-against-truth"].description
+    assert (
+        "eirf, sds, birf, esm from 75 × 2 s of data; kbr from 20 × 2 s of data"
+        in shown["participants"].description
+    )
+    assert (
+        f"esm {means['mean_bias', 75]:.3g}".replace("-", "−")
+        in shown["error-against-truth"].description
+    )
     counts = prepared(1, "prbs").account.counts
     assert (
         f"the low-passed residual, with its mean and limits: {counts['residual']} excluded"
@@ -68,7 +87,12 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
 @pytest.mark.slow
 def test_a_single_record_of_walking():
     one = experiment_of(
-        participants=("S1",), perturbations=("steps",), amounts=(30,), period=1.5, truth=False, target=False
+        participants=("S1",),
+        perturbations=("steps",),
+        amounts=(30,),
+        period=1.5,
+        truth=False,
+        target=False,
     )
     shown = experiment_figures(one.results, one.summary, {}, {})
     assert list(shown) == ["stiffness", "participant", "variance-and-spread"]

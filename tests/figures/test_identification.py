@@ -17,7 +17,9 @@ def drawn():
     ensemble = ensemble_of(150.0, "sine", "prbs")
     models = {key: tv.methods.create(key).identify(ensemble) for key in ("sds", "kbr")}
     bands = {
-        label: {name: model.estimates[name].band() for name in ("stiffness", "viscosity", "inertia")}
+        label: {
+            name: model.estimates[name].band() for name in ("stiffness", "viscosity", "inertia")
+        }
         for label, model in models.items()
     }
     vaf = {label: np.full(ensemble.samples, 90.0) for label in models}
@@ -65,7 +67,10 @@ def test_what_no_method_identified_is_said():
         ensemble_of(40.0),
     )
     figure = identified_impedance({"mine": model}, {"mine": np.full_like(time, 90.0)})
-    told = {axes.get_ylabel().split(" (")[0]: [text.get_text() for text in axes.texts] for axes in figure.axes}
+    told = {
+        axes.get_ylabel().split(" (")[0]: [text.get_text() for text in axes.texts]
+        for axes in figure.axes
+    }
     assert told["viscosity"] == told["inertia"] == ["not identified"]
     assert told["stiffness"] == []
 
@@ -79,8 +84,12 @@ def test_any_quantity_is_drawn_over_its_own_axis():
 
     estimates = {
         "stiffness": tv.Estimate(100 + time, "N m/rad"),
-        "reflex_gain": tv.Estimate(np.stack([time, 3 * time]), "N m s/rad", ("realization", "time")),
-        "slope": tv.Estimate(2 * levels, "kg m2", ("emg",), StandardError(0.1 + 0 * levels, np.inf)),
+        "reflex_gain": tv.Estimate(
+            np.stack([time, 3 * time]), "N m s/rad", ("realization", "time")
+        ),
+        "slope": tv.Estimate(
+            2 * levels, "kg m2", ("emg",), StandardError(0.1 + 0 * levels, np.inf)
+        ),
     }
     model = Further(
         method="own",
@@ -96,12 +105,16 @@ def test_any_quantity_is_drawn_over_its_own_axis():
     np.testing.assert_allclose(gain.lines[0].get_ydata(), 2 * time)
     np.testing.assert_array_equal(slope.lines[0].get_xdata(), levels)
     assert slope.get_xlabel() == "emg"
-    assert slope.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(2.0 + 1.96 * 0.1, abs=1e-3)
+    assert slope.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(
+        2.0 + 1.96 * 0.1, abs=1e-3
+    )
 
 
 def test_the_whole_band_of_the_first_method_is_shown(drawn):
     first = drawn[0]["sds"]
-    wide = tv.Estimate(np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf))
+    wide = tv.Estimate(
+        np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf)
+    )
     model = replace(first, estimates={**first.estimates, "reflex_gain": wide})
     axes = {each.get_ylabel(): each for each in identified_impedance({"one": model}, {}).axes}
     low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
@@ -112,17 +125,26 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
 def test_what_would_cover_all_is_drawn_by_its_edges_and_cut_off(drawn):
     models, bands, _ = drawn
     noise = 400 * np.random.default_rng(0).normal(size=200)
-    estimates = {"stiffness": tv.Estimate(100 + noise, "N m/rad", error=StandardError(np.full(200, 200.0), np.inf))}
+    estimates = {
+        "stiffness": tv.Estimate(
+            100 + noise, "N m/rad", error=StandardError(np.full(200, 200.0), np.inf)
+        )
+    }
     wild = replace(models["kbr"], estimates=estimates)
     axes = identified_impedance(models | {"eirf": wild}, {}).axes[0]
     assert len(axes.collections) == 2
     low, high = axes.get_ylim()
     assert high - low < 3 * np.ptp(models["sds"].stiffness)
     assert low < bands["sds"]["stiffness"][0].min()
-    ends = [f"{end:.4g}".replace("-", "−") for end in (estimates["stiffness"].values.min(), 100 + noise.max())]
+    ends = [
+        f"{end:.4g}".replace("-", "−")
+        for end in (estimates["stiffness"].values.min(), 100 + noise.max())
+    ]
     assert axes.texts[0].get_text() == f"cut off: eirf ({ends[0]} to {ends[1]})"
     (line,) = (line for line in axes.lines if line.get_label() == "eirf")
-    assert line.get_zorder() < min(each.get_zorder() for each in axes.lines if each.get_label() in models)
+    assert line.get_zorder() < min(
+        each.get_zorder() for each in axes.lines if each.get_label() in models
+    )
 
 
 def test_every_method_that_leaves_the_axes_is_named_with_its_extremes(drawn):

@@ -36,7 +36,9 @@ def test_recording_and_ensemble(ensemble):
     assert "10 s from the middle" in figure.axes[0].get_title("left")
     first = ensemble.plot().axes[0]
     shown = ensemble.angle[:, ensemble.core]
-    np.testing.assert_array_equal([line[:, 1] for line in first.collections[0].get_segments()], shown)
+    np.testing.assert_array_equal(
+        [line[:, 1] for line in first.collections[0].get_segments()], shown
+    )
     np.testing.assert_array_equal(first.lines[0].get_ydata(), shown.mean(axis=0))
 
 
@@ -103,7 +105,10 @@ def test_progress_goes_to_who_asks_for_it_and_to_a_notebook(monkeypatch):
     assert told == [(1, 2)]
     monkeypatch.setitem(sys.modules, "ipykernel", object())
     monkeypatch.setattr("tvsysid.showing.find_spec", lambda name: object())
-    monkeypatch.setattr("tvsysid.showing.progress_bar", lambda title: nullcontext(lambda *counts: told.append(title)))
+    monkeypatch.setattr(
+        "tvsysid.showing.progress_bar",
+        lambda title: nullcontext(lambda *counts: told.append(title)),
+    )
     with reported(None, "working") as advance:
         advance(2, 2)
     assert told == [(1, 2), "working"]

@@ -59,18 +59,28 @@ def test_lines_are_means_over_bootstraps_of_the_least_data(results):
     axes = figure.axes[4]  # P2, PRBS
     for method, hue in HUES.items():
         (line,) = labelled(axes, method)
-        chosen = results.sel(recording="P2-prbs", analysis=f"{method}-{20 if method == 'kbr' else 75}")
-        np.testing.assert_allclose(line.get_ydata(), chosen.estimate.sel(quantity="stiffness").values.mean(axis=0))
+        chosen = results.sel(
+            recording="P2-prbs", analysis=f"{method}-{20 if method == 'kbr' else 75}"
+        )
+        np.testing.assert_allclose(
+            line.get_ydata(), chosen.estimate.sel(quantity="stiffness").values.mean(axis=0)
+        )
         assert line.get_color() == hue
     (truth,) = labelled(axes, "truth")
-    np.testing.assert_array_equal(truth.get_ydata(), results.truth.sel(quantity="stiffness").sel(recording="P2-prbs"))
+    np.testing.assert_array_equal(
+        truth.get_ydata(), results.truth.sel(quantity="stiffness").sel(recording="P2-prbs")
+    )
 
 
 def test_torque_below(results):
     axes = stiffness_of_participants(results).axes[7]
-    np.testing.assert_array_equal(labelled(axes, "P2-noise")[0].get_ydata(), results.mean_torque.values[2])
+    np.testing.assert_array_equal(
+        labelled(axes, "P2-noise")[0].get_ydata(), results.mean_torque.values[2]
+    )
     assert len(labelled(axes, "P2-prbs")) == 1
-    np.testing.assert_array_equal(labelled(axes, "target")[0].get_ydata(), results.target_torque.values[2])
+    np.testing.assert_array_equal(
+        labelled(axes, "target")[0].get_ydata(), results.target_torque.values[2]
+    )
 
 
 @pytest.mark.slow
@@ -111,7 +121,9 @@ def test_without_truth_and_target_neither_is_mentioned():
 
 @pytest.mark.slow
 def test_many_participants_are_shown_six_abreast():
-    results = results_of(tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2)
+    results = results_of(
+        tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2
+    )
     figure = stiffness_of_participants(results)
     draw(figure)
     shown = [axes for axes in figure.axes if axes.axison]
@@ -122,7 +134,9 @@ def test_many_participants_are_shown_six_abreast():
 
 
 def test_a_period_of_walking_and_other_amounts():
-    results = results_of(("S1",), ("steps",), ("birf", "own:Method"), (30,), bootstraps=1, period=1.5)
+    results = results_of(
+        ("S1",), ("steps",), ("birf", "own:Method"), (30,), bootstraps=1, period=1.5
+    )
     figure = stiffness_of_participants(results)
     draw(figure)
     assert figure.axes[0].get_xlim() == (0, 1.5)
@@ -177,7 +191,9 @@ def test_the_torque_behind_is_drawn_to_the_scale_on_the_right(detail):
     for axes, scale in zip(detail.axes[4:20:5], detail.axes[20:], strict=True):
         (torque,) = labelled(axes, "torque")
         on_screen = torque.get_transform().transform(torque.get_xydata())
-        np.testing.assert_allclose(on_screen, scale.transData.transform(torque.get_xydata()), atol=1e-6)
+        np.testing.assert_allclose(
+            on_screen, scale.transData.transform(torque.get_xydata()), atol=1e-6
+        )
 
 
 def test_without_a_target_no_torque_is_drawn_behind_the_bands():
@@ -220,9 +236,18 @@ def test_bands_of_one_recording_in_one_row(results):
     draw(figure)
     assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
     assert len(figure.axes) == 6
-    chosen = results.estimate.sel(quantity="stiffness").sel(recording="P3-prbs", analysis="birf-75").values
+    chosen = (
+        results.estimate.sel(quantity="stiffness")
+        .sel(recording="P3-prbs", analysis="birf-75")
+        .values
+    )
     np.testing.assert_allclose(labelled(figure.axes[2], "mean")[0].get_ydata(), chosen.mean(axis=0))
-    assert legend(figure) == ["mean over bootstraps", "± 2 standard deviations", "truth", "torque to be followed"]
+    assert legend(figure) == [
+        "mean over bootstraps",
+        "± 2 standard deviations",
+        "truth",
+        "torque to be followed",
+    ]
     box = figure.legends[0].get_window_extent()
     assert box.x0 >= 0
     assert box.x1 <= figure.bbox.x1

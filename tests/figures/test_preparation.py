@@ -18,7 +18,11 @@ def figure():
 
 def lines_by_colour(axes):
     collections = [each for each in axes.collections if isinstance(each, LineCollection)]
-    return {to_hex(each.get_colors()[0]).upper(): each.get_segments() for each in collections if each.get_segments()}
+    return {
+        to_hex(each.get_colors()[0]).upper(): each.get_segments()
+        for each in collections
+        if each.get_segments()
+    }
 
 
 def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
@@ -31,7 +35,9 @@ def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
     assert {colour: len(lines) for colour, lines in lines_by_colour(after).items()} == {KEPT: kept}
     for axes, step, colour in zip(steps, preparation.steps, COLOURS.values(), strict=True):
         drawn_lines = lines_by_colour(axes)
-        np.testing.assert_array_equal([line[:, 1] for line in drawn_lines[colour]], step.judged[~step.account.kept])
+        np.testing.assert_array_equal(
+            [line[:, 1] for line in drawn_lines[colour]], step.judged[~step.account.kept]
+        )
         assert f"{np.count_nonzero(~step.account.kept)} excluded" in axes.get_title()
 
 

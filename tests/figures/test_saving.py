@@ -13,7 +13,9 @@ from tvsysid.figures import Illustration, draw_all, drawn, helpers, impulse_resp
 def illustrations(count=2):
     responses = responses_of()
     return {
-        f"folder/figure-{number}": Illustration(partial(impulse_responses, responses, f"Number {number}"), f"T{number}")
+        f"folder/figure-{number}": Illustration(
+            partial(impulse_responses, responses, f"Number {number}"), f"T{number}"
+        )
         for number in range(count)
     }
 
@@ -32,7 +34,11 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
     assert files == ["figure-0.pdf", "figure-0.png", "figure-0.svg"]
     assert picture.svg == (tmp_path / "folder" / "figure-0.svg").read_bytes()
     assert ElementTree.fromstring(picture.svg).tag.endswith("svg")
-    assert (picture.title, picture.width, picture.height) == ("T0", round(96 * 7.0), round(96 * 3.6))
+    assert (picture.title, picture.width, picture.height) == (
+        "T0",
+        round(96 * 7.0),
+        round(96 * 3.6),
+    )
 
 
 @pytest.mark.slow
@@ -53,7 +59,10 @@ def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_workers")
 def test_a_worker_that_dies_costs_no_figure():
-    jobs = {str(number): Illustration(partial(die_in_a_worker, os.getpid()), "dies") for number in range(2)}
+    jobs = {
+        str(number): Illustration(partial(die_in_a_worker, os.getpid()), "dies")
+        for number in range(2)
+    }
     with helpers(2) as pool:
         assert [each.svg[:5] for each in draw_all(jobs, None, pool).values()] == [b"<?xml"] * 2
 
@@ -61,7 +70,9 @@ def test_a_worker_that_dies_costs_no_figure():
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     drawing = partial(impulse_responses, responses_of())
-    pictures = draw_all({"a": Illustration(drawing, "A", endings=("png",)), "b": Illustration(drawing, "B")})
+    pictures = draw_all(
+        {"a": Illustration(drawing, "A", endings=("png",)), "b": Illustration(drawing, "B")}
+    )
     assert pictures["a"].svg == b""
     assert pictures["b"].svg
     assert list(tmp_path.iterdir()) == []

@@ -34,11 +34,21 @@ def values(summary, perturbation, metric, method, amount):
 
 def test_rows_are_perturbations_and_columns_metrics_with_units(figure):
     grid = np.array(figure.axes).reshape(2, 3)
-    assert [axes.get_ylabel() for axes in grid[0]] == ["VAF (%)", "VAF, 1–10 Hz (%)", "random error (N·m/rad)"]
+    assert [axes.get_ylabel() for axes in grid[0]] == [
+        "VAF (%)",
+        "VAF, 1–10 Hz (%)",
+        "random error (N·m/rad)",
+    ]
     assert [axes.get_title(loc="left") for axes in grid[:, 0]] == ["filtered noise", "PRBS"]
     assert [axes.get_xlabel() for axes in grid[1]] == ["method, realizations drawn"] * 3
     labels = [label.get_text() for label in grid[1, 0].get_xticklabels()]
-    assert labels == ["eirf\n75 | 150", "sds\n75 | 150", "birf\n75 | 150", "esm\n75 | 150", "kbr\n20 | 40"]
+    assert labels == [
+        "eirf\n75 | 150",
+        "sds\n75 | 150",
+        "birf\n75 | 150",
+        "esm\n75 | 150",
+        "kbr\n20 | 40",
+    ]
     assert {axes.get_ylim() for axes in grid[:, :2].ravel()} == {(0, 102)}
     assert grid[0, 2].get_ylim()[0] == 0
 
@@ -55,10 +65,16 @@ def test_bars_whiskers_and_dots_are_the_participants(figure, experiment):
             assert to_hex(bar.get_facecolor()).upper() == hue
             assert bar.get_facecolor()[3] == (0.35, 0.85)[number]
             assert to_hex(bar.get_edgecolor()).upper() == hue
-            (segment,) = [c for c in whiskers if hasattr(c, "has_yerr")][2 * place + number][2][0].get_segments()
-            np.testing.assert_allclose(segment[:, 1], each.mean() + 2 * each.std(ddof=1) * np.array([-1, 1]))
+            (segment,) = [c for c in whiskers if hasattr(c, "has_yerr")][2 * place + number][2][
+                0
+            ].get_segments()
+            np.testing.assert_allclose(
+                segment[:, 1], each.mean() + 2 * each.std(ddof=1) * np.array([-1, 1])
+            )
     dots = [line for line in axes.lines if line.get_marker() == "."]
-    np.testing.assert_allclose(dots[0].get_ydata(), values(experiment.summary, "prbs", "random_error", "eirf", 75))
+    np.testing.assert_allclose(
+        dots[0].get_ydata(), values(experiment.summary, "prbs", "random_error", "eirf", 75)
+    )
 
 
 def test_whiskers_stay_within_what_is_possible(experiment):
@@ -83,7 +99,9 @@ def test_nothing_is_invented_for_what_failed():
 
 
 def test_one_participant_one_perturbation_one_amount():
-    one = experiment_of(participants=("S1",), perturbations=("steps",), methods=("own:Way",), amounts=(30,))
+    one = experiment_of(
+        participants=("S1",), perturbations=("steps",), methods=("own:Way",), amounts=(30,)
+    )
     figure = variance_and_spread(one.summary)
     draw(figure)
     assert len(figure.axes) == 3
@@ -95,7 +113,9 @@ def test_one_participant_one_perturbation_one_amount():
 
 @pytest.mark.slow
 def test_thirty_participants():
-    many = experiment_of(participants=tuple(f"P{n}" for n in range(30)), methods=("sds", "esm"), bootstraps=2)
+    many = experiment_of(
+        participants=tuple(f"P{n}" for n in range(30)), methods=("sds", "esm"), bootstraps=2
+    )
     draw(variance_and_spread(many.summary))
     draw(error_against_truth(many.results, many.summary))
 
@@ -111,11 +131,17 @@ def test_error_over_time_and_by_method(experiment):
     zero, *people, mean = grid[1, 2].lines
     assert set(zero.get_ydata()) == {0}
     cells = results.sel(recording=["P1-prbs", "P2-prbs", "P3-prbs"], analysis="birf-75")
-    off = (cells.estimate.sel(quantity="stiffness").mean("bootstrap") - cells.truth.sel(quantity="stiffness")).values
+    off = (
+        cells.estimate.sel(quantity="stiffness").mean("bootstrap")
+        - cells.truth.sel(quantity="stiffness")
+    ).values
     np.testing.assert_allclose([line.get_ydata() for line in people], off)
     np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
     assert np.mean(mean.get_ydata()) == pytest.approx(METHODS["birf"][0], abs=3)
-    assert [axes.get_ylabel() for axes in below.axes] == ["bias error (N·m/rad)", "mean bias (N·m/rad)"] * 2
+    assert [axes.get_ylabel() for axes in below.axes] == [
+        "bias error (N·m/rad)",
+        "mean bias (N·m/rad)",
+    ] * 2
     each = values(experiment.summary, "noise", "mean_bias", "kbr", 40)
     assert below.axes[1].patches[9].get_height() == pytest.approx(each.mean())
     assert each.mean() < 0
@@ -143,8 +169,13 @@ def test_error_of_a_method_that_failed():
 @pytest.mark.slow
 def test_long_labels_and_many_amounts_do_not_overlap():
     methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
-    many = experiment_of(participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2)
-    for figure in (variance_and_spread(many.summary), error_against_truth(many.results, many.summary)):
+    many = experiment_of(
+        participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2
+    )
+    for figure in (
+        variance_and_spread(many.summary),
+        error_against_truth(many.results, many.summary),
+    ):
         draw(figure)
         axes = figure.axes[-1]
         boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
@@ -156,7 +187,11 @@ def test_long_labels_and_many_amounts_do_not_overlap():
 def test_an_axis_holds_the_whiskers_but_not_what_is_far_out(experiment):
     for factor, cut in ((1.0, False), (1000.0, True)):
         summary = experiment.summary.copy()
-        outlying = (summary.metric == "random_error") & (summary.participant == "P1") & (summary.method == "sds")
+        outlying = (
+            (summary.metric == "random_error")
+            & (summary.participant == "P1")
+            & (summary.method == "sds")
+        )
         summary.loc[outlying, "value"] *= factor
         axes = variance_and_spread(summary).axes[2]
         assert (axes.get_ylim()[1] < axes.dataLim.ymax) == cut

@@ -21,9 +21,16 @@ def test_all_figures_of_a_study():
 
 
 def test_descriptions_hold_the_main_figures(results, summary):
-    values = summary.set_index(["scenario", "method", "metric"]).sort_index().value["square-prbs-150s-10dB", "kbr"]
+    values = (
+        summary.set_index(["scenario", "method", "metric"])
+        .sort_index()
+        .value["square-prbs-150s-10dB", "kbr"]
+    )
     text = study_figures(results, summary)["comparison-square-prbs"].description
-    assert f"bias error {values.bias_error:.3g} N·m/rad, random error {values.random_error:.3g} N·m/rad" in text
+    assert (
+        f"bias error {values.bias_error:.3g} N·m/rad, random error {values.random_error:.3g} N·m/rad"
+        in text
+    )
     assert f"rise time {values.rise_time:.3g} s" in text
     assert "mean and two standard deviations over 6 trials" in text
 
@@ -38,7 +45,11 @@ NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
         (SINE[1:], ["comparison-sine-prbs", "coverage-sine"]),
         (NOISES, ["comparison-constant-noise", "amount-constant-snr", "coverage-constant"]),
         (
-            [("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)],
+            [
+                ("square", "noise", duration, snr)
+                for duration in (40.0, 80.0)
+                for snr in (0.0, 10.0)
+            ],
             ["comparison-square-noise", "amount-square", "amount-square-snr", "coverage-square"],
         ),
     ],
@@ -59,4 +70,6 @@ def test_covarying_viscosity_has_figures_of_its_own():
     results = results_of(SINE, ("sds", "esm"), trials=2, viscosity="covarying")
     shown = study_figures(results, summary_of(results))
     assert list(shown) == ["comparison-sine-covarying", "coverage-sine-covarying"]
-    assert all("viscosity varies with stiffness" in illustration.title for illustration in shown.values())
+    assert all(
+        "viscosity varies with stiffness" in illustration.title for illustration in shown.values()
+    )

@@ -17,7 +17,9 @@ def twins():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")])
+@pytest.mark.parametrize(
+    ("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")]
+)
 def test_files_are_whole_and_the_same_each_time(tmp_path, twins, ending, start):
     for name, figure in zip(("one", "two"), twins, strict=True):
         save(figure, tmp_path / f"{name}.{ending}")

@@ -1,6 +1,12 @@
 from tvsysid.figures.words import described, differing, perturbation_name, trait, unit_name, wrapped
 
-SCENARIO = {"system": "joint", "profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0}
+SCENARIO = {
+    "system": "joint",
+    "profile": "square",
+    "perturbation": "noise",
+    "duration_s": 150.0,
+    "snr_db": 10.0,
+}
 SCENARIO["viscosity"] = "constant"
 
 
@@ -14,10 +20,17 @@ def test_traits_in_words():
     assert [trait(*pair) for pair in pairs] == ["40 s", "PRBS", "b covarying"]
     assert differing([SCENARIO, SCENARIO | {"perturbation": "prbs"}]) == ["noise", "PRBS"]
     assert differing([SCENARIO]) == ["150 s"]
-    variants = ["reflex:reflex_gain=4,noise_bandwidth=1", "reflex:reflex_gain=8,noise_bandwidth=1", "reflex"]
+    variants = [
+        "reflex:reflex_gain=4,noise_bandwidth=1",
+        "reflex:reflex_gain=8,noise_bandwidth=1",
+        "reflex",
+    ]
     told = differing([SCENARIO | {"system": each} for each in variants[:2]])
     assert told == ["reflex gain=4", "reflex gain=8"]  # what all share says nothing
-    assert differing([SCENARIO | {"system": each} for each in variants[1:]]) == ["reflex gain=8, noise bandwidth=1", ""]
+    assert differing([SCENARIO | {"system": each} for each in variants[1:]]) == [
+        "reflex gain=8, noise bandwidth=1",
+        "",
+    ]
     assert described(SCENARIO) == "square-wave stiffness, filtered noise, 150 s, 10 dB"
     own = SCENARIO | {"system": "mine:Ankle", "profile": "own"}
     assert described(own) == "mine:Ankle, filtered noise, 150 s, 10 dB"

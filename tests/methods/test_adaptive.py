@@ -76,9 +76,13 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
         narrow = roughness._replace(weights=np.r_[4.0, roughness.weights[1:]])
         smooth = evidence.Smooth(line, narrow)
         for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
-            placed = placing.Placed(np.array(positions), line.columns(np.array(positions)), (), (), 0.0)
+            placed = placing.Placed(
+                np.array(positions), line.columns(np.array(positions)), (), (), 0.0
+            )
             sizes = evidence.Sizes(0.2, balanced) if positions else None
-            expected = dense(line, covariance, narrow, np.array(positions), sizes or evidence.Sizes(0.2, False))
+            expected = dense(
+                line, covariance, narrow, np.array(positions), sizes or evidence.Sizes(0.2, False)
+            )
             products = smooth.products(placed.columns)
             found = smooth.evidence
             if sizes:
@@ -94,19 +98,27 @@ def test_one_switch_more_is_worth_what_all_together_are(random, balanced):
     line, _ = line_of(random, periodic=True)
     smooth = evidence.Smooth(line, some(line.axis, 2)[0])
     sizes = evidence.Sizes(0.8, balanced)
-    others, many = (smooth.products(line.columns(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5, 27.8]))
+    others, many = (
+        smooth.products(line.columns(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5, 27.8])
+    )
     mixed = many.between(others)
     gram, power = others.between(others), many.diagonal()
-    found = evidence.one_more(many, gram, others.cross, mixed, power, balanced, (0.05, sizes.spread))
+    found = evidence.one_more(
+        many, gram, others.cross, mixed, power, balanced, (0.05, sizes.spread)
+    )
     for index, value in enumerate(found[1]):
         every = placing.together([others, many.take(np.array([index]))])
-        assert value == pytest.approx(evidence.jumps(every.between(every), every.cross, sizes).evidence, abs=1e-8)
+        assert value == pytest.approx(
+            evidence.jumps(every.between(every), every.cross, sizes).evidence, abs=1e-8
+        )
 
 
 def test_candidates_are_worth_what_each_is_alone(random):
     line, _ = line_of(random, periodic=True)
     smooths = tuple(evidence.Smooth(line, each) for each in some(line.axis, 0, 4))
-    placed = placing.Placed(np.array([12.3, 27.8]), line.columns(np.array([12.3, 27.8])), (), (), -1.0)
+    placed = placing.Placed(
+        np.array([12.3, 27.8]), line.columns(np.array([12.3, 27.8])), (), (), -1.0
+    )
     for each in averaging.candidates(smooths, [placed]):
         products = each.smooth.products(placed.columns)
         alone = evidence.jumps(products.between(products), products.cross, each.sizes).evidence
@@ -146,13 +158,17 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
     inner = slice(ensemble.context - 12, ensemble.angle.shape[1] - ensemble.context + 12)
     u, v, a = differentiate(ensemble.angle[:, inner], 100.0)
     y = ensemble.torque[:, ensemble.core]
-    design = np.concatenate([np.concatenate([np.diag(row) for row in u]), v.reshape(-1, 1), a.reshape(-1, 1)], axis=1)
+    design = np.concatenate(
+        [np.concatenate([np.diag(row) for row in u]), v.reshape(-1, 1), a.reshape(-1, 1)], axis=1
+    )
     expected = np.linalg.lstsq(design, y.ravel(), rcond=None)[0]
     signals = moments.Derived.of(ensemble)
     ratio, none = signals.scale[1] / signals.scale[0], np.zeros((3, 200))
     left = (y.ravel() - design @ expected).reshape(y.shape)
     np.testing.assert_allclose(
-        noise.residual_products(signals, np.vstack([expected[:-2, None].T, none[1:] + expected[-2:, None]]) / ratio, 0),
+        noise.residual_products(
+            signals, np.vstack([expected[:-2, None].T, none[1:] + expected[-2:, None]]) / ratio, 0
+        ),
         left.T @ left / signals.scale[1] ** 2,
         atol=1e-6,
     )
@@ -165,9 +181,13 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
         found = moments.normal(signals, (weights, weights), none, none[0])
         solved = np.linalg.solve(found.angle, found.right[0].T)
         power = np.diag(found.steady)
-        steady = moments.constants(found.steady - found.low @ solved, power, signals.holds, signals.positive)
+        steady = moments.constants(
+            found.steady - found.low @ solved, power, signals.holds, signals.positive
+        )
         np.testing.assert_allclose(steady.values * ratio, solution[-2:], rtol=1e-8)
-        np.testing.assert_allclose((solved[:, -1] - solved[:, :-1] @ steady.values) * ratio, solution[:-2], rtol=1e-8)
+        np.testing.assert_allclose(
+            (solved[:, -1] - solved[:, :-1] @ steady.values) * ratio, solution[:-2], rtol=1e-8
+        )
     # In the low band, inertia is not folded acceleration.
     assert abs(METHOD.identify(ensemble).inertia[100] - 0.02) < abs(expected[-1] - 0.02)
 
@@ -205,20 +225,27 @@ def test_bands_are_quantiles_of_the_mixture():
         error = MixtureError(np.sqrt(mixed.variance()), np.array(min(freedom, 1e9)), mixture=mixed)
         estimate = tv.Estimate(mixed.mean(), "N m/rad", error=error)
         lower, upper = estimate.band(0.9)
-        share = [weights[0] @ stats.t.cdf(each - means[0], freedom, scale=[1.0, 2.0]) for each in (lower, upper)]
+        share = [
+            weights[0] @ stats.t.cdf(each - means[0], freedom, scale=[1.0, 2.0])
+            for each in (lower, upper)
+        ]
         np.testing.assert_allclose(share, [0.05, 0.95], atol=2e-3)
         whole = estimate.band(0.9, simultaneous=True)
         assert whole[0] <= lower
         assert whole[1] >= upper
     one = MixtureError(
-        np.array([2.0]), np.array(8.0), mixture=mixture.Mixture(*np.array([[[1.0]], [[100.0]], [[4.0]]]))
+        np.array([2.0]),
+        np.array(8.0),
+        mixture=mixture.Mixture(*np.array([[[1.0]], [[100.0]], [[4.0]]])),
     )
     plain = tv.Estimate([100.0], "N m/rad", error=tv.StandardError([2.0], 8.0)).band()
     np.testing.assert_allclose(tv.Estimate([100.0], "N m/rad", error=one).band(), plain, rtol=2e-4)
 
 
 def test_a_band_holds_its_estimate_where_an_outlying_part_moves_it():
-    mixed = mixture.Mixture(np.array([[0.98, 0.02]]), np.array([[50.0, 150.0]]), np.full((1, 2), 0.01))
+    mixed = mixture.Mixture(
+        np.array([[0.98, 0.02]]), np.array([[50.0, 150.0]]), np.full((1, 2), 0.01)
+    )
     error = MixtureError(np.sqrt(mixed.variance()), np.array(1e9), mixture=mixed)
     lower, upper = tv.Estimate(mixed.mean(), "N m/rad", error=error).band(0.9)
     assert lower < mixed.mean() < upper < 60
@@ -246,12 +273,20 @@ def test_a_model_shows_its_tables_and_a_figure():
     model = model_of("square", "noise")
     assert model.to_xarray().switch_time.shape == (len(model.switches),)
     axes = model.plot().axes
-    assert [each.get_ylabel().split("\n")[0] for each in axes] == ["stiffness", "viscosity", "inertia", ""]
+    assert [each.get_ylabel().split("\n")[0] for each in axes] == [
+        "stiffness",
+        "viscosity",
+        "inertia",
+        "",
+    ]
     assert "100 %" in axes[0].texts[0].get_text()
 
 
 def test_what_it_says_is_as_sure_as_it_is():
-    switches = [Switch("stiffness", 0.5, 0.4, 0.6, 100.0, 1.0, 1.0), Switch("stiffness", 1, 0.9, 1.1, -8, 2, 0.33)]
+    switches = [
+        Switch("stiffness", 0.5, 0.4, 0.6, 100.0, 1.0, 1.0),
+        Switch("stiffness", 1, 0.9, 1.1, -8, 2, 0.33),
+    ]
     none, smooth = (Smoothness("stiffness", kind, 2.0, 0.1, 0.9) for kind in ("none", "smooth"))
     both = SimpleNamespace(switches=switches, smoothness=[none], beside=None)
     assert changes(both) == [
@@ -259,13 +294,17 @@ def test_what_it_says_is_as_sure_as_it_is():
         "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
         "it is constant between switches (probability 90 %)",
     ]
-    probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True)
+    probable = SimpleNamespace(
+        switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True
+    )
     assert changes(probable) == [
         "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
         "it changes smoothly between switches",
         "a stretch reflex is shown, and taken out of it",
     ]
-    open_one = SimpleNamespace(switches=[], smoothness=[smooth, none._replace(probability=0.4)], beside=None)
+    open_one = SimpleNamespace(
+        switches=[], smoothness=[smooth, none._replace(probability=0.4)], beside=None
+    )
     assert changes(open_one) == ["whether it changes smoothly is open (probability 60 %)"]
 
 
@@ -289,7 +328,10 @@ def test_a_recording_without_a_low_pass_is_told_by_its_steps(random):
     torque[:, 30:-30] = (50 + 100 * ((time > 0.5003) & (time < 1.5))) * inner[0] + 2 * inner[1]
     torque += 10 * random.normal(size=torque.shape)
     model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=30))
-    assert [row.probability > 0.9 for row in model.switches if row.quantity == "stiffness"] == [True, True]
+    assert [row.probability > 0.9 for row in model.switches if row.quantity == "stiffness"] == [
+        True,
+        True,
+    ]
     np.testing.assert_allclose(model.stiffness[[49, 51]], [50, 150], atol=10)
     assert model.diagnostics.details["periodic"] == 0.0  # none follows another
 
@@ -297,24 +339,32 @@ def test_a_recording_without_a_low_pass_is_told_by_its_steps(random):
 @pytest.mark.slow
 def test_a_reflex_is_taken_out_of_the_stiffness():
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=8.0)
-    recording = joint.simulate(60.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4).recording
+    recording = joint.simulate(
+        60.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4
+    ).recording
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, 1.0)
     model = METHOD.identify(tv.preprocess.subtract_mean(ensemble))
     assert np.sqrt(np.mean((model.stiffness - tv.simulate.SineWave()(model.time)) ** 2)) < 3
     assert np.nanmean(model.estimates["reflex_gain"].values) == pytest.approx(8.0, abs=0.6)
     assert set(model.pathways(ensemble)) == {"intrinsic", "reflex"}
     travelled = pickle.loads(pickle.dumps(model))
-    np.testing.assert_array_equal(travelled.estimates["stiffness"].band(), model.estimates["stiffness"].band())
+    np.testing.assert_array_equal(
+        travelled.estimates["stiffness"].band(), model.estimates["stiffness"].band()
+    )
     assert "reflex_gain" not in model_of("sine", "prbs").estimates
 
 
 def test_emg_drives_the_reflex():
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=8.0)
-    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4).recording
+    recording = joint.simulate(
+        40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4
+    ).recording
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, 1.0)
     model = tv.methods.parse("adaptive:emg=emg").identify(ensemble)
     assert model.estimates["reflex_gain"].unit == "N m/V"
-    assert abs(np.mean(model.stiffness - tv.simulate.SineWave()(model.time))) < 15  # the electrode's noise is no drive
+    assert (
+        abs(np.mean(model.stiffness - tv.simulate.SineWave()(model.time))) < 15
+    )  # the electrode's noise is no drive
     with pytest.raises(tv.InputError, match="it needs the channel 'soleus'"):
         tv.AdaptiveRegression(emg="soleus").identify(ensemble)
 
@@ -322,18 +372,32 @@ def test_emg_drives_the_reflex():
 @pytest.mark.parametrize("reflex_gain", [0.0, 8.0])
 def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, monkeypatch):
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SquareWave(), reflex_gain=reflex_gain)
-    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4).recording
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    recording = joint.simulate(
+        40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4
+    ).recording
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
     for method in (METHOD, tv.JointCascade()):
-        whole, kept, left = method.identify(ensemble), ensemble.select(range(15)), ensemble.select(range(15, 20))
+        whole, kept, left = (
+            method.identify(ensemble),
+            ensemble.select(range(15)),
+            ensemble.select(range(15, 20)),
+        )
         anew = method.identify(kept)
         with monkeypatch.context() as patch:
             patch.setattr(averaging, "found_sets", None)
             found = method.refit(kept, whole)
-        vafs = [tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean() for each in (found, anew)]
+        vafs = [
+            tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean()
+            for each in (found, anew)
+        ]
         assert vafs[0] == pytest.approx(vafs[1], abs=0.2)
         pairs = [(each.beside or each) if method is METHOD else each for each in (found, whole)]
-        shapes = [[each.diagnostics.details.get(name) for name in ("frequency", "damping")] for each in pairs]
+        shapes = [
+            [each.diagnostics.details.get(name) for name in ("frequency", "damping")]
+            for each in pairs
+        ]
         assert shapes[0] == shapes[1]
 
 
@@ -342,7 +406,10 @@ def odd_ensembles():
     angle = np.cumsum(random.normal(size=(8, 84)), axis=1)
     usual = tv.Ensemble(angle, 80 * angle + random.normal(size=angle.shape), 100.0, context=12)
     yield "four", usual.select([0, 3, 5, 7])
-    yield "of the same", tv.Ensemble(usual.angle[[2] * 5, :44], usual.torque[[2] * 5, :44], 100.0, context=12)
+    yield (
+        "of the same",
+        tv.Ensemble(usual.angle[[2] * 5, :44], usual.torque[[2] * 5, :44], 100.0, context=12),
+    )
     still = usual.angle.copy()
     still[:, 40:60] = 0.0
     yield "still for a while", replace(usual, angle=still)
@@ -373,20 +440,29 @@ def test_any_legal_ensemble_gives_a_model(name):
 
 
 def test_what_data_leave_open_is_one_warning():
-    for name, text in (("four", "whether there is a stretch reflex"), ("one sine", "viscosity and inertia")):
+    for name, text in (
+        ("four", "whether there is a stretch reflex"),
+        ("one sine", "viscosity and inertia"),
+    ):
         texts = METHOD.identify(dict(odd_ensembles())[name]).diagnostics.warnings
         assert [text in each for each in texts if "leave open" in each] == [True]
 
 
-def test_no_viscosity_is_negative_and_what_contradicts_that_is_said_and_a_reflex_is_said_to_be_reported(random):
+def test_no_viscosity_is_negative_and_what_contradicts_that_is_said_and_a_reflex_is_said_to_be_reported(
+    random,
+):
     angle = random.normal(size=(30, 120))
     inner = differentiate(angle, 100.0)
     torque = np.zeros_like(angle)
     torque[:, 12:-12] = 80 * inner[0] - 0.5 * inner[1] + random.normal(size=inner[0].shape)
     model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
-    assert ["a negative viscosity or reflex gain" in text for text in model.diagnostics.warnings].count(True) == 1
+    assert [
+        "a negative viscosity or reflex gain" in text for text in model.diagnostics.warnings
+    ].count(True) == 1
     assert model.viscosity.min() == model.estimates["viscosity"].band()[0].min() == 0
-    assert any("where a reflex is shown" in text for text in tv.methods.describe("adaptive").reports)
+    assert any(
+        "where a reflex is shown" in text for text in tv.methods.describe("adaptive").reports
+    )
 
 
 def test_nothing_is_concluded_from_an_angle_that_is_still(random):
@@ -400,7 +476,9 @@ def test_nothing_is_concluded_from_an_angle_that_is_still(random):
 
 def test_what_it_cannot_serve_it_says():
     nothing = np.eye(9, 60)
-    with pytest.raises(tv.InputError, match="the torque is 0 in all realizations, their context aside"):
+    with pytest.raises(
+        tv.InputError, match="the torque is 0 in all realizations, their context aside"
+    ):
         METHOD.identify(tv.Ensemble(nothing.cumsum(axis=1), nothing, 100.0, context=12))
     usual = ensemble_of(40.0)
     assert "at least 4 realizations, got 3" in METHOD.skip(usual.select([0, 1, 2]))
@@ -423,11 +501,20 @@ def test_the_search_finds_the_best_of_all_pairs(random):
         for second in range(first + 2, len(gram), 2):
             at = np.array([first, second])
             best = max(
-                best, *(evidence.jumps(gram[np.ix_(at, at)], products.cross[at], each).evidence for each in sizes)
+                best,
+                *(
+                    evidence.jumps(gram[np.ix_(at, at)], products.cross[at], each).evidence
+                    for each in sizes
+                ),
             )
     own = found.smooth.products(line.columns(found.positions))
-    score = max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes) + found.smooth.score
-    assert score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
+    score = (
+        max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes)
+        + found.smooth.score
+    )
+    assert (
+        score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
+    )
 
 
 @pytest.mark.slow
@@ -441,7 +528,10 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         grid = search.Grid(line)
         sets = search.found_sets(grid, smooths, search.first_states(smooths, grid))
         windows = placing.Windows(line)
-        true = max(placing.total(placing.refined(placing.Found(edges, each), windows), each) for each in smooths)
+        true = max(
+            placing.total(placing.refined(placing.Found(edges, each), windows), each)
+            for each in smooths
+        )
         best = max(placing.total(placing.refined(each, windows), each.smooth) for each in sets)
         assert best > true - 0.5
 
@@ -461,14 +551,18 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
 def test_two_switches_that_are_close_are_both_listed(random):
     line, _ = line_of(random, periodic=False, switches=(20.3, 22.6))
     rows = list(tables.switches("stiffness", averaging.averaged(line), 1.0, 0, 1.0))
-    assert [row.time for row in rows if row.probability > 0.5] == pytest.approx([20.3, 22.6], abs=0.4)
+    assert [row.time for row in rows if row.probability > 0.5] == pytest.approx(
+        [20.3, 22.6], abs=0.4
+    )
 
 
 def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
     monkeypatch.setattr(averaging, "roughnesses", lambda axis: tuple(some(axis, 0)))
     line, _ = line_of(random, periodic=False)
     for scale, count in ((1.0, 1), (20.0, 2)):
-        each = evidence.Line.of(line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0)
+        each = evidence.Line.of(
+            line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0
+        )
         found = averaging.averaged(each)
         axes = {candidate.smooth.line.axis for candidate in found.candidates}
         assert (line.axis in axes, len(axes)) == (True, count)
@@ -478,7 +572,9 @@ def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, 
     beside = averaging._found(replace(each, axis=other), parts=likely)
     expected = [one.evidence for one in every]
     expected += [one.evidence - np.log(len(averaging.JITTERS) + 1) for one in beside]
-    np.testing.assert_allclose([one.evidence for one in found.every], sorted(expected, reverse=True))
+    np.testing.assert_allclose(
+        [one.evidence for one in found.every], sorted(expected, reverse=True)
+    )
 
 
 @pytest.mark.slow

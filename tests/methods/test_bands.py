@@ -71,7 +71,9 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted)
         variance = np.sum((output - inputs @ weights) ** 2) / freedom
         area = np.sqrt(variance * np.linalg.inv(inputs.T @ inputs).sum())
         assert model.stiffness[time] == pytest.approx(weights.sum(), rel=1e-8)
-        assert (upper - lower)[time] / 2 == pytest.approx(stats.t.ppf(0.95, freedom) * area, rel=1e-5)
+        assert (upper - lower)[time] / 2 == pytest.approx(
+            stats.t.ppf(0.95, freedom) * area, rel=1e-5
+        )
         signals = differentiate(ensemble.angle, 100.0, 4)[:, :, ensemble.context + time - 4].T
         fit = np.sqrt(variance * np.diag(np.linalg.inv(signals.T @ signals)))
         np.testing.assert_allclose(standard_errors_of(model)[1:, time], fit[1:], rtol=1e-5)
@@ -80,30 +82,46 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted)
 def test_the_rank_does_not_choose_its_own_noise():
     # Of few realizations, a truncation leaves what suits it; all directions leave noise alone.
     ensemble = ensemble_of(60.0, "sine", "noise")
-    truncated, full = (tv.EnsembleIRF(solver=solver).identify(ensemble) for solver in ("mdl", "full"))
+    truncated, full = (
+        tv.EnsembleIRF(solver=solver).identify(ensemble) for solver in ("mdl", "full")
+    )
     assert truncated.diagnostics.rank.mean() < 24
-    np.testing.assert_allclose(standard_errors_of(truncated)[1:], standard_errors_of(full)[1:], rtol=1e-9)
+    np.testing.assert_allclose(
+        standard_errors_of(truncated)[1:], standard_errors_of(full)[1:], rtol=1e-9
+    )
     np.testing.assert_array_equal(freedom_of(truncated), 30 - 25)
 
 
-@pytest.mark.parametrize(("context", "subtracted"), [(0.5, False), (0.14, False), (0.0, False), (0.14, True)])
+@pytest.mark.parametrize(
+    ("context", "subtracted"), [(0.5, False), (0.14, False), (0.0, False), (0.14, True)]
+)
 def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtracted):
     ensemble = prepared(ensemble_of(40.0, "sine", "prbs", context=context), subtracted)
     lags, half = 12, 5
     model = tv.ShortDataSegments().identify(ensemble)
-    windows = correlations.solve_windows(ensemble, lags, half, lambda _, *moments: correlations_of(*moments))
-    taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
+    windows = correlations.solve_windows(
+        ensemble, lags, half, lambda _, *moments: correlations_of(*moments)
+    )
+    taken = (
+        np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
+    )
     left = autocovariance(residuals.residual(ensemble, windows.weights), 2 * half)
     colour = residuals.noise_correlation(left, taken)
     missing = max(0, lags - ensemble.context)
     margin = min(half, max(0, ensemble.context - lags))
     for time in (missing, missing + 2, 100, 199 - missing):
-        window = range(max(time - half, missing - margin), min(time + half, 199 - missing + margin) + 1)
+        window = range(
+            max(time - half, missing - margin), min(time + half, 199 - missing + margin) + 1
+        )
         noise = toeplitz(colour)[: len(window), : len(window)]
         readout = windows.readout[time - missing]
-        samples = np.stack([lagged(ensemble, i, lags) for i in window], axis=1)  # realization, window, lag
+        samples = np.stack(
+            [lagged(ensemble, i, lags) for i in window], axis=1
+        )  # realization, window, lag
         influence = np.einsum("ml,rwl->mrw", readout, samples) / (len(ensemble) * len(window))
-        variance = windows.noise[time - missing] * np.einsum("mrw,wv,mrv->m", influence, noise, influence)
+        variance = windows.noise[time - missing] * np.einsum(
+            "mrw,wv,mrv->m", influence, noise, influence
+        )
         np.testing.assert_allclose(standard_errors_of(model)[:, time] ** 2, variance, rtol=1e-6)
 
 
@@ -121,7 +139,12 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     signals = differentiate(ensemble.angle[:, first : ensemble.angle.shape[1] - first], 100.0)
     functions = evaluate(tv.CubicBSplines(10), 200)
     design = np.concatenate(
-        [signals[0][..., None] * functions, signals[1][..., None] * functions, signals[2][..., None]], axis=2
+        [
+            signals[0][..., None] * functions,
+            signals[1][..., None] * functions,
+            signals[2][..., None],
+        ],
+        axis=2,
     ).reshape(-1, 21)
     output = ensemble.torque[:, ensemble.core].ravel()
     left = output - design @ np.linalg.lstsq(design, output, rcond=None)[0]
@@ -132,7 +155,11 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     # Sandwich with the residual's own products, realization by realization.
     scores = (design * left[:, None]).reshape(len(ensemble), 200, 21)
     middle = sum(
-        np.einsum("ria,rib->ab", scores[:, abs(min(d, 0)) : 200 - max(d, 0)], scores[:, max(d, 0) : 200 + min(d, 0)])
+        np.einsum(
+            "ria,rib->ab",
+            scores[:, abs(min(d, 0)) : 200 - max(d, 0)],
+            scores[:, max(d, 0) : 200 + min(d, 0)],
+        )
         for d in range(-25, 26)
     )
     bread = np.linalg.inv(design.T @ design)
@@ -147,14 +174,22 @@ def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors(s
     model = tv.EnsembleSpectral().identify(ensemble)
     for time in (0, 101, 199):
         segment = slice(ensemble.context + time - 15, ensemble.context + time + 15)
-        inputs, outputs = ensemble.angle[:, segment] @ hann(30), ensemble.torque[:, segment] @ hann(30)
+        inputs, outputs = (
+            ensemble.angle[:, segment] @ hann(30),
+            ensemble.torque[:, segment] @ hann(30),
+        )
         slope = inputs @ outputs / (inputs @ inputs)
         regressors = np.stack([inputs, np.ones(20)][: 1 + subtracted], axis=1)
-        errors, leverage = outputs - slope * inputs, np.diag(regressors @ np.linalg.pinv(regressors))
+        errors, leverage = (
+            outputs - slope * inputs,
+            np.diag(regressors @ np.linalg.pinv(regressors)),
+        )
         variance = np.sum(inputs**2 * errors**2 / (1 - leverage)) / (inputs @ inputs) ** 2
         assert standard_errors_of(model)[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
         width = stats.t.ppf(0.975, 19 - subtracted) * np.sqrt(variance)
-        assert model.estimates["stiffness"].band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
+        assert model.estimates["stiffness"].band()[1][time] - model.stiffness[
+            time
+        ] == pytest.approx(width, rel=1e-9)
 
 
 def test_segments_fit_is_weighted_least_squares_on_the_derivatives():
@@ -166,7 +201,9 @@ def test_segments_fit_is_weighted_least_squares_on_the_derivatives():
         regressors = (signals[:, :, at.start - 12 : at.stop - 12] * hann(30)).reshape(3, -1).T
         output = (ensemble.torque[:, at] * hann(30)).ravel()
         found = [values[time] for values in (model.stiffness, model.viscosity, model.inertia)]
-        np.testing.assert_allclose(found, np.linalg.lstsq(regressors, output, rcond=None)[0], rtol=1e-7)
+        np.testing.assert_allclose(
+            found, np.linalg.lstsq(regressors, output, rcond=None)[0], rtol=1e-7
+        )
 
 
 @cache
@@ -176,7 +213,9 @@ def repeated(name, duration, perturbation):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         for seed in range(TRIALS):
-            ensemble = tv.preprocess.subtract_mean(ensemble_of(duration, "sine", perturbation, seed=300 + seed))
+            ensemble = tv.preprocess.subtract_mean(
+                ensemble_of(duration, "sine", perturbation, seed=300 + seed)
+            )
             model = DEFAULTS[name].identify(ensemble)
             estimates.append([model.stiffness, model.viscosity, model.inertia])
             deviations.append(standard_errors_of(model))
@@ -225,10 +264,15 @@ def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
     }
     held = {name: [] for name in methods}
     for seed in range(20):
-        ensemble = prepared(ensemble_of(40.0, "sine", perturbation, seed=300 + seed).select(np.arange(9)), subtracted)
+        ensemble = prepared(
+            ensemble_of(40.0, "sine", perturbation, seed=300 + seed).select(np.arange(9)),
+            subtracted,
+        )
         for name, (method, _) in methods.items():
             model = method.identify(ensemble)
-            held[name].append([*model.estimates["stiffness"].band(), *model.estimates["viscosity"].band()])
+            held[name].append(
+                [*model.estimates["stiffness"].band(), *model.estimates["viscosity"].band()]
+            )
     for name, (_, lowest) in methods.items():
         bands = np.array(held[name])
         assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
@@ -239,7 +283,9 @@ def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
 def test_fewer_realizations_than_lags_leave_no_band():
     model = tv.EnsembleIRF().identify(ensemble_of(40.0))
     for name, simultaneous in itertools.product(model.estimates, (False, True)):
-        with pytest.warns(tv.DataQualityWarning, match=r"no band: 20 realizations are no more than the 25") as caught:
+        with pytest.warns(
+            tv.DataQualityWarning, match=r"no band: 20 realizations are no more than the 25"
+        ) as caught:
             lower, upper = model.estimates[name].band(simultaneous=simultaneous)
         assert caught[0].filename == __file__
         assert np.isnan(lower).all()
@@ -250,7 +296,10 @@ def test_fewer_realizations_than_lags_leave_no_band():
 def test_white_noise_needs_no_correction(random):
     ensemble = ensemble_of(150.0, "constant", "prbs", np.inf)
     white = tv.Ensemble(
-        ensemble.angle, ensemble.torque + 0.4 * random.normal(size=ensemble.torque.shape), 100.0, ensemble.context
+        ensemble.angle,
+        ensemble.torque + 0.4 * random.normal(size=ensemble.torque.shape),
+        100.0,
+        ensemble.context,
     )
     model = tv.BasisIRF(prior="none").identify(white)
     variance = np.einsum(
@@ -285,21 +334,33 @@ def test_a_model_of_ones_own_may_bring_its_band():
     with pytest.warns(tv.DataQualityWarning, match="no band: the method states no standard error"):
         assert np.isnan(model.estimates["viscosity"].band()).all()
     assert np.isnan(model.inertia).all()
-    with pytest.raises(tv.InputError, match=r"expected standard errors of the values' shape \(200,\), got \(3,\)"):
+    with pytest.raises(
+        tv.InputError, match=r"expected standard errors of the values' shape \(200,\), got \(3,\)"
+    ):
         tv.Estimate(stiffness, "N m/rad", error=tv.StandardError(np.ones(3), 10))
 
 
 @pytest.mark.parametrize(
     ("method", "realizations", "subtracted", "message"),
     [
-        (tv.ShortDataSegments(), 1, False, "windows over 1 realization hold 11 independent samples for 25 lags"),
+        (
+            tv.ShortDataSegments(),
+            1,
+            False,
+            "windows over 1 realization hold 11 independent samples for 25 lags",
+        ),
         (
             tv.ShortDataSegments(),
             7,
             True,
             "windows over 7 realizations (6 independent, as their mean is subtracted) hold 66",
         ),
-        (tv.ShortDataSegments(0.04, 0.4), 1, False, "hold 41 independent samples for 9 lags, where 3 for each and 2"),
+        (
+            tv.ShortDataSegments(0.04, 0.4),
+            1,
+            False,
+            "hold 41 independent samples for 9 lags, where 3 for each and 2",
+        ),
         (
             tv.EnsembleIRF(0.04),
             10,
@@ -307,7 +368,12 @@ def test_a_model_of_ones_own_may_bring_its_band():
             "10 realizations (9 independent, as their mean is subtracted) are no more than the 9",
         ),
         (tv.EnsembleSpectral(), 1, False, "1 realization tell nothing of the noise at 0 Hz"),
-        (tv.EnsembleSpectral(), 2, True, "2 realizations (1 independent, as their mean is subtracted) tell nothing"),
+        (
+            tv.EnsembleSpectral(),
+            2,
+            True,
+            "2 realizations (1 independent, as their mean is subtracted) tell nothing",
+        ),
     ],
 )
 def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):
@@ -337,7 +403,9 @@ def test_only_windows_that_are_cut_too_short_have_no_band():
 @pytest.mark.parametrize("realizations", [1, 10])
 def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
     # Of half a second, the angle's autocovariance over long lags rests on a few samples.
-    ensemble = ensemble_of(60.0, "sine", perturbation, seed=seed, period=0.5).select(np.arange(realizations))
+    ensemble = ensemble_of(60.0, "sine", perturbation, seed=seed, period=0.5).select(
+        np.arange(realizations)
+    )
     for method in (tv.BasisIRF(), tv.EnsembleSpectral(stiffness="fit")):
         model = method.identify(ensemble)
         for quantity, widest in (("stiffness", 2000.0), ("viscosity", 50.0), ("inertia", 1.0)):
@@ -353,7 +421,11 @@ def test_a_model_that_travels_stays_immutable(name):
         np.testing.assert_array_equal(standard_errors_of(other), standard_errors_of(model))
         held = [value for value in vars(other).values() if isinstance(value, np.ndarray)]
         for estimate in other.estimates.values():
-            held += [estimate.values, estimate.standard_error.values, estimate.standard_error.freedom]
+            held += [
+                estimate.values,
+                estimate.standard_error.values,
+                estimate.standard_error.freedom,
+            ]
         held += [other.diagnostics.rank] if other.diagnostics.rank is not None else []
         assert len(held) >= 6
         assert not any(values.flags.writeable for values in held)

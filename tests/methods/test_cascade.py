@@ -43,7 +43,9 @@ CASES = {
 
 def simulated(case, duration, seed=1000):
     stiffness, gain, reflex, perturbation = CASES[case]
-    joint = tv.simulate.ReflexJoint(stiffness, reflex_gain=gain, reflex=tv.simulate.StretchReflex(**reflex))
+    joint = tv.simulate.ReflexJoint(
+        stiffness, reflex_gain=gain, reflex=tv.simulate.StretchReflex(**reflex)
+    )
     simulation = joint.simulate(duration, perturbation=perturbation, snr_db=10, seed=seed)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     return ensemble, {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
@@ -59,14 +61,22 @@ def problem(random):
     times, fitted = signals.shape[2], np.ones(signals.shape[1:], dtype=bool)
     rows = velocity[:, : HISTORY + times]
     phase = np.arange(times) / times
-    bases = (FourierSeries(2)(phase), FourierSeries(1)(phase), *[np.ones((times, 1))] * (len(signals) - 2))
+    bases = (
+        FourierSeries(2)(phase),
+        FourierSeries(1)(phase),
+        *[np.ones((times, 1))] * (len(signals) - 2),
+    )
     noise = 1e-5 * random.normal(size=fitted.shape)
     plain = Data.of(noise, signals, bases, fitted).weighed(NOISE)
-    reflex = Reflex(lambda c: deviations(np.maximum(rows - c, 0.0)), FourierSeries(1), times / RATE, RATE, plain)
+    reflex = Reflex(
+        lambda c: deviations(np.maximum(rows - c, 0.0)), FourierSeries(1), times / RATE, RATE, plain
+    )
     columns = every_column(Problem.of(plain, reflex, FREE), KNOWN)
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
     torque = np.tensordot(truth, columns, 1) + noise
-    return Problem.of(plain, reflex, FREE).with_data(Data.of(torque, signals, bases, fitted).weighed(NOISE)), truth
+    return Problem.of(plain, reflex, FREE).with_data(
+        Data.of(torque, signals, bases, fitted).weighed(NOISE)
+    ), truth
 
 
 def every_column(problem, shape):
@@ -82,7 +92,10 @@ def matrix_of(correlation, times):
 
 def test_only_the_angle_itself_counts_at_rest_and_ramps_and_parabolas_are_exact():
     offsets, filters = np.arange(-LAGS, LAGS + 1), intrinsic_filters(LAGS, RATE)
-    assert np.linalg.matrix_rank(filters / np.linalg.norm(filters, axis=1, keepdims=True)) == 2 * LAGS + 1
+    assert (
+        np.linalg.matrix_rank(filters / np.linalg.norm(filters, axis=1, keepdims=True))
+        == 2 * LAGS + 1
+    )
     np.testing.assert_allclose(filters.sum(axis=1), [1, *[0] * 8], atol=1e-9)
     np.testing.assert_allclose(filters @ (-offsets / RATE), [0, 1, *[0] * 7], atol=1e-9)
     np.testing.assert_allclose(filters @ (offsets / RATE) ** 2, [0, 0, 2, *[0] * 6], atol=1e-9)
@@ -105,7 +118,9 @@ def test_fast_movement_has_its_derivatives_although_it_is_decimated_to_a_slow_on
     inside = slice(10, -10)
     for order in (1, 2):
         found = signals[order] + fast[order - 1]
-        error, without = (np.abs(each - low[order])[:, inside].max() for each in (found, signals[order]))
+        error, without = (
+            np.abs(each - low[order])[:, inside].max() for each in (found, signals[order])
+        )
         assert error < 5e-3 * without
     slow = np.sin(2 * np.pi * 5 * time).reshape(1, -1, 10)
     assert np.abs(unresolved(slow, LAGS, RATE)).max() < 3e-3 * (2 * np.pi * 5) ** 2
@@ -133,7 +148,9 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
 def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window, harmonics):
     monkeypatch.setattr(regressors, "WINDOW", window)
     problem, _ = problem
-    problem = dataclasses.replace(problem, reflex=dataclasses.replace(problem.reflex, basis=FourierSeries(harmonics)))
+    problem = dataclasses.replace(
+        problem, reflex=dataclasses.replace(problem.reflex, basis=FourierSeries(harmonics))
+    )
     problem = problem.with_data(problem.data.weighed(NOISE))
     columns, torque = every_column(problem, KNOWN), problem.data.torque
     weights = np.zeros((torque.shape[1], torque.shape[1]))
@@ -143,8 +160,12 @@ def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window,
         moments = problem.moments(KNOWN, fold)
         white = columns[:, rows] @ weights
         gram = np.tensordot(white, columns[:, rows], ((1, 2), (1, 2)))
-        np.testing.assert_allclose(moments.gram, gram, rtol=1e-9, atol=1e-9 * np.abs(columns).max() ** 2)
-        np.testing.assert_allclose(moments.cross, np.tensordot(white, torque[rows], 2), rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(
+            moments.gram, gram, rtol=1e-9, atol=1e-9 * np.abs(columns).max() ** 2
+        )
+        np.testing.assert_allclose(
+            moments.cross, np.tensordot(white, torque[rows], 2), rtol=1e-7, atol=1e-8
+        )
         assert moments.square == pytest.approx(np.sum(torque[rows] @ weights * torque[rows]))
     coefficients = np.arange(problem.own) / 10
     expected = np.tensordot(coefficients, columns[: problem.own], 1)
@@ -160,7 +181,12 @@ def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(p
     response = shape._replace(delay=0.0).response(HISTORY + samples, RATE)
     for number, column in enumerate(reflex.columns(shape)):
         driven = rows * reflex.basis(arrival / reflex.period)[:, number]
-        out = np.stack([np.convolve(row, response)[HISTORY - late : HISTORY - late + samples] for row in driven])
+        out = np.stack(
+            [
+                np.convolve(row, response)[HISTORY - late : HISTORY - late + samples]
+                for row in driven
+            ]
+        )
         np.testing.assert_allclose(column, deviations(out), rtol=1e-3, atol=1e-4)
 
 
@@ -177,12 +203,19 @@ def test_evidence_is_that_of_the_samples(random):
     hat = columns @ np.linalg.solve(columns.T @ columns + np.diag(spread**-2.0), columns.T)
     assert found.effective == pytest.approx(np.trace(hat))
     for place, slope in enumerate(found.by_spread):
-        ends = [solve(moments, spread * np.exp(sign * 1e-5 * (np.arange(5) == place))).log_evidence for sign in (1, -1)]
+        ends = [
+            solve(moments, spread * np.exp(sign * 1e-5 * (np.arange(5) == place))).log_evidence
+            for sign in (1, -1)
+        ]
         assert slope == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
 
 
 def test_what_cannot_be_negative_is_not_and_the_rest_follows(random):
-    columns, torque, spread = random.normal(size=(40, 5)), random.normal(size=40), np.array([1e4, 0.5, 2.0, 0.1, 1.0])
+    columns, torque, spread = (
+        random.normal(size=(40, 5)),
+        random.normal(size=40),
+        np.array([1e4, 0.5, 2.0, 0.1, 1.0]),
+    )
     moments = Moments(columns.T @ columns, columns.T @ torque, torque @ torque, 40.0)
     positive, free = random.normal(size=(30, 5)) + 1.0, solve(moments, spread)
     found = solve(moments, spread, positive)
@@ -194,13 +227,21 @@ def test_what_cannot_be_negative_is_not_and_the_rest_follows(random):
     pressing = np.linalg.lstsq(touched.T, -slope, rcond=None)[0]
     np.testing.assert_allclose(touched.T @ pressing, -slope, atol=1e-8)
     assert (pressing > 0).all()
-    assert found.lost * moments.square == pytest.approx(40 * (found.noise_variance - free.noise_variance))
+    assert found.lost * moments.square == pytest.approx(
+        40 * (found.noise_variance - free.noise_variance)
+    )
 
 
 def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
-    joint = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=tv.simulate.SquareWave(0.0, 8.0))
-    recording = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3).recording
-    model = tv.JointCascade().identify(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    joint = tv.simulate.ReflexJoint(
+        tv.simulate.SineWave(), reflex_gain=tv.simulate.SquareWave(0.0, 8.0)
+    )
+    recording = joint.simulate(
+        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
+    ).recording
+    model = tv.JointCascade().identify(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
     gain = model.estimates["reflex_gain"]
     lower, upper = gain.band()
     assert gain.values.min() == lower.min() == 0
@@ -213,17 +254,23 @@ def test_hyper_parameters_are_those_of_greatest_evidence(random):
     prior = Prior.of(families)
     assert prior.design.shape == (7 + 1 + 2 + 3, 2 + 0 + 1 + 3)
     columns = random.normal(size=(200, 13))
-    torque = columns @ (random.normal(size=13) * np.array([5, 1, 1, 0.3, 0.3, 0.1, 0.1, 5, 0, 0, 3, 2, 2]))
+    torque = columns @ (
+        random.normal(size=13) * np.array([5, 1, 1, 0.3, 0.3, 0.1, 0.1, 5, 0, 0, 3, 2, 2])
+    )
     torque += random.normal(size=200)
     moments = Moments(columns.T @ columns, columns.T @ torque, torque @ torque, 200.0)
     best = tuned(moments, prior, prior.usual)
 
     def objective(parameters):
-        return solve(moments, prior.spread(parameters)).log_evidence + prior.log_density(parameters)[0]
+        return (
+            solve(moments, prior.spread(parameters)).log_evidence + prior.log_density(parameters)[0]
+        )
 
     for place in range(len(best)):
         for change in (-0.05, 0.05):
-            assert objective(best + change * (np.arange(len(best)) == place)) < objective(best) + 1e-3
+            assert (
+                objective(best + change * (np.arange(len(best)) == place)) < objective(best) + 1e-3
+            )
 
 
 def test_steps_lead_to_the_known_shape_and_coefficients(problem):
@@ -232,10 +279,15 @@ def test_steps_lead_to_the_known_shape_and_coefficients(problem):
     np.testing.assert_allclose(found.shape, KNOWN, rtol=0.02)
     known = np.r_[0:9, -3:0]  # the differences are nearly alike
     size = found.scale[known] * np.abs(truth[known]).max()
-    np.testing.assert_allclose(found.coefficients[known] / size, truth[known] / size, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(
+        found.coefficients[known] / size, truth[known] / size, rtol=0.01, atol=0.02
+    )
     for place in range(len(FREE)):
         change = np.where(np.arange(len(FREE)) == place, 0.01, 0.0)
-        for shape in (moved(found.shape, FREE, place_of(found.shape, FREE) + sign * change) for sign in (1, -1)):
+        for shape in (
+            moved(found.shape, FREE, place_of(found.shape, FREE) + sign * change)
+            for sign in (1, -1)
+        ):
             assert problem.at(shape, found.parameters).objective < found.objective + 0.1
 
 
@@ -246,7 +298,9 @@ def test_slopes_are_those_of_the_torque(problem):
     for place, slope in enumerate(problem.slopes(found)):
         change = np.where(np.arange(len(FREE)) == place, 1e-5, 0.0)
         later, earlier = (
-            problem.reflex.torque(moved(KNOWN, FREE, place_of(KNOWN, FREE) + sign * change), found.coefficients[own:])
+            problem.reflex.torque(
+                moved(KNOWN, FREE, place_of(KNOWN, FREE) + sign * change), found.coefficients[own:]
+            )
             for sign in (1, -1)
         )
         difference = (later - earlier) / 2e-5
@@ -260,7 +314,9 @@ def test_covariance_is_the_sandwich_of_the_samples(problem):
     problem = dataclasses.replace(problem, free=("frequency",))
     found = problem.at(KNOWN)
     sure, left = covariance_of(problem, found), problem.left(found)
-    columns = np.concatenate([every_column(problem, KNOWN), problem.slopes(found)]).reshape(-1, left.size)
+    columns = np.concatenate([every_column(problem, KNOWN), problem.slopes(found)]).reshape(
+        -1, left.size
+    )
     noise, weights = (
         np.kron(np.eye(len(left)), matrix_of(each, left.shape[1]))
         for each in (autocorrelation(left, 0.0) * np.sum(left**2) / sure.freedom, NOISE)
@@ -271,7 +327,9 @@ def test_covariance_is_the_sandwich_of_the_samples(problem):
     inverse = np.linalg.inv(white @ columns.T + weight)
     expected = inverse @ (white @ noise @ white.T + variance * weight) @ inverse
     size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(sure.matrix / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
+    np.testing.assert_allclose(
+        sure.matrix / np.outer(size, size), expected / np.outer(size, size), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("wave", ["constant", "ramp"])
@@ -303,7 +361,10 @@ def test_both_pathways_are_found(case):
     assert details["frequency"] == pytest.approx(15.6, rel=0.06)
     assert details["damping"] == pytest.approx(0.62, rel=0.12)
     assert details["threshold"] == pytest.approx(CASES[case][2].get("threshold", 0.0), abs=0.03)
-    assert details["evidence_negative" if case == "N" else "evidence_positive"] > details["evidence_linear"] + 20
+    assert (
+        details["evidence_negative" if case == "N" else "evidence_positive"]
+        > details["evidence_linear"] + 20
+    )
     assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1.5)
     np.testing.assert_allclose(model.impulse_response.sum(axis=1) / 100, model.stiffness, rtol=1e-9)
     assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)
@@ -311,7 +372,9 @@ def test_both_pathways_are_found(case):
 
 
 def test_a_constant_fit_of_a_joint_that_changes_is_said_to_be_one():
-    with pytest.warns(tv.DataQualityWarning, match="cascade: stiffness or viscosity change over a realization"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="cascade: stiffness or viscosity change over a realization"
+    ):
         model = tv.JointCascade(constant=True).identify(simulated("A", 40)[0])
     assert np.ptp(model.stiffness) == 0
     assert not tv.JointCascade().time_invariant
@@ -344,7 +407,9 @@ def test_emg_drives_the_reflex():
     ensemble, truth = simulated("A", 40)
     model = tv.JointCascade(emg="emg").identify(ensemble)
     assert model.diagnostics.details["reflex_shown"] == 1
-    assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15  # half of sds's: the electrode's noise is no drive
+    assert (
+        abs(np.mean(model.stiffness - truth["stiffness"])) < 15
+    )  # half of sds's: the electrode's noise is no drive
     assert model.estimates["reflex_gain"].unit == "N m/V"
     reversed_one = dataclasses.replace(ensemble, channels={"emg": -ensemble.channels["emg"]})
     gain = tv.JointCascade(emg="emg").identify(reversed_one).estimates["reflex_gain"]
@@ -368,7 +433,9 @@ def test_a_model_predicts_as_it_was_fitted():
     ensemble = tv.preprocess.subtract_mean(ensemble)
     model = tv.JointCascade().identify(ensemble)
     measured, predicted = ensemble.torque[:, ensemble.core], model.predict(ensemble)
-    share = 1 - np.nansum((measured - predicted) ** 2) / np.sum(measured[np.isfinite(predicted)] ** 2)
+    share = 1 - np.nansum((measured - predicted) ** 2) / np.sum(
+        measured[np.isfinite(predicted)] ** 2
+    )
     assert 100 * share == pytest.approx(model.diagnostics.details["vaf"], abs=0.1)
 
 

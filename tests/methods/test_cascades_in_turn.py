@@ -33,7 +33,9 @@ def changing(duration, seed, snr=10.0, direction=1):
         reflex_gain=Gain(),
         reflex=tv.simulate.StretchReflex(direction=direction),
     )
-    simulation = joint.simulate(duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr, seed=seed)
+    simulation = joint.simulate(
+        duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr, seed=seed
+    )
     recording = simulation.recording
     recording = tv.Recording(
         recording.angle, recording.torque, recording.sampling_rate, recording.start,
@@ -42,7 +44,11 @@ def changing(duration, seed, snr=10.0, direction=1):
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
     truth = {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
     ensemble = tv.preprocess.subtract_mean(ensemble, channels=tuple(simulation.pathways))
-    return ensemble, truth, {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways}
+    return (
+        ensemble,
+        truth,
+        {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways},
+    )
 
 
 def errors_of(method, duration, seeds):
@@ -103,8 +109,12 @@ def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
 
 def test_without_a_reflex_none_is_found():
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=0.0)
-    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4).recording
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0))
+    recording = joint.simulate(
+        40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4
+    ).recording
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
+    )
     model = tv.BasisCascade().identify(ensemble)
     assert np.abs(model.estimates["reflex_gain"].values).max() < 0.5
     assert np.sqrt(np.mean(np.square(model.stiffness - tv.simulate.SineWave()(model.time)))) < 4
@@ -128,7 +138,8 @@ def test_slow_voluntary_torque_is_taken_out():
     drifting = replace(ensemble, torque=ensemble.torque + drift)
     model = tv.BasisCascade(slow_order=3, prior="none").identify(drifting)
     error, mistaken = (
-        each.stiffness - truth["stiffness"] for each in (model, tv.BasisCascade(prior="none").identify(drifting))
+        each.stiffness - truth["stiffness"]
+        for each in (model, tv.BasisCascade(prior="none").identify(drifting))
     )
     assert np.square(mistaken).mean() > 50**2
     assert np.square(error).mean() < 10**2
@@ -142,7 +153,9 @@ def test_slow_voluntary_torque_is_taken_out():
 def test_walking_is_explained_by_emg_and_slow_torque(recordings_folder):
     # An independent fit of 60 cycles: 96.3 % with both pathways, 97.4 % with slow torque; here, of 58 decimated cycles.
     data = loadmat(recordings_folder / "walking_ankle_small_reflex.mat")
-    angle, torque, emg = (data[f"{name}_SIGNAL"].T.ravel() for name in ("POSITION", "TORQUE", "EMG"))
+    angle, torque, emg = (
+        data[f"{name}_SIGNAL"].T.ravel() for name in ("POSITION", "TORQUE", "EMG")
+    )
     recording = tv.Recording(angle, -torque, 1000.0, channels={"emg": np.abs(emg - emg.mean())})
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 1.5)
     ensemble = tv.preprocess.subtract_mean(ensemble, channels=("emg",))
@@ -159,9 +172,13 @@ def test_walking_is_explained_by_emg_and_slow_torque(recordings_folder):
 )
 def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record, low, high, vaf):
     data = loadmat(recordings_folder / "tonic_ankle.mat")
-    recording = tv.Recording(data[f"{record}_angle"].ravel(), -data[f"{record}_torque"].ravel(), 1000.0)
+    recording = tv.Recording(
+        data[f"{record}_angle"].ravel(), -data[f"{record}_torque"].ravel(), 1000.0
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    model = tv.BasisCascade(basis=tv.CubicBSplines(4)).identify(tv.preprocess.subtract_mean(ensemble))
+    model = tv.BasisCascade(basis=tv.CubicBSplines(4)).identify(
+        tv.preprocess.subtract_mean(ensemble)
+    )
     assert low < model.stiffness.mean() < high
     assert model.diagnostics.details["vaf"] > vaf
 
@@ -170,11 +187,17 @@ def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record,
     ("create", "message"),
     [
         (lambda: tv.BasisCascade(delay=0.6), "delay must be from 0 to below 0.5 s, got 0.6"),
-        (lambda: tv.BasisCascade(slow_order=-1), "slow_order must be a whole number from 0 on, or None; got -1"),
+        (
+            lambda: tv.BasisCascade(slow_order=-1),
+            "slow_order must be a whole number from 0 on, or None; got -1",
+        ),
         (lambda: tv.EnsembleCascade(window=-1), "window must be from 0"),
         (lambda: tv.BasisCascade(memory=0), "memory must be positive"),
         (lambda: tv.BasisCascade(nonlinearity="hk"), "must be one of 'rectifier', 'polynomial'"),
-        (lambda: tv.ParallelCascade(nonlinearity="cubic"), "must be one of 'rectifier', 'hk', 'sls'"),
+        (
+            lambda: tv.ParallelCascade(nonlinearity="cubic"),
+            "must be one of 'rectifier', 'hk', 'sls'",
+        ),
     ],
 )
 def test_wrong_settings_are_refused(create, message):
@@ -192,7 +215,10 @@ def test_what_is_beyond_a_realization_does_not_enter_its_first_window():
 
 def test_few_realizations_are_warned_of_where_a_window_is_short():
     ensemble, _, _ = changing(60.0, 3, np.inf)
-    with pytest.warns(tv.DataQualityWarning, match="30 samples of all realizations, where the literature asks for 500"):
+    with pytest.warns(
+        tv.DataQualityWarning,
+        match="30 samples of all realizations, where the literature asks for 500",
+    ):
         tv.EnsembleCascade(window=0).identify(ensemble)
 
 
@@ -205,4 +231,6 @@ def test_realizations_without_their_past_are_left_out():
     assert np.abs(model.stiffness - truth["stiffness"]).mean() < 3
     unknown = np.isnan(model.predict(mixed)).any(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(unknown), [0, 22, 23, 24])
-    assert method.skip(ensemble.select(range(0, 30, 2))).startswith("0 of 15 realizations have 0.7 s recorded")
+    assert method.skip(ensemble.select(range(0, 30, 2))).startswith(
+        "0 of 15 realizations have 0.7 s recorded"
+    )

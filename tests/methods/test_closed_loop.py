@@ -37,9 +37,14 @@ def _doubts_are_not_the_point():
 @cache
 def loop(load=100.0, noise_hz=5.0, snr_db=5.0, seed=100, duration=40.0):
     joint = tv.simulate.CompliantActuator(
-        tv.simulate.SineWave(), actuator_stiffness=load, noise_bandwidth=noise_hz, disturbance="torque"
+        tv.simulate.SineWave(),
+        actuator_stiffness=load,
+        noise_bandwidth=noise_hz,
+        disturbance="torque",
     )
-    simulation = joint.simulate(duration, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=snr_db, seed=seed)
+    simulation = joint.simulate(
+        duration, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=snr_db, seed=seed
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     return tv.preprocess.subtract_mean(ensemble, [D])
 
@@ -55,13 +60,16 @@ def test_the_predicted_angle_is_a_ridge_fit_to_the_other_realizations(random):
     reference = random.standard_normal((count, whole + early + late))
     angle = random.standard_normal((count, whole)) + reference[:, late - 3 : late - 3 + whole]
     groups = realization_groups(np.zeros(count, dtype=int), np.arange(count) % 11.0)
-    np.testing.assert_array_equal(groups, [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0])  # one was drawn twice
+    np.testing.assert_array_equal(
+        groups, [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0]
+    )  # one was drawn twice
     found = predicted(reference, angle, core, rate, groups)
 
     time = (np.arange(whole) - context) / samples
     functions, lags = FourierSeries(4)(time), np.arange(-early, late + 1)
     prior = np.outer(
-        np.exp(-np.maximum(lags, 0) / rate / 0.08) + 1e-3, 1 / (1 + np.array([0, 1, 1, 2, 2, 3, 3, 4, 4.0]) ** 2)
+        np.exp(-np.maximum(lags, 0) / rate / 0.08) + 1e-3,
+        1 / (1 + np.array([0, 1, 1, 2, 2, 3, 3, 4, 4.0]) ** 2),
     )
     columns = np.stack(
         [
@@ -76,24 +84,40 @@ def test_the_predicted_angle_is_a_ridge_fit_to_the_other_realizations(random):
     penalty = evidence.noise_variance * evidence.effective / (evidence.mean @ evidence.mean)
     for group in range(5):
         x = columns[groups != group, core].reshape(-1, columns.shape[-1])
-        weights = np.linalg.solve(x.T @ x + penalty * np.eye(x.shape[1]), x.T @ angle[groups != group, core].ravel())
-        np.testing.assert_allclose(found[groups == group], columns[groups == group] @ weights, rtol=1e-8, atol=1e-10)
+        weights = np.linalg.solve(
+            x.T @ x + penalty * np.eye(x.shape[1]), x.T @ angle[groups != group, core].ravel()
+        )
+        np.testing.assert_allclose(
+            found[groups == group], columns[groups == group] @ weights, rtol=1e-8, atol=1e-10
+        )
 
 
 def test_where_the_reference_tells_the_whole_angle_nothing_changes(monkeypatch):
     monkeypatch.setattr(instrument, "_predicted", lambda ensemble, reference: ensemble.angle)
     ensemble = loop()
-    for method, tolerance in ((tv.BasisIRF(), 1e-10), (tv.EnsembleSpectral(stiffness="fit"), 1e-10)):
-        with_it, without = replace(method, reference=D).identify(ensemble), method.identify(ensemble)
+    for method, tolerance in (
+        (tv.BasisIRF(), 1e-10),
+        (tv.EnsembleSpectral(stiffness="fit"), 1e-10),
+    ):
+        with_it, without = (
+            replace(method, reference=D).identify(ensemble),
+            method.identify(ensemble),
+        )
         for name in ("stiffness", "viscosity", "inertia"):
-            np.testing.assert_allclose(with_it.over_time(name), without.over_time(name), rtol=tolerance)
+            np.testing.assert_allclose(
+                with_it.over_time(name), without.over_time(name), rtol=tolerance
+            )
     for weighting in ("white", "residual"):
         method = tv.KernelRegression(weighting=weighting)
-        with_it, without = replace(method, reference=D).identify(ensemble), method.identify(ensemble)
+        with_it, without = (
+            replace(method, reference=D).identify(ensemble),
+            method.identify(ensemble),
+        )
         # Both stop where the noise variance stands to 2e-3.
         np.testing.assert_allclose(with_it.stiffness, without.stiffness, rtol=2e-3)
         ratio = (
-            with_it.estimates["stiffness"].standard_error.values / without.estimates["stiffness"].standard_error.values
+            with_it.estimates["stiffness"].standard_error.values
+            / without.estimates["stiffness"].standard_error.values
         )
         np.testing.assert_allclose(ratio, 1, rtol=1e-2)
 
@@ -105,7 +129,15 @@ def test_instrumental_fit_equals_its_equations(random):
     y, precision, weak = x @ [2, 0.03, 150] + t @ [3, -1] + noise, np.array([0.0, 1e3, 1e-3]), 1e-2
     both = np.hstack([x, z])
     found = instrumental(
-        Statistics(np.asfortranarray(both.T @ both), both.T @ y, y @ y, 400, both.T @ t, t.T @ y, np.ones(2)),
+        Statistics(
+            np.asfortranarray(both.T @ both),
+            both.T @ y,
+            y @ y,
+            400,
+            both.T @ t,
+            t.T @ y,
+            np.ones(2),
+        ),
         precision,
         weak,
     )
@@ -119,33 +151,54 @@ def test_instrumental_fit_equals_its_equations(random):
     covariance = 0.5 * s * inverse @ (z.T @ project @ z + s * p) @ inverse.T
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-2)
     same = np.hstack([x, x])
-    statistics = Statistics(np.asfortranarray(same.T @ same), same.T @ y, y @ y, 400, same.T @ t, t.T @ y, np.ones(2))
-    plain = fit(statistics._replace(gram=np.asfortranarray(x.T @ x), cross=x.T @ y, mixed=x.T @ t), precision, weak)
-    np.testing.assert_allclose(instrumental(statistics, precision, weak).mean, plain.mean, rtol=1e-4)
+    statistics = Statistics(
+        np.asfortranarray(same.T @ same), same.T @ y, y @ y, 400, same.T @ t, t.T @ y, np.ones(2)
+    )
+    plain = fit(
+        statistics._replace(gram=np.asfortranarray(x.T @ x), cross=x.T @ y, mixed=x.T @ t),
+        precision,
+        weak,
+    )
+    np.testing.assert_allclose(
+        instrumental(statistics, precision, weak).mean, plain.mean, rtol=1e-4
+    )
     np.testing.assert_allclose(
         instrumental(statistics, precision, weak).covariance, plain.covariance, rtol=5e-3, atol=1e-9
     )
 
 
 def test_noise_of_any_colour_passes_the_instruments(random):
-    z, left, functions = random.standard_normal((3, 4, 30)), random.standard_normal((4, 30)), np.ones((30, 1))
-    expansions, scale = (FourierSeries(1)(np.arange(30) / 30), functions, functions), np.array([2, 1, 1, 3.0, 0.5])
+    z, left, functions = (
+        random.standard_normal((3, 4, 30)),
+        random.standard_normal((4, 30)),
+        np.ones((30, 1)),
+    )
+    expansions, scale = (
+        (FourierSeries(1)(np.arange(30) / 30), functions, functions),
+        np.array([2, 1, 1, 3.0, 0.5]),
+    )
     columns = (
-        np.concatenate([(e.T[:, None] * own) for e, own in zip(expansions, z, strict=True)]) * scale[:, None, None]
+        np.concatenate([(e.T[:, None] * own) for e, own in zip(expansions, z, strict=True)])
+        * scale[:, None, None]
     )
     covariance = [np.sum(left[:, : 30 - d] * left[:, d:]) / left.size for d in range(6)]
     covariance *= 0.5 + 0.5 * np.cos(np.pi * np.arange(6) / 6)
     noise = toeplitz(np.pad(covariance, (0, 24)))
     assert np.linalg.eigvalsh(noise).min() > 0
     found = _noise_through(expansions, scale, z, left, 5)
-    np.testing.assert_allclose(found, np.einsum("irt,ts,jrs->ij", columns, noise, columns), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        found, np.einsum("irt,ts,jrs->ij", columns, noise, columns), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_segments_are_fitted_by_moments_with_the_predicted_angle():
     ensemble, model = loop(), identified(ESM)
     moved = instrument.Instrument.of("esm", ensemble, D).moved
     at, window = ensemble.context + 70, hann(30) ** 2
-    z, x = (differentiate(each.angle, 100.0)[:, :, at - 15 - 12 : at + 15 - 12] for each in (moved, ensemble))
+    z, x = (
+        differentiate(each.angle, 100.0)[:, :, at - 15 - 12 : at + 15 - 12]
+        for each in (moved, ensemble)
+    )
     y = ensemble.torque[:, at - 15 : at + 15]
     a, c = np.einsum("art,brt,t->rab", z, x, window), np.einsum("art,rt,t->ra", z, y, window)
     inverse = np.linalg.inv(a.sum(axis=0))
@@ -155,12 +208,16 @@ def test_segments_are_fitted_by_moments_with_the_predicted_angle():
     for place, name in enumerate(("stiffness", "viscosity", "inertia")):
         estimate = model.estimates[name]
         assert estimate.values[70] == pytest.approx(impedance[place], rel=1e-9)
-        assert estimate.standard_error.values[70] == pytest.approx(np.sqrt(variance[place]), rel=1e-8)
+        assert estimate.standard_error.values[70] == pytest.approx(
+            np.sqrt(variance[place]), rel=1e-8
+        )
         assert estimate.standard_error.freedom[70] == 16
     # The strength: what belongs to viscosity and inertia taken out of instrument and angle.
     by, out = (np.linalg.solve(m[1:, 1:], m[1:, 0]) for m in (a.sum(axis=0).T, a.sum(axis=0)))
     q = [np.r_[1, -by] @ own @ np.r_[1, -out] for own in a]
-    assert model.diagnostics.strength[70] == pytest.approx(np.sum(q) ** 2 / np.sum(np.square(q)), rel=1e-8)
+    assert model.diagnostics.strength[70] == pytest.approx(
+        np.sum(q) ** 2 / np.sum(np.square(q)), rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("time", [0, 70])
@@ -192,7 +249,9 @@ def test_short_segments_are_two_stage_least_squares(time):
     np.testing.assert_allclose(model.impulse_response[time] / 100, response, rtol=1e-7, atol=1e-9)
     scores = np.bincount(of, by.sum(axis=0) * (y - x @ response))
     variance = np.sum(scores**2) * 20 / 18 / (1 - kept.shape[1] / (len(y) * 19 / 20))
-    assert model.estimates["stiffness"].standard_error.values[time] == pytest.approx(np.sqrt(variance), rel=1e-6)
+    assert model.estimates["stiffness"].standard_error.values[time] == pytest.approx(
+        np.sqrt(variance), rel=1e-6
+    )
     assert lagged_reference(ensemble, D, 3, 2).more == 27
 
 
@@ -208,7 +267,11 @@ def test_smoothed_power_is_a_mirrored_mean():
 @pytest.mark.slow
 def test_closed_loop_estimates_are_right_where_open_ones_are_not():
     truth = np.asarray(tv.simulate.SineWave()(loop().time))
-    for method, mean, random in ((KBR, 4.0, 11.0), (ESM, 5.0, 16.0), (tv.BasisIRF(reference=D), 4.0, 12.0)):
+    for method, mean, random in (
+        (KBR, 4.0, 11.0),
+        (ESM, 5.0, 16.0),
+        (tv.BasisIRF(reference=D), 4.0, 12.0),
+    ):
         models = [identified(method, 100.0, 5.0, 5.0, seed) for seed in SEEDS]
         error = np.stack([model.stiffness for model in models]) - truth
         spread = np.sqrt(np.mean(error.var(axis=0, ddof=1)))
@@ -218,11 +281,16 @@ def test_closed_loop_estimates_are_right_where_open_ones_are_not():
         assert 0.85 < np.mean([(lower <= truth) & (truth <= upper) for lower, upper in bands]) <= 1
         errors = np.stack([model.estimates["stiffness"].standard_error.values for model in models])
         assert 0.75 < np.sqrt(np.mean(errors**2)) / spread < 1.35
-        assert all(86 < model.diagnostics.details["predicted_by_reference"] < 91 for model in models)
+        assert all(
+            86 < model.diagnostics.details["predicted_by_reference"] < 91 for model in models
+        )
         assert all(model.diagnostics.details["second_order_agreement"] > 99 for model in models)
     opened = [tv.KernelRegression().identify(loop(seed=seed)).stiffness - truth for seed in SEEDS]
     assert np.mean(opened) < -18
-    weighted = [tv.KernelRegression(weighting="residual").identify(loop(seed=seed)).stiffness for seed in SEEDS]
+    weighted = [
+        tv.KernelRegression(weighting="residual").identify(loop(seed=seed)).stiffness
+        for seed in SEEDS
+    ]
     assert np.std(weighted, axis=0).mean() < 0.85 * np.std(opened, axis=0).mean()
 
 
@@ -231,9 +299,12 @@ def test_measured_torque_is_predicted_from_the_measured_angle_as_well_as_by_the_
     # In the cross-spectra of a soft actuator's angle there are frequencies that the reference hardly moves.
     ensemble, other = loop(*data), loop(*data, 101)
     model, torque = identified(ESM, *data), other.torque[:, other.core]
-    true = np.stack([tv.simulate.SineWave()(ensemble.time), *np.outer([2.2, 0.02], np.ones(ensemble.samples))])
+    true = np.stack(
+        [tv.simulate.SineWave()(ensemble.time), *np.outer([2.2, 0.02], np.ones(ensemble.samples))]
+    )
     left = [
-        np.var(torque - each) for each in (np.einsum("mt,mrt->rt", true, other.derivatives()), model.predict(other))
+        np.var(torque - each)
+        for each in (np.einsum("mt,mrt->rt", true, other.derivatives()), model.predict(other))
     ]
     assert left[1] < 1.1 * left[0]
     told = np.isfinite(model.frequency_response)
@@ -246,13 +317,15 @@ def test_a_weak_reference_is_refused_or_has_no_band():
     weak = loop(3.0, 2.0, -10.0)
     for method in (ESM, tv.BasisIRF(reference=D), tv.ShortDataSegments(reference=D)):
         with pytest.raises(
-            tv.InputError, match=r"the disturbance 'disturbance' hardly moves the angle: it predicts .* %"
+            tv.InputError,
+            match=r"the disturbance 'disturbance' hardly moves the angle: it predicts .* %",
         ):
             method.identify(weak)
     KBR.identify(weak)
     half = loop(30.0, 2.0, -5.0)
     with pytest.warns(
-        tv.DataQualityWarning, match=r"predicts only .* % of the angle: .* disturb more strongly from .* Hz"
+        tv.DataQualityWarning,
+        match=r"predicts only .* % of the angle: .* disturb more strongly from .* Hz",
     ):
         model = ESM.identify(half)
     assert any("no band at" in text for text in model.diagnostics.warnings)
@@ -263,7 +336,8 @@ def test_a_weak_reference_is_refused_or_has_no_band():
     assert not error.absent
     few = ESM.identify(loop().select(np.arange(4))).estimates["stiffness"]
     with pytest.warns(
-        tv.DataQualityWarning, match="no band: the reference hardly moves the angle there, or in too few"
+        tv.DataQualityWarning,
+        match="no band: the reference hardly moves the angle there, or in too few",
     ):
         assert np.isnan(few.band()).all()
     constant = replace(half, channels={D: np.ones_like(half.angle)})

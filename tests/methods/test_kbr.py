@@ -18,7 +18,10 @@ from tvsysid.numerics.lowpass import low_pass
 
 def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
     ensemble = ensemble_of(40.0, "sine", "prbs")
-    for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment", band=(1.0, 19.0))):
+    for method in (
+        tv.KernelRegression(),
+        tv.KernelRegression.preset("experiment", band=(1.0, 19.0)),
+    ):
         fast = method.identify(ensemble)
         with monkeypatch.context() as patched:
             patched.setattr(record.Runs, "_shifted", record.Runs._transformed)
@@ -31,7 +34,9 @@ def test_block_size_changes_nothing(ensemble_of, monkeypatch):
     ensemble = ensemble_of(40.0, "sine", "noise")
     whole = tv.KernelRegression().identify(ensemble)
     monkeypatch.setattr(record, "BLOCK", 97)
-    np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7)
+    np.testing.assert_allclose(
+        tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7
+    )
 
 
 @pytest.mark.slow
@@ -82,7 +87,9 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
 def test_offset_and_drift_of_the_torque_go_to_the_external_term(ensemble_of):
     ensemble = ensemble_of(40.0, "sine", "noise", 20.0)
     clock = ensemble.onsets[:, None] + np.arange(ensemble.angle.shape[1]) / 100
-    drifting = dataclasses.replace(ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40))
+    drifting = dataclasses.replace(
+        ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40)
+    )
     plain = tv.KernelRegression().identify(ensemble)
     mended = tv.KernelRegression().identify(drifting)
     assert np.abs(mended.stiffness - plain.stiffness).max() < 2.5
@@ -94,7 +101,9 @@ def test_covariance_is_that_of_repeated_trials(ensemble_of):
     models = [method.identify(ensemble_of(40.0, "sine", "noise", seed=seed)) for seed in range(60)]
     features = models[0].kernel(models[0].time, models[0].time)
     part = slice(0, features.shape[1])
-    predicted = np.mean([np.sum(features @ m.covariance[part, part] * features, axis=1) for m in models], axis=0)
+    predicted = np.mean(
+        [np.sum(features @ m.covariance[part, part] * features, axis=1) for m in models], axis=0
+    )
     actual = np.var([m.stiffness for m in models], axis=0, ddof=1)
     assert predicted.mean() == pytest.approx(actual.mean(), rel=0.3)
 
@@ -106,7 +115,10 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
         90, perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=3
     )
     recording = tv.preprocess.decimate(simulation.recording, 100)
-    method, ensemble = tv.KernelRegression(period=2.0, length_decay=decay), tv.preprocess.segment(recording, duration)
+    method, ensemble = (
+        tv.KernelRegression(period=2.0, length_decay=decay),
+        tv.preprocess.segment(recording, duration),
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         model = method.identify(ensemble)
@@ -123,7 +135,9 @@ def test_presets_are_the_papers():
     experiment = tv.KernelRegression.preset("experiment")
     assert (experiment.length_decay, experiment.gamma) == (30.0, 13.8)
     assert experiment.length_periodic == pytest.approx(np.exp(-1))
-    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == dataclasses.replace(experiment, gamma=5.0)
+    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == dataclasses.replace(
+        experiment, gamma=5.0
+    )
 
 
 DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
@@ -131,11 +145,15 @@ DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize("profile", ["square", "sine"])
-def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(ensemble_of, profile, perturbation):
+def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
+    ensemble_of, profile, perturbation
+):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
         assert record.Record.of(ensemble, (0.0, 20.0)).scale == pytest.approx(DEGREE, rel=0.04)
-        own, fixed = (tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE))
+        own, fixed = (
+            tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE)
+        )
         assert np.abs(own.stiffness - fixed.stiffness).max() < 0.2
 
 
@@ -143,8 +161,13 @@ def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
     ensemble = ensemble_of(40.0)
     softer = dataclasses.replace(ensemble, torque=0.01 * ensemble.torque)
     one = tv.KernelRegression(scale=DEGREE).identify(ensemble)
-    for method in (tv.KernelRegression(scale=0.01 * DEGREE), tv.KernelRegression(scale=DEGREE, gamma=4.5e-4)):
-        np.testing.assert_allclose(method.identify(softer).stiffness, 0.01 * one.stiffness, rtol=1e-9)
+    for method in (
+        tv.KernelRegression(scale=0.01 * DEGREE),
+        tv.KernelRegression(scale=DEGREE, gamma=4.5e-4),
+    ):
+        np.testing.assert_allclose(
+            method.identify(softer).stiffness, 0.01 * one.stiffness, rtol=1e-9
+        )
     other = tv.KernelRegression(scale=DEGREE).identify(softer)
     assert np.abs(other.stiffness - 0.01 * one.stiffness).max() > 0.01
     with pytest.raises(tv.InputError, match="scale must be positive"):
@@ -154,13 +177,17 @@ def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
 def test_a_torque_that_does_not_answer_has_a_scale(ensemble_of):
     ensemble = ensemble_of(40.0)
     late = np.roll(ensemble.torque, 7, axis=0)
-    assert np.isfinite(tv.KernelRegression().identify(dataclasses.replace(ensemble, torque=late)).stiffness).all()
+    assert np.isfinite(
+        tv.KernelRegression().identify(dataclasses.replace(ensemble, torque=late)).stiffness
+    ).all()
 
 
 @pytest.mark.slow
 def test_tuned_settings_do_not_depend_on_units(ensemble_of):
     ensemble = ensemble_of(20.0, "sine", "noise")
-    other = dataclasses.replace(ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle)
+    other = dataclasses.replace(
+        ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle
+    )
     (one, ours), (two, theirs) = (tv.KernelRegression().tuned(each) for each in (ensemble, other))
     assert (one.order, one.lag, one.scale) == (two.order, two.lag, two.scale)
     np.testing.assert_allclose(np.diff(ours.values), np.diff(theirs.values), atol=1e-3)
@@ -174,7 +201,11 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
 @pytest.mark.parametrize(
     ("settings", "rate", "message"),
     [
-        ({}, 1e-9, "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least 1.98e.10 s"),
+        (
+            {},
+            1e-9,
+            "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least 1.98e.10 s",
+        ),
         ({"length_decay": 0.5}, 100.0, "need some .* features of each coefficient, at most 5400"),
         ({"length_decay": 1e-9}, 100.0, "too short to solve for"),
         ({"length_periodic": 1e-12, "period": 1e3}, 100.0, "need some 10802 features"),
@@ -182,7 +213,9 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
 )
 def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate, message):
     ensemble = ensemble_of(40.0)
-    ensemble = dataclasses.replace(ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate)
+    ensemble = dataclasses.replace(
+        ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate
+    )
     tracemalloc.start()
     with pytest.raises(tv.InputError, match=message):
         tv.KernelRegression(**settings).identify(ensemble)
@@ -197,7 +230,9 @@ def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypa
 
 
 @pytest.mark.parametrize(
-    "method", [tv.KernelRegression(), tv.KernelRegression.preset("experiment")], ids=["default", "experiment"]
+    "method",
+    [tv.KernelRegression(), tv.KernelRegression.preset("experiment")],
+    ids=["default", "experiment"],
 )
 @pytest.mark.parametrize("snr_db", [10.0, 40.0])
 def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatch, method, snr_db):
@@ -219,14 +254,18 @@ def test_of_lower_order_it_is_least_squares_where_nothing_changes(ensemble_of):
     ensemble = ensemble_of(20.0, "constant", "noise")
     for order in (0, 1):
         model = tv.KernelRegression(order=order, gamma=1e-20, band=(0.0, 15.0)).identify(ensemble)
-        signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
+        signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[
+            : order + 1
+        ]
         torque = plain.join(ensemble.torque, ensemble.context)
         external = np.cos(np.pi * np.outer(np.arange(5), (np.arange(2000) + 0.5) / 2000))
         inside = np.fft.rfftfreq(2000, 0.01) <= 15.0 + 1e-9
         regressors = plain._fourier(np.concatenate([signals, external]), inside).T
         noise = model.diagnostics.details["noise_variance"]
         prior = np.diag([0.0] * (order + 1) + [noise / np.mean(torque**2)] * 5)
-        expected = np.linalg.solve(regressors.T @ regressors + prior, regressors.T @ plain._fourier(torque, inside))
+        expected = np.linalg.solve(
+            regressors.T @ regressors + prior, regressors.T @ plain._fourier(torque, inside)
+        )
         found = np.stack([model.stiffness, model.viscosity, model.inertia]).mean(axis=1)
         np.testing.assert_allclose(found[: order + 1], expected[: order + 1], rtol=1e-6)
         np.testing.assert_array_equal(found[order + 1 :], 0.0)
@@ -239,7 +278,9 @@ def test_what_a_lower_order_leaves_out_is_none_and_has_no_band(ensemble_of, tmp_
     deviation = standard_errors_of(model)
     assert np.isfinite(deviation[:2]).all()
     assert np.isnan(deviation[2]).all()
-    with pytest.warns(tv.DataQualityWarning, match=r"no band: the model has no inertia \(order 1\)"):
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"no band: the model has no inertia \(order 1\)"
+    ):
         assert np.isnan(model.estimates["inertia"].band()).all()
     assert np.isfinite(model.estimates["viscosity"].band()).all()
     assert np.isfinite(model.estimates["stiffness"].band(simultaneous=True)).all()
@@ -269,12 +310,16 @@ def test_every_order_follows_a_stiffness_that_drifts(ensemble_of):
 def lagging(ensemble_of, lag, **settings):
     """The joint of an ensemble with its torque behind a lag, noise and all."""
     ensemble = ensemble_of(**settings)
-    return dataclasses.replace(ensemble, torque=lagged(dataclasses.replace(ensemble, angle=ensemble.torque), lag).angle)
+    return dataclasses.replace(
+        ensemble, torque=lagged(dataclasses.replace(ensemble, angle=ensemble.torque), lag).angle
+    )
 
 
 @pytest.mark.parametrize("context", [0.0, 0.5])
 def test_a_lag_that_is_told_no_longer_biases(ensemble_of, context):
-    ensemble = lagging(ensemble_of, 0.008, duration=80.0, profile="sine", snr_db=40.0, context=context)
+    ensemble = lagging(
+        ensemble_of, 0.008, duration=80.0, profile="sine", snr_db=40.0, context=context
+    )
     blind = tv.KernelRegression().identify(ensemble)
     seeing = tv.KernelRegression(lag=0.008).identify(ensemble)
     truth = tv.simulate.SineWave()(ensemble.time)
@@ -285,7 +330,10 @@ def test_a_lag_that_is_told_no_longer_biases(ensemble_of, context):
     # Stiffness changes by up to 2 % over the lag.
     assert np.abs(seeing.stiffness - truth).max() < 3.0
     inner = slice(1, -1)
-    vaf = [tv.metrics.vaf(ensemble.torque[inner, ensemble.core], m.predict(ensemble)[inner]) for m in (blind, seeing)]
+    vaf = [
+        tv.metrics.vaf(ensemble.torque[inner, ensemble.core], m.predict(ensemble)[inner])
+        for m in (blind, seeing)
+    ]
     assert 100 - vaf[1].mean() < 0.1 * (100 - vaf[0].mean())
 
 

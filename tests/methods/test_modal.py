@@ -16,7 +16,9 @@ IMPULSES = Pulses(duration=0.02, interval=1.0)
 
 
 def hit(perturbation=IMPULSES, snr_db=30.0, duration=40.0, **changes):
-    joint = replace(found_as(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes))
+    joint = replace(
+        found_as(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes)
+    )
     recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording
     return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
 
@@ -65,15 +67,25 @@ def test_an_inertia_that_is_known_scales_the_impedance(ringing):
 @pytest.mark.parametrize(
     ("perturbation", "changes", "message"),
     [
-        (PERTURBATIONS["noise"], {}, r"the torque is no impulses with rests between them: its peaks take \d+ % of"),
+        (
+            PERTURBATIONS["noise"],
+            {},
+            r"the torque is no impulses with rests between them: its peaks take \d+ % of",
+        ),
         (PERTURBATIONS["pulses"], {}, r"the torque is no impulses with rests between them"),
-        (IMPULSES, {"viscosity": 5.0}, r"the joint does not ring: its damping ratio is 0.79 \(100 N·m/rad, 5 N·m·s"),
+        (
+            IMPULSES,
+            {"viscosity": 5.0},
+            r"the joint does not ring: its damping ratio is 0.79 \(100 N·m/rad, 5 N·m·s",
+        ),
     ],
 )
 def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message):
     with pytest.raises(tv.InputError, match=message):
         MODAL.identify(hit(perturbation, **changes))
-    recording = tv.simulate.Joint().simulate(20, perturbation=FilteredNoise(), snr_db=10, seed=1).recording
+    recording = (
+        tv.simulate.Joint().simulate(20, perturbation=FilteredNoise(), snr_db=10, seed=1).recording
+    )
     imposed = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     assert "no impulses" in MODAL.skip(imposed)
 
@@ -81,4 +93,6 @@ def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message)
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_cases")
 def test_it_passes_every_check():
-    assert [f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed] == []
+    assert [
+        f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed
+    ] == []

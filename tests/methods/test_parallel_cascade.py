@@ -34,23 +34,34 @@ def tonic(recordings_folder):
 def reflexive(seed, perturbation, snr=10.0, gain=8.0, stiffness=100.0, **reflex):
     """Sixty seconds of a constant joint with a reflex."""
     joint = tv.simulate.ReflexJoint(
-        stiffness=tv.simulate.Constant(stiffness), reflex_gain=gain, reflex=tv.simulate.StretchReflex(**reflex)
+        stiffness=tv.simulate.Constant(stiffness),
+        reflex_gain=gain,
+        reflex=tv.simulate.StretchReflex(**reflex),
     )
     recording = joint.simulate(60.0, perturbation=perturbation, snr_db=snr, seed=seed).recording
-    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0))
+    return tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
+    )
 
 
-@pytest.mark.parametrize("record", [RECORDS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RECORDS[1:])])
+@pytest.mark.parametrize(
+    "record", [RECORDS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RECORDS[1:])]
+)
 # Hunter and Korenberg's iteration minimises nothing: each round moves stiffness, and the authors' code stops sooner.
 @pytest.mark.parametrize(
-    ("kind", "within", "rounds"), [("rect", 0.02, 50), ("sls", 0.08, 50), ("hk", 0.12, 50), ("hk", 0.05, 2)]
+    ("kind", "within", "rounds"),
+    [("rect", 0.02, 50), ("sls", 0.08, 50), ("hk", 0.12, 50), ("hk", 0.05, 2)],
 )
 def test_stiffness_and_vaf_are_those_of_the_authors_code(
     monkeypatch, tonic, parallel_reference, record, kind, within, rounds
 ):
-    monkeypatch.setattr(hammerstein, "STEPS", rounds)  # the second fit sees whether the first round was better
+    monkeypatch.setattr(
+        hammerstein, "STEPS", rounds
+    )  # the second fit sees whether the first round was better
     # As their toolbox prepares the data: the velocity of the recorded angle, decimated by a Chebyshev filter.
-    angle, torque = (tonic[f"{record}_{name}"].ravel().astype(float) for name in ("angle", "torque"))
+    angle, torque = (
+        tonic[f"{record}_{name}"].ravel().astype(float) for name in ("angle", "torque")
+    )
     lowpass = cheby1(8, 0.05, 0.08, output="sos")
     signals = (angle, recorded_velocity(angle[None, :, None], 1000.0)[0], torque)
     angle, velocity, torque = (sosfiltfilt(lowpass, each)[9::10] for each in signals)
@@ -69,10 +80,15 @@ def test_stiffness_and_vaf_are_those_of_the_authors_code(
 
 
 @pytest.mark.parametrize(
-    ("record", "stiffness", "vaf"), [("plantarflexor", 61, 88), ("dorsiflexor", 76, 92), ("dorsiflexor_2", 51, 94)]
+    ("record", "stiffness", "vaf"),
+    [("plantarflexor", 61, 88), ("dorsiflexor", 76, 92), ("dorsiflexor_2", 51, 94)],
 )
-def test_real_ankles_have_the_stiffness_that_their_velocity_at_the_recorded_rate_gives(tonic, record, stiffness, vaf):
-    recording = tv.Recording(tonic[f"{record}_angle"].ravel(), -tonic[f"{record}_torque"].ravel(), 1000.0)
+def test_real_ankles_have_the_stiffness_that_their_velocity_at_the_recorded_rate_gives(
+    tonic, record, stiffness, vaf
+):
+    recording = tv.Recording(
+        tonic[f"{record}_angle"].ravel(), -tonic[f"{record}_torque"].ravel(), 1000.0
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
     model = tv.ParallelCascade().identify(tv.preprocess.subtract_mean(ensemble))
     assert model.stiffness[0] == pytest.approx(stiffness, rel=0.05)
@@ -105,14 +121,21 @@ def test_polynomials_are_scaled_to_a_slope_of_one(nonlinearity):
 
 
 @pytest.mark.parametrize(
-    ("perturbation", "gain", "bias", "spread"), [(NOISE, 8.0, 2.4, 1.5), (PRBS, 8.0, 1.8, 1.5), (NOISE, 0.0, 0.6, 1.0)]
+    ("perturbation", "gain", "bias", "spread"),
+    [(NOISE, 8.0, 2.4, 1.5), (PRBS, 8.0, 1.8, 1.5), (NOISE, 0.0, 0.6, 1.0)],
 )
 def test_taking_turns_leaves_stiffness_a_little_too_high(perturbation, gain, bias, spread):
-    found = [tv.ParallelCascade().identify(reflexive(seed, perturbation, 10.0, gain)).stiffness[0] for seed in range(5)]
+    found = [
+        tv.ParallelCascade().identify(reflexive(seed, perturbation, 10.0, gain)).stiffness[0]
+        for seed in range(5)
+    ]
     assert np.mean(found) == pytest.approx(100 + bias, abs=1.5)
     assert np.std(found) < spread
     if gain:
-        plain = [tv.EnsembleIRF().identify(reflexive(seed, perturbation, 10.0, gain)) for seed in range(2)]
+        plain = [
+            tv.EnsembleIRF().identify(reflexive(seed, perturbation, 10.0, gain))
+            for seed in range(2)
+        ]
         assert np.mean([model.stiffness.mean() for model in plain]) > 110
 
 
@@ -122,7 +145,9 @@ def test_units_scale_both_pathways():
     scaled = dataclasses.replace(ensemble, torque=1e3 * ensemble.torque)
     other = tv.ParallelCascade().identify(scaled)
     for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
-        np.testing.assert_allclose(other.estimates[name].values, 1e3 * model.estimates[name].values, rtol=1e-9)
+        np.testing.assert_allclose(
+            other.estimates[name].values, 1e3 * model.estimates[name].values, rtol=1e-9
+        )
 
 
 def test_it_says_where_the_past_is_not_recorded():

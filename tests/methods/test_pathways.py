@@ -39,7 +39,9 @@ def test_history_comes_from_the_realization_before(record):
     assert found.shape == (4, 60 + SAMPLES)
     for number, start in enumerate(SAMPLES + SAMPLES * np.arange(4)):
         known = min(60, 10 + number * SAMPLES)
-        np.testing.assert_array_equal(found[number, 60 - known :], low[start - known : start + SAMPLES])
+        np.testing.assert_array_equal(
+            found[number, 60 - known :], low[start - known : start + SAMPLES]
+        )
         assert np.isnan(found[number, : 60 - known]).all()
     apart = ensemble.select([2, 2, 0])
     found = history(apart, apart.angle, 15)
@@ -54,9 +56,13 @@ def test_reflex_torque_is_the_convolution_of_the_whole_record(record, subtracted
     # From filters of the whole record; those at realizations' ends differ by what the reflection there invents.
     fine = np.gradient(record.angle) * 0
     fine[2:-2] = np.convolve(record.angle, np.array([2, 1, 0, -1, -2]) / 10 * 1000.0, mode="valid")
-    whole = tv.preprocess.decimate(tv.Recording(-np.maximum(-fine - 0.1, 0.0), record.torque, 1000.0), RATE).angle
+    whole = tv.preprocess.decimate(
+        tv.Recording(-np.maximum(-fine - 0.1, 0.0), record.torque, 1000.0), RATE
+    ).angle
     full = np.convolve(whole, np.concatenate([np.zeros(4), response]))[: len(whole)] / RATE
-    expected = np.stack([full[start : start + SAMPLES] for start in SAMPLES + SAMPLES * np.arange(4)])
+    expected = np.stack(
+        [full[start : start + SAMPLES] for start in SAMPLES + SAMPLES * np.arange(4)]
+    )
     if subtracted:
         ensemble, expected = tv.preprocess.subtract_mean(ensemble), expected - expected.mean(axis=0)
     found = model_of(response, lags).pathways(ensemble)
@@ -71,5 +77,7 @@ def test_lags_beyond_what_was_recorded_give_no_torque(record):
     stored = model_of(np.ones(3), np.arange(10, 13)).to_xarray(ensemble)
     assert stored.reflex_response.dims == ("time", "reflex_lag")
     np.testing.assert_allclose(stored.reflex_lag, [0.10, 0.11, 0.12])
-    np.testing.assert_allclose(stored.nonlinearity.interp(velocity=[-0.6, -0.1, 0.0, 0.5]), [-0.5, 0, 0, 0])
+    np.testing.assert_allclose(
+        stored.nonlinearity.interp(velocity=[-0.6, -0.1, 0.0, 0.5]), [-0.5, 0, 0, 0]
+    )
     assert Stretch(0.1).curve()[0].tolist() == [-1.0, 0.1, 1.1]

@@ -48,9 +48,13 @@ def test_parametric_regression(ensemble_of, perturbation):
     ensemble = ensemble_of(60.0, "square", perturbation)
     reach = slice(ensemble.context - HALF_WIDTH, ensemble.context + 200 + HALF_WIDTH)
     signals = differentiate(ensemble.angle[:, reach], 100.0)
-    expected = plain.birf_parametric(*signals, ensemble.torque[:, ensemble.core], evaluate(tv.CubicBSplines(10), 200))
+    expected = plain.birf_parametric(
+        *signals, ensemble.torque[:, ensemble.core], evaluate(tv.CubicBSplines(10), 200)
+    )
     model = tv.BasisIRF(prior="none").identify(ensemble)
-    for found, values in zip((model.stiffness, model.viscosity, model.inertia), expected, strict=True):
+    for found, values in zip(
+        (model.stiffness, model.viscosity, model.inertia), expected, strict=True
+    ):
         np.testing.assert_allclose(found, values, rtol=1e-8)
 
 
@@ -84,16 +88,22 @@ def mean_over_realizations(values):
         (tv.KernelRegression(scale=DEGREE), math.inf),
         (tv.KernelRegression.preset("experiment", scale=DEGREE), 30.0),
         pytest.param(
-            tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0), scale=DEGREE), 10.0, marks=pytest.mark.slow
+            tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0), scale=DEGREE),
+            10.0,
+            marks=pytest.mark.slow,
         ),
     ],
 )
-def test_low_rank_kernel_regression_equals_the_dense_one(ensemble_of, monkeypatch, perturbation, method, l2):
+def test_low_rank_kernel_regression_equals_the_dense_one(
+    ensemble_of, monkeypatch, perturbation, method, l2
+):
     ensemble = ensemble_of(12.0, "square", perturbation)
     # As it comes: within a few thousandths of N·m/rad.
     model, dense = kernel_solutions(ensemble, method, l2)
     assert np.abs(model.stiffness - mean_over_realizations(dense.stiffness)).max() < 0.01
-    assert model.diagnostics.details["noise_variance"] == pytest.approx(dense.noise_variance, rel=1e-4)
+    assert model.diagnostics.details["noise_variance"] == pytest.approx(
+        dense.noise_variance, rel=1e-4
+    )
     # With every feature that rounding leaves: the same.
     monkeypatch.setattr("tvsysid.methods.kbr.kernel.TOLERANCE", 1e-15)
     monkeypatch.setattr("tvsysid.methods.kbr.fitting.VISIBLE", 0.0)
@@ -114,7 +124,12 @@ def predicted(ensemble, fit):
 @contexts
 @pytest.mark.parametrize(
     "method",
-    [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.BasisIRF(model="irf", prior="none")],
+    [
+        tv.EnsembleIRF(),
+        tv.ShortDataSegments(),
+        tv.BasisIRF(),
+        tv.BasisIRF(model="irf", prior="none"),
+    ],
     ids=repr,
 )
 def test_chunks_of_time_make_no_seam(ensemble_of, monkeypatch, method, context):

@@ -8,7 +8,18 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.cli import identify
-from tvsysid.methods import clashes, create, describe, from_text, key_of, label_of, load, names, parse, typed
+from tvsysid.methods import (
+    clashes,
+    create,
+    describe,
+    from_text,
+    key_of,
+    label_of,
+    load,
+    names,
+    parse,
+    typed,
+)
 from tvsysid.numerics.bases import CubicBSplines, FourierSeries
 
 MODULE = '''
@@ -167,11 +178,20 @@ def test_object_serves_as_it_is():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nowhere_for_tests:Fit", r"no module 'nowhere_for_tests'; the current folder and the installed packages were"),
+        (
+            "nowhere_for_tests:Fit",
+            r"no module 'nowhere_for_tests'; the current folder and the installed packages were",
+        ),
         ("mine_for_tests.part:Fit", r"no module 'mine_for_tests.part'"),
-        ("./mine_for_tests.py:Fit", r"expected the name of a module, got a file; .* give mine_for_tests:Fit"),
+        (
+            "./mine_for_tests.py:Fit",
+            r"expected the name of a module, got a file; .* give mine_for_tests:Fit",
+        ),
         ("mine for tests:Fit", r"expected module:Class, as in mypackage\.mymodule:MyMethod"),
-        ("mine_for_tests", r"unknown method 'mine_for_tests'; .* of your own is named module:Class"),
+        (
+            "mine_for_tests",
+            r"unknown method 'mine_for_tests'; .* of your own is named module:Class",
+        ),
         (
             "broken_for_tests:Fit",
             r"module 'broken_for_tests' fails while it is imported: ZeroDivisionError: division by zero "
@@ -186,8 +206,14 @@ def test_object_serves_as_it_is():
             r"module 'importing_for_tests' fails while it is imported: ModuleNotFoundError: "
             r"No module named 'a_module_that_nobody_has' \(importing_for_tests\.py, line 1\)",
         ),
-        ("quitting_for_tests:Fit", r"fails while it is imported: SystemExit: 3 \(quitting_for_tests\.py, line 2\)"),
-        ("mine_for_tests:fit", r"has no 'fit'; what it has with identify: Fit, Plain, Open, Needy, ready"),
+        (
+            "quitting_for_tests:Fit",
+            r"fails while it is imported: SystemExit: 3 \(quitting_for_tests\.py, line 2\)",
+        ),
+        (
+            "mine_for_tests:fit",
+            r"has no 'fit'; what it has with identify: Fit, Plain, Open, Needy, ready",
+        ),
         ("empty_for_tests:Fit", r"has no 'Fit'; nothing in it has identify"),
         (
             "mine_for_tests:Nothing",
@@ -250,10 +276,19 @@ def test_an_installed_method_cannot_take_the_place_of_the_packages_own():
     ("key", "message"),
     [
         ("gone", r"'gone' of the installed package mypackage cannot be loaded: .* has no 'Gone'"),
-        ("missing", r"'missing' of the installed package mypackage cannot be loaded: .* no module 'nowhere_for_tests'"),
-        ("failing", r"'failing' of the installed package mypackage cannot be loaded: .* ZeroDivisionError"),
+        (
+            "missing",
+            r"'missing' of the installed package mypackage cannot be loaded: .* no module 'nowhere_for_tests'",
+        ),
+        (
+            "failing",
+            r"'failing' of the installed package mypackage cannot be loaded: .* ZeroDivisionError",
+        ),
         ("needy", r"class Needy needs window, order"),
-        ("other", f"unknown method 'other'; the methods are {', '.join(tv.methods.METHODS)}, failing, fit, gone"),
+        (
+            "other",
+            f"unknown method 'other'; the methods are {', '.join(tv.methods.METHODS)}, failing, fit, gone",
+        ),
     ],
 )
 def test_installed_methods_that_cannot_be_used_are_told(key, message):
@@ -272,7 +307,11 @@ def test_unreadable_metadata_of_another_package_stops_nothing(installed):
 @pytest.mark.usefixtures("installed")
 def test_what_is_run_by_default_is_the_same_whatever_is_installed():
     assert tv.study.Study().methods == (*tv.methods.PAPER_METHODS, "adaptive")
-    assert tuple(identify.DEFAULT_METHODS) == tv.methods.DEFAULT_METHODS == ("adaptive", *tv.methods.PAPER_METHODS)
+    assert (
+        tuple(identify.DEFAULT_METHODS)
+        == tv.methods.DEFAULT_METHODS
+        == ("adaptive", *tv.methods.PAPER_METHODS)
+    )
 
 
 @pytest.mark.parametrize(
@@ -283,7 +322,9 @@ def test_what_is_run_by_default_is_the_same_whatever_is_installed():
         tv.BasisIRF(basis=CubicBSplines(20, periodic=True), prior="ridge"),
         tv.BasisIRF(basis=FourierSeries(3)),
         tv.EnsembleSpectral(stiffness="fit"),
-        tv.KernelRegression(length_periodic=0.005646, gamma=(0.9495, 4.475e-07, 1.321e-15), band=(0.5, 20.0)),
+        tv.KernelRegression(
+            length_periodic=0.005646, gamma=(0.9495, 4.475e-07, 1.321e-15), band=(0.5, 20.0)
+        ),
         tv.KernelRegression(period=2.0, gamma=3.0),
     ],
 )
@@ -294,11 +335,17 @@ def test_what_is_typed_makes_the_same_method(method):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("birf:basis=Haar(4)", r"'birf:basis=Haar\(4\)': expected a basis such as CubicBSplines\(functions=10\), of "),
+        (
+            "birf:basis=Haar(4)",
+            r"'birf:basis=Haar\(4\)': expected a basis such as CubicBSplines\(functions=10\), of ",
+        ),
         ("birf:basis=HaarWavelets", "expected a basis such as"),
         ("birf:basis=__import__('os').getcwd()", "expected a basis such as"),
         ("birf:basis=HaarWavelets(functions=open('x'))", "expected a basis such as"),
-        ("birf:basis=CubicBSplines(functions=2)", "functions must be a whole number of at least 4, got 2"),
+        (
+            "birf:basis=CubicBSplines(functions=2)",
+            "functions must be a whole number of at least 4, got 2",
+        ),
         ("kbr:gamma=(1,2,x)", r"gamma must be a number, got '\(1,2,x\)'"),
         ("kbr:gamma=(1,2)", "gamma must be one number, or three"),
         ("kbr:band=20", "band must be two frequencies in Hz"),
@@ -336,7 +383,12 @@ def test_colours_tell_methods_of_ones_own_apart():
 
 @pytest.mark.parametrize(
     ("text", "key"),
-    [("kbr:preset=experiment", "kbr"), ("a.b:C.D", "a.b:C.D"), ("fit:order=1", "fit"), ("Mine(a=1)", "Mine(a=1)")],
+    [
+        ("kbr:preset=experiment", "kbr"),
+        ("a.b:C.D", "a.b:C.D"),
+        ("fit:order=1", "fit"),
+        ("Mine(a=1)", "Mine(a=1)"),
+    ],
 )
 def test_key_without_settings(text, key):
     assert key_of(text) == key
@@ -400,10 +452,26 @@ def test_systems_profiles_and_perturbations_of_ones_own():
             r"^perturbation .*: class Joint has no generate; a perturb",
         ),
         ("objects_for_tests:Ankle", "system", r"has no 'Ankle'; what it has with simulate: Joint$"),
-        ("objects_for_tests:profile:a=1", "profile", r"takes no settings, got a; name its class function instead"),
-        ("objects_for_tests:Joint:viscosity=low", "system", r"^system .*: viscosity must be a number, got 'low'"),
-        ("nowhere_for_tests:Joint", "system", r"^system 'nowhere_for_tests:Joint': there is no module"),
-        ("sds", "profile", r"^profile 'sds': expected module:Class, as in mypackage\.mymodule:MyProfile"),
+        (
+            "objects_for_tests:profile:a=1",
+            "profile",
+            r"takes no settings, got a; name its class function instead",
+        ),
+        (
+            "objects_for_tests:Joint:viscosity=low",
+            "system",
+            r"^system .*: viscosity must be a number, got 'low'",
+        ),
+        (
+            "nowhere_for_tests:Joint",
+            "system",
+            r"^system 'nowhere_for_tests:Joint': there is no module",
+        ),
+        (
+            "sds",
+            "profile",
+            r"^profile 'sds': expected module:Class, as in mypackage\.mymodule:MyProfile",
+        ),
     ],
 )
 def test_what_is_no_system_profile_or_perturbation_is_refused(text, what, message):
@@ -417,7 +485,8 @@ def test_true_is_no_number():
 
 
 @pytest.mark.parametrize(
-    ("item", "label"), [("sds:window=0.2", "sds:window=0.2"), (tv.ShortDataSegments(), None), (object(), "object")]
+    ("item", "label"),
+    [("sds:window=0.2", "sds:window=0.2"), (tv.ShortDataSegments(), None), (object(), "object")],
 )
 def test_label_in_results(item, label):
     assert label_of(item) == (label or repr(item))
@@ -437,11 +506,15 @@ def test_inputs_are_checked_wherever_a_method_begins():
             return "it has too few" if len(ensemble) < 5 else None
 
     for begin in ("identify", "tuned"):
-        with pytest.raises(tv.InputError, match=r"Alone: inputs must be a tuple .*comma.*, got Input\("):
+        with pytest.raises(
+            tv.InputError, match=r"Alone: inputs must be a tuple .*comma.*, got Input\("
+        ):
             getattr(Alone(), begin)(ensemble_of())
         with pytest.raises(tv.InputError, match="Driven: it needs the channel 'emg'"):
             getattr(Driven(), begin)(ensemble_of())
-        few = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque}).select([1, 2])
+        few = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque}).select(
+            [1, 2]
+        )
         with pytest.raises(tv.InputError, match="Driven: it has too few"):
             getattr(Driven(), begin)(few)
     assert tv.methods.reason_to_skip(tv.methods.Tuned(Driven()), few) == "it has too few"
@@ -460,7 +533,9 @@ READ = {
 def test_what_a_method_says_of_itself_is_checked(name, said):
     kind = type("Own", (), {name: said, "identify": lambda self, ensemble: None})
     if (name, said) != ("quantities", {"emg": -3}):
-        with pytest.raises(tv.InputError, match=f"{name} (must be .*, got|cannot be read: ZeroDivisionError)"):
+        with pytest.raises(
+            tv.InputError, match=f"{name} (must be .*, got|cannot be read: ZeroDivisionError)"
+        ):
             READ[name](kind())
 
 

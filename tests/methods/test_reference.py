@@ -24,7 +24,9 @@ def wrapped(reference):
         joined = np.concatenate([values.ravel()[-12:], values.ravel(), values.ravel()[:12]])
         return np.stack([joined[i : i + 224] for i in range(0, values.size, 200)])
 
-    return tv.Ensemble(with_context(reference["angle"]), with_context(reference["torque"]), 100.0, context=12)
+    return tv.Ensemble(
+        with_context(reference["angle"]), with_context(reference["torque"]), 100.0, context=12
+    )
 
 
 @pytest.mark.parametrize(
@@ -68,12 +70,19 @@ def test_parametric_regression_equals_the_reference_given_its_derivatives(refere
     columns = [(signals[order][:, :, None] * functions).reshape(-1, 10) for order in (0, 1)]
     regressor = np.concatenate([*columns, signals[2].reshape(-1, 1)], axis=1)
     torque = reference["torque"].ravel()
-    posterior = bayes.PRIORS[prior](regressor.T @ regressor, regressor.T @ torque, float(torque @ torque), len(torque))
+    posterior = bayes.PRIORS[prior](
+        regressor.T @ regressor, regressor.T @ torque, float(torque @ torque), len(torque)
+    )
     stiffness = functions @ posterior.mean[:10]
     assert relative(stiffness, reference[f"birf_parametric_stiffness{suffix}"]) < 1e-6
     if not suffix:
-        assert relative(functions @ posterior.mean[10:20], reference["birf_parametric_viscosity"]) < 1e-5
-        assert posterior.mean[20] == pytest.approx(float(reference["birf_parametric_inertia"]), rel=1e-5)
+        assert (
+            relative(functions @ posterior.mean[10:20], reference["birf_parametric_viscosity"])
+            < 1e-5
+        )
+        assert posterior.mean[20] == pytest.approx(
+            float(reference["birf_parametric_inertia"]), rel=1e-5
+        )
 
 
 def test_bases_equal_the_reference(reference):

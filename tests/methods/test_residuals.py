@@ -21,7 +21,9 @@ def with_reflex(ensemble, share):
     late = round(0.04 * ensemble.sampling_rate)
     reflex = lfilter([1 - pole], [1, -pole], np.gradient(ensemble.angle, axis=1), axis=1)
     reflex = np.pad(reflex, ((0, 0), (late, 0)))[:, :-late]
-    return dataclasses.replace(ensemble, torque=ensemble.torque + share * ensemble.torque.std() / reflex.std() * reflex)
+    return dataclasses.replace(
+        ensemble, torque=ensemble.torque + share * ensemble.torque.std() / reflex.std() * reflex
+    )
 
 
 def test_agreement_is_what_a_regression_on_lagged_angles_leaves():
@@ -35,7 +37,12 @@ def test_agreement_is_what_a_regression_on_lagged_angles_leaves():
     left = ensemble.torque[:, ensemble.core] - fit
     lags = range(-HALF_WIDTH, HALF_WIDTH + 1)
     lagged = np.stack(
-        [ensemble.angle[:, ensemble.context - lag : ensemble.context - lag + ensemble.samples].ravel() for lag in lags]
+        [
+            ensemble.angle[
+                :, ensemble.context - lag : ensemble.context - lag + ensemble.samples
+            ].ravel()
+            for lag in lags
+        ]
     )
     weights = np.linalg.lstsq(lagged.T, left.ravel(), rcond=1e-6)[0]
     beyond = np.mean((weights @ lagged) ** 2) - len(lagged) * np.mean(left**2) / left.size
@@ -62,7 +69,10 @@ def told_of(method, ensemble):
 
 @pytest.mark.parametrize("method", [tv.EnsembleIRF(), tv.ShortDataSegments()])
 def test_noise_is_no_higher_order(method):
-    ensembles = [tv.preprocess.subtract_mean(ensemble_of(110.0, "sine", "prbs", 0.0, seed=seed)) for seed in range(8)]
+    ensembles = [
+        tv.preprocess.subtract_mean(ensemble_of(110.0, "sine", "prbs", 0.0, seed=seed))
+        for seed in range(8)
+    ]
     agreements, errors, told = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
     assert not told.any()
     # The chosen rank takes the noise that suits it; nothing is lost to that.
@@ -78,7 +88,10 @@ def test_the_agreement_error_is_its_scatter(monkeypatch):
         return 100 - 100 * np.sum(beyond - chance) / np.sum(fitted + beyond)
 
     monkeypatch.setattr(correlations, "agreement", uncut)
-    ensembles = [tv.preprocess.subtract_mean(ensemble_of(60.0, "sine", "noise", 0.0, seed=seed)) for seed in range(30)]
+    ensembles = [
+        tv.preprocess.subtract_mean(ensemble_of(60.0, "sine", "noise", 0.0, seed=seed))
+        for seed in range(30)
+    ]
     method = tv.ShortDataSegments(max_lag=0.06)
     found, errors, _ = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
     assert found.mean() == pytest.approx(100, abs=4 * errors.mean() / np.sqrt(30))

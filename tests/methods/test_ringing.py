@@ -45,7 +45,10 @@ def quietly(key, ensemble):
 @pytest.mark.parametrize("key", ["sds", "esm", "kbr"])
 def test_where_it_only_rings_methods_that_tell_times_apart_warn(struck, key):
     model = quietly(key, struck)
-    assert any("of the samples the angle moves like a free osc" in text for text in model.diagnostics.warnings)
+    assert any(
+        "of the samples the angle moves like a free osc" in text
+        for text in model.diagnostics.warnings
+    )
     assert np.nanmean(model.stiffness) < 0.85 * STIFFNESS
 
 
@@ -62,7 +65,11 @@ def test_inertia_that_leaks_into_0_hz_is_told(shaken):
     for key in ("esm:stiffness=fit", "sds", "birf", "kbr"):
         found = quietly(key, shaken)
         assert np.nanmean(found.stiffness) == pytest.approx(STIFFNESS, rel=0.03)
-        assert not [text for text in found.diagnostics.warnings if "hardly any power above 25 Hz" not in text]
+        assert not [
+            text
+            for text in found.diagnostics.warnings
+            if "hardly any power above 25 Hz" not in text
+        ]
 
 
 @pytest.mark.parametrize("realizations", [1, 3, 20])
@@ -77,7 +84,11 @@ def test_no_usual_perturbation_moves_a_joint_like_a_free_oscillation(perturbatio
 
 
 def test_a_reversed_torque_leaks_no_inertia():
-    recording = tv.simulate.Joint().simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    recording = (
+        tv.simulate.Joint()
+        .simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+        .recording
+    )
     cut = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     model = quietly("esm", replace(cut, torque=-cut.torque))
     assert not any("leaks into 0 Hz" in text for text in model.diagnostics.warnings)

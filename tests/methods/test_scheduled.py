@@ -15,17 +15,34 @@ from tests.independent import following
 import tvsysid as tv
 from tvsysid.numerics.stretch import recorded_velocity
 
-STIFFNESS, VISCOSITY, GAIN = Polynomial([28.9, 155.0, 310.0]), Polynomial([0.83, 0.2]), Polynomial([4.0, 6.0])
+STIFFNESS, VISCOSITY, GAIN = (
+    Polynomial([28.9, 155.0, 310.0]),
+    Polynomial([0.83, 0.2]),
+    Polynomial([4.0, 6.0]),
+)
 GRID = np.linspace(-0.37, 0.17, 10)
 
 
 def simulated(duration=50.0, snr_db=np.inf, **changes):
     """Ensemble of one realization: all of the record."""
-    settings = {"relation": STIFFNESS, "viscosity_relation": VISCOSITY, "gain_relation": GAIN, "inertia": 0.016}
-    settings |= {"schedule": tv.simulate.SineWave(-0.1, 0.3, 10.0), "variation": 0.0, "variable": "scheduling"}
+    settings = {
+        "relation": STIFFNESS,
+        "viscosity_relation": VISCOSITY,
+        "gain_relation": GAIN,
+        "inertia": 0.016,
+    }
+    settings |= {
+        "schedule": tv.simulate.SineWave(-0.1, 0.3, 10.0),
+        "variation": 0.0,
+        "variable": "scheduling",
+    }
     reflex = tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0)
-    joint = tv.simulate.ScheduledJoint(**settings | {"reflex": reflex, "noise_bandwidth": 15.0} | changes)
-    record = joint.simulate(duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr_db, seed=1).recording
+    joint = tv.simulate.ScheduledJoint(
+        **settings | {"reflex": reflex, "noise_bandwidth": 15.0} | changes
+    )
+    record = joint.simulate(
+        duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr_db, seed=1
+    ).recording
     return tv.preprocess.segment(tv.preprocess.decimate(record, 100), None)
 
 
@@ -44,12 +61,20 @@ def found(noisy):
     return tv.ScheduledIRF().identify(noisy)
 
 
-@pytest.mark.parametrize("method", [tv.ScheduledIRF(rest_order=2), tv.ScheduledImpedance(rest_order=2)])
+@pytest.mark.parametrize(
+    "method", [tv.ScheduledIRF(rest_order=2), tv.ScheduledImpedance(rest_order=2)]
+)
 def test_a_noiseless_joint_is_recovered(noiseless, method):
     model = method.identify(noiseless)
-    truth = {"stiffness": (STIFFNESS, 0.2), "viscosity": (VISCOSITY, 0.01), "reflex_gain": (GAIN, 0.03)}
+    truth = {
+        "stiffness": (STIFFNESS, 0.2),
+        "viscosity": (VISCOSITY, 0.01),
+        "reflex_gain": (GAIN, 0.03),
+    }
     for name, (curve, allowed) in truth.items():
-        np.testing.assert_allclose(model.at(GRID)[name].values, curve(GRID), atol=allowed, err_msg=name)
+        np.testing.assert_allclose(
+            model.at(GRID)[name].values, curve(GRID), atol=allowed, err_msg=name
+        )
     np.testing.assert_allclose(model.at(GRID)["inertia"].values, 0.016, atol=0.0003)
     assert model.diagnostics.details["vaf_folds"] > 99.5
     assert model.diagnostics.details["direction"] == 1
@@ -58,7 +83,9 @@ def test_a_noiseless_joint_is_recovered(noiseless, method):
     assert model.estimates["stiffness"].axes == ("realization", "time")
     assert model.estimates["scheduled_stiffness"].axes == ("scheduling",)
     np.testing.assert_allclose(
-        model.estimates["scheduled_stiffness"].values, STIFFNESS(model.coordinates["scheduling"]), atol=0.5
+        model.estimates["scheduled_stiffness"].values,
+        STIFFNESS(model.coordinates["scheduling"]),
+        atol=0.5,
     )
 
 
@@ -71,7 +98,9 @@ def test_a_reflex_that_is_left_out_is_taken_for_stiffness(noiseless):
 
 def test_muscles_that_answer_the_other_direction_are_found():
     reflex = tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0, direction=-1)
-    details = tv.ScheduledImpedance().identify(simulated(30.0, 10.0, reflex=reflex)).diagnostics.details
+    details = (
+        tv.ScheduledImpedance().identify(simulated(30.0, 10.0, reflex=reflex)).diagnostics.details
+    )
     assert details["direction"] == -1
     assert details["vaf_folds"] > details["vaf_folds_other_direction"] + 1
 
@@ -128,14 +157,19 @@ def test_folds_and_predictions_are_those_of_a_plain_version(noisy):
         held_out.append(100 * (1 - left.var() / y[fold].var()))
     assert model.diagnostics.details["vaf_folds"] == pytest.approx(np.mean(held_out), abs=1e-6)
     assert model.diagnostics.details["vaf_worst_fold"] == pytest.approx(min(held_out), abs=1e-6)
-    assert model.diagnostics.details["vaf"] == pytest.approx(100 * (1 - (y - x @ plain).var() / y.var()), abs=1e-6)
+    assert model.diagnostics.details["vaf"] == pytest.approx(
+        100 * (1 - (y - x @ plain).var() / y.var()), abs=1e-6
+    )
 
 
 def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_rest(noiseless):
     own, far = (
-        tv.ScheduledImpedance(rest_order=2).identify(each) for each in (noiseless, changed(noiseless, offset=0.3))
+        tv.ScheduledImpedance(rest_order=2).identify(each)
+        for each in (noiseless, changed(noiseless, offset=0.3))
     )
-    np.testing.assert_allclose(far.at(GRID)["stiffness"].values, own.at(GRID)["stiffness"].values, rtol=1e-6)
+    np.testing.assert_allclose(
+        far.at(GRID)["stiffness"].values, own.at(GRID)["stiffness"].values, rtol=1e-6
+    )
     # The mean of the record is not where the joint is at rest, either: that costs little, but not nothing.
     mean = tv.ScheduledImpedance().identify(noiseless)
     assert 0.05 < np.abs(mean.at(GRID)["stiffness"].values - STIFFNESS(GRID)).max() < 1
@@ -143,9 +177,12 @@ def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_res
 
 def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out(noisy, found):
     assert not found.diagnostics.warnings
-    follows = dataclasses.replace(noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1))
+    follows = dataclasses.replace(
+        noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1)
+    )
     with pytest.warns(
-        tv.DataQualityWarning, match=r"standard errors\) if the torque at rest followed.*use rest_order=2"
+        tv.DataQualityWarning,
+        match=r"standard errors\) if the torque at rest followed.*use rest_order=2",
     ):
         misled = tv.ScheduledIRF().identify(follows).at(GRID)
     free, own = (tv.ScheduledIRF(rest_order=2).identify(each).at(GRID) for each in (follows, noisy))
@@ -156,7 +193,9 @@ def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out
 def changed(ensemble, factor=1.0, shift=0.0, offset=0.0):
     channels = {"scheduling": factor * ensemble.channels["scheduling"] + shift}
     recorded = ensemble.recorded_angle + offset
-    return dataclasses.replace(ensemble, angle=ensemble.angle + offset, recorded_angle=recorded, channels=channels)
+    return dataclasses.replace(
+        ensemble, angle=ensemble.angle + offset, recorded_angle=recorded, channels=channels
+    )
 
 
 @pytest.mark.parametrize("change", [{"factor": -57.3, "shift": 90.0}, {"offset": 0.4}])
@@ -166,7 +205,9 @@ def test_units_and_zero_of_the_variable_and_of_the_angle_do_not_matter(noisy, fo
         own, same = found.estimates[name], other.estimates[name]
         np.testing.assert_allclose(same.values, own.values, rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(same.standard_error.values, own.standard_error.values, rtol=1e-4)
-    assert other.diagnostics.details["vaf_folds"] == pytest.approx(found.diagnostics.details["vaf_folds"])
+    assert other.diagnostics.details["vaf_folds"] == pytest.approx(
+        found.diagnostics.details["vaf_folds"]
+    )
 
 
 def record_of(ensemble):
@@ -183,7 +224,9 @@ def record_of(ensemble):
 def test_realizations_that_follow_each_other_are_one_record(noisy):
     method = tv.ScheduledIRF(order=2, reflex_order=2)
     cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
-    with pytest.warns(tv.DataQualityWarning, match="mean over realizations"):  # the reflex pulls to one side only
+    with pytest.warns(
+        tv.DataQualityWarning, match="mean over realizations"
+    ):  # the reflex pulls to one side only
         model = method.identify(cut)
     own, same = (each.at(GRID)["stiffness"] for each in (method.identify(noisy), model))
     assert (np.abs(same.values - own.values) < 0.5 * own.standard_error.values).all()
@@ -198,7 +241,9 @@ def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(noisy, fou
     model = tv.ScheduledIRF().identify(tv.preprocess.subtract_mean(cut))
     own, same = (each.at(GRID)["stiffness"] for each in (found, model))
     assert (np.abs(same.values - own.values) < 2 * own.standard_error.values).all()
-    assert model.diagnostics.parameters == found.diagnostics.parameters - 1  # nothing is left of the torque at rest
+    assert (
+        model.diagnostics.parameters == found.diagnostics.parameters - 1
+    )  # nothing is left of the torque at rest
     freedom = same.standard_error.freedom[0] + model.diagnostics.parameters
     assert freedom == pytest.approx(np.isfinite(model.predict(cut)).sum() * (1 - 1 / len(cut)))
 
@@ -217,7 +262,9 @@ def test_values_of_the_variable_that_one_fold_alone_has_are_told():
         pytest.warns(tv.DataQualityWarning, match=told),
         pytest.warns(tv.DataQualityWarning, match="below -0.263 in the first"),
     ):
-        tv.ScheduledImpedance(reflex=False).identify(simulated(20.0, 20.0, schedule=Polynomial([-0.3, 0.01])))
+        tv.ScheduledImpedance(reflex=False).identify(
+            simulated(20.0, 20.0, schedule=Polynomial([-0.3, 0.01]))
+        )
 
 
 def test_the_orders_are_chosen_by_what_folds_predict(noisy):
@@ -248,7 +295,12 @@ def test_a_stiffness_that_no_parabola_follows_is_followed_or_told(key, width, al
         lower, upper = found.band()
         errors.append(found.values - sigmoid(variable, width))
         held.append((lower <= sigmoid(variable, width)) & (sigmoid(variable, width) <= upper))
-        told.append(any("may change faster with variable than polynomials" in str(each.message) for each in caught))
+        told.append(
+            any(
+                "may change faster with variable than polynomials" in str(each.message)
+                for each in caught
+            )
+        )
     assert np.sqrt(np.mean(np.square(errors))) < allowed
     assert (np.mean(held) > 0.85 and not any(told)) if width == 0.1 else all(told)
 
@@ -284,7 +336,9 @@ def test_wrong_settings_are_refused(create, message):
 
 def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
     still = dataclasses.replace(noisy, channels={"scheduling": np.full(noisy.angle.shape, 0.3)})
-    assert tv.ScheduledIRF().skip(still) == ("scheduling is 0.3 at all times; a joint can only follow what changes")
+    assert tv.ScheduledIRF().skip(still) == (
+        "scheduling is 0.3 at all times; a joint can only follow what changes"
+    )
     short = tv.Ensemble(
         noisy.angle[:, :120],
         noisy.torque[:, :120],
@@ -300,9 +354,12 @@ def test_what_was_found_is_drawn_above_how_often_there_was_data(noisy, found):
     figure = tv.figures.scheduled_estimates({"lpv": found}, noisy, "scheduling")
     drawn = {axes.get_ylabel(): axes for axes in figure.axes}
     np.testing.assert_array_equal(
-        drawn["scheduled stiffness (N·m/rad)"].lines[0].get_ydata(), found.estimates["scheduled_stiffness"].values
+        drawn["scheduled stiffness (N·m/rad)"].lines[0].get_ydata(),
+        found.estimates["scheduled_stiffness"].values,
     )
-    assert sum(bar.get_height() for bar in drawn["time spent there (s)"].patches) == pytest.approx(noisy.duration)
+    assert sum(bar.get_height() for bar in drawn["time spent there (s)"].patches) == pytest.approx(
+        noisy.duration
+    )
     assert tv.figures.variable_of({"lpv": found}, noisy) == "scheduling"
     beside = tv.figures.identified_impedance({"lpv": found}, {}, but_over="scheduling")
     assert not any(axes.get_ylabel().startswith("scheduled") for axes in beside.axes)

@@ -12,7 +12,9 @@ SKIRT = tv.SkirtDecomposition()
 
 def perturbed(perturbation, snr_db=10.0, seed=1, stiffness=None, duration=40.0):
     joint = Joint(stiffness or SineWave())
-    recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed).recording
+    recording = joint.simulate(
+        duration, perturbation=perturbation, snr_db=snr_db, seed=seed
+    ).recording
     return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
 
 
@@ -36,12 +38,16 @@ def test_a_change_in_the_span_is_recovered(quiet):
 def test_lines_given_and_lines_found_are_the_same(quiet):
     given = tv.methods.parse("skirt:frequencies=(1.2,5.2,9.2,13.2,17.2)")
     assert given.frequencies == Multisine().frequencies
-    np.testing.assert_allclose(given.identify(quiet).stiffness, SKIRT.identify(quiet).stiffness, atol=5e-3)
+    np.testing.assert_allclose(
+        given.identify(quiet).stiffness, SKIRT.identify(quiet).stiffness, atol=5e-3
+    )
 
 
 def test_phases_are_those_of_each_trial():
     parts = [perturbed(Multisine(), np.inf, seed, duration=20.0) for seed in (1, 2)]
-    angle, torque = (np.concatenate([getattr(part, name) for part in parts]) for name in ("angle", "torque"))
+    angle, torque = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("angle", "torque")
+    )
     onsets, trials = np.concatenate([part.onsets for part in parts]), np.repeat([0, 1], 10)
     both = tv.Ensemble(angle, torque, 100.0, context=parts[0].context, onsets=onsets, trials=trials)
     model = SKIRT.identify(both.select([0, 1, 2, 4, 5, 6, 7, 8, 9, *range(11, 20)]))  # with gaps
@@ -81,7 +87,10 @@ def test_as_many_harmonics_are_fitted_as_the_torque_shows(harmonics):
     errors, held = [], []
     for seed in range(4):
         model = SKIRT.identify(independently(harmonics, seed))
-        assert model.diagnostics.details["harmonics"] in {max(harmonics, default=0), 2 if len(harmonics) < 2 else 3}
+        assert model.diagnostics.details["harmonics"] in {
+            max(harmonics, default=0),
+            2 if len(harmonics) < 2 else 3,
+        }
         truth, (lower, upper) = changing(model.time, harmonics), model.estimates["stiffness"].band()
         errors.append(model.stiffness - truth)
         held.append((lower <= truth) & (truth <= upper))
@@ -106,14 +115,22 @@ def test_a_change_that_is_not_fitted_is_told(method, harmonics, told):
 @pytest.mark.parametrize(
     ("method", "perturbation", "message"),
     [
-        (SKIRT, tv.simulate.FilteredNoise(), r"the angle is no multisine: lines \(.*\) explain \d.* % of it, and 99 %"),
+        (
+            SKIRT,
+            tv.simulate.FilteredNoise(),
+            r"the angle is no multisine: lines \(.*\) explain \d.* % of it, and 99 %",
+        ),
         (SKIRT, Multisine((2.3,)), r"one line \(2.3 Hz\) cannot tell stiffness from inertia"),
         (
             tv.SkirtDecomposition(harmonics=2),
             Multisine((2.3, 4.2)),
             r"the skirts of lines 1.9 Hz apart overlap: a change of 2 harmonics of 0.5 Hz",
         ),
-        (tv.SkirtDecomposition((1.2, 5.2)), Multisine(), r"no multisine: lines \(1.2, 5.2 Hz\) explain \d.* % of it"),
+        (
+            tv.SkirtDecomposition((1.2, 5.2)),
+            Multisine(),
+            r"no multisine: lines \(1.2, 5.2 Hz\) explain \d.* % of it",
+        ),
     ],
 )
 def test_what_it_does_not_serve_is_said_in_words(method, perturbation, message):
@@ -124,12 +141,18 @@ def test_what_it_does_not_serve_is_said_in_words(method, perturbation, message):
 
 def test_a_single_line_that_the_mean_left_is_told_by_every_method():
     # Three lines on multiples of 1/period, which the mean takes.
-    with pytest.warns(tv.DataQualityWarning, match=r"the angle moves within 1 Hz of 2.3 Hz only") as told:
-        tv.KernelRegression().identify(tv.preprocess.subtract_mean(perturbed(Multisine((0.5, 1.0, 1.5, 2.25)))))
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"the angle moves within 1 Hz of 2.3 Hz only"
+    ) as told:
+        tv.KernelRegression().identify(
+            tv.preprocess.subtract_mean(perturbed(Multisine((0.5, 1.0, 1.5, 2.25))))
+        )
     assert len(told) == 1
 
 
-@pytest.mark.parametrize("settings", [{"harmonics": -1}, {"harmonics": 1.5}, {"frequencies": (1.0, -2.0)}])
+@pytest.mark.parametrize(
+    "settings", [{"harmonics": -1}, {"harmonics": 1.5}, {"frequencies": (1.0, -2.0)}]
+)
 def test_settings_that_make_no_sense_are_refused(settings):
     with pytest.raises(tv.InputError):
         tv.SkirtDecomposition(**settings)
@@ -138,4 +161,6 @@ def test_settings_that_make_no_sense_are_refused(settings):
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_cases")
 def test_it_passes_every_check():
-    assert [f"{each.name}: {each.message}" for each in tv.check_method(SKIRT) if not each.passed] == []
+    assert [
+        f"{each.name}: {each.message}" for each in tv.check_method(SKIRT) if not each.passed
+    ] == []

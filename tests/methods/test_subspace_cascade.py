@@ -28,12 +28,17 @@ def _warnings_are_not_the_point():
 def simulated(duration=60.0, stiffness=100.0, gain=8.0, perturbation="noise", snr_db=20.0, seed=1):
     """Ensemble, mean subtracted, with each pathway's torque as a channel, and the truth."""
     joint = tv.simulate.ReflexJoint(
-        stiffness=stiffness if callable(stiffness) else tv.simulate.Constant(stiffness), reflex_gain=gain
+        stiffness=stiffness if callable(stiffness) else tv.simulate.Constant(stiffness),
+        reflex_gain=gain,
     )
-    found = joint.simulate(duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed)
+    found = joint.simulate(
+        duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
+    )
     recording = replace(found.recording, channels=found.pathways)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    return tv.preprocess.subtract_mean(ensemble, ("intrinsic", "reflex") if gain else ()), found.truth_of(ensemble)
+    return tv.preprocess.subtract_mean(
+        ensemble, ("intrinsic", "reflex") if gain else ()
+    ), found.truth_of(ensemble)
 
 
 def share(torque, part):
@@ -53,7 +58,10 @@ def fitted(piece, order):
 
 @pytest.mark.parametrize(
     "muscle",
-    ["plantarflexor", *(pytest.param(each, marks=pytest.mark.slow) for each in ("dorsiflexor", "dorsiflexor_2"))],
+    [
+        "plantarflexor",
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("dorsiflexor", "dorsiflexor_2")),
+    ],
 )
 def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, muscle):
     lags, name = 4, f"{muscle}__sdss_rank_revealing_40ms_"
@@ -65,7 +73,9 @@ def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, 
     limits = tuple(parallel_reference[f"{name}polyRange"])
     np.testing.assert_allclose((velocity.min(), velocity.max()), limits, rtol=1e-3)
     late = np.concatenate([np.zeros(lags), velocity[:-lags]])
-    piece = subspace.Piece(torque - torque.mean(), np.pad(angle - angle.mean(), lags), chebyshev_of(late, limits, 12))
+    piece = subspace.Piece(
+        torque - torque.mean(), np.pad(angle - angle.mean(), lags), chebyshev_of(late, limits, 12)
+    )
     response, reflex = fitted(piece, 2)
     assert response.sum() == pytest.approx(parallel_reference[f"{name}irf"].sum() / 100, rel=0.005)
     whole = 100 * (1 - np.var(reflex.left) / np.var(piece.output))
@@ -73,7 +83,10 @@ def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, 
 
     # Where the velocities are. The reference ends its alternation early.
     range_ = np.linspace(-1.2, 1.2, 49) / max(limits)
-    ours, theirs = chebval(range_, reflex.weights), chebval(range_, parallel_reference[f"{name}polyCoef"])
+    ours, theirs = (
+        chebval(range_, reflex.weights),
+        chebval(range_, parallel_reference[f"{name}polyCoef"]),
+    )
     assert np.corrcoef(ours, theirs)[0, 1] > 0.99
     a, b, c, d = (parallel_reference[f"{name}{part}"] for part in "ABCD")
     gain = d + c @ np.linalg.solve(np.eye(2) - a, b)
@@ -89,10 +102,14 @@ def test_real_ankles(recordings_folder, muscle, stiffness, explained):
     file = recordings_folder / "tonic_ankle.mat"
     signals = {"angle": f"{muscle}_angle", "torque": f"{muscle}_torque"}
     recording = tv.read_recording(file, **signals, sampling_rate=1000, torque_sign=-1)
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
     model = tv.SubspaceCascade().identify(ensemble)
     assert model.stiffness[0] == pytest.approx(stiffness, rel=0.03)
-    assert share(ensemble.torque[:, ensemble.core], model.predict(ensemble)) == pytest.approx(explained, abs=1)
+    assert share(ensemble.torque[:, ensemble.core], model.predict(ensemble)) == pytest.approx(
+        explained, abs=1
+    )
 
 
 @pytest.mark.parametrize("perturbation", ["noise", pytest.param("prbs", marks=pytest.mark.slow)])
@@ -103,9 +120,13 @@ def test_a_constant_joint_with_a_reflex(perturbation):
     assert model.stiffness[0] == pytest.approx(100, abs=2)
     assert model.viscosity[0] == pytest.approx(2.2, rel=0.05)
     assert model.inertia[0] == pytest.approx(0.02, rel=0.06)  # lags of 40 ms are few for a PRBS
-    assert model.estimates["reflex_gain"].values[0] == pytest.approx(8, rel=0.25 if perturbation == "prbs" else 0.05)
+    assert model.estimates["reflex_gain"].values[0] == pytest.approx(
+        8, rel=0.25 if perturbation == "prbs" else 0.05
+    )
     for name, torque in model.pathways(ensemble).items():
-        assert share(ensemble.channels[name][:, ensemble.core], torque) > (98 if perturbation == "noise" else 95)
+        assert share(ensemble.channels[name][:, ensemble.core], torque) > (
+            98 if perturbation == "noise" else 95
+        )
 
 
 @pytest.mark.slow
@@ -152,7 +173,9 @@ def test_units_scale_everything_and_change_nothing(torque, angle):
     model, other = method.identify(ensemble), method.identify(scaled)
     for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
         expected = model.over_time(name) * 10**torque / 10**angle
-        np.testing.assert_allclose(other.over_time(name), expected, atol=1e-5 * np.nanmax(np.abs(expected)))
+        np.testing.assert_allclose(
+            other.over_time(name), expected, atol=1e-5 * np.nanmax(np.abs(expected))
+        )
 
 
 def test_a_model_travels():
@@ -167,8 +190,14 @@ def test_a_model_travels():
     [
         (tv.SubspaceCascade(horizon=1.0), "horizon of 1 s has 100 samples at 100 Hz"),
         (tv.SubspaceCascade(order=20), "expected more than the 20 of the order"),
-        (tv.SubspaceCascade(terms=100), "with 41.8 s together beyond that; got 1 of up to 20 s, with 19.6 s"),
-        (tv.SubspaceCascade(window=0.03), "a window of 0.03 s holds 30 samples of 10 realizations, it needs 66"),
+        (
+            tv.SubspaceCascade(terms=100),
+            "with 41.8 s together beyond that; got 1 of up to 20 s, with 19.6 s",
+        ),
+        (
+            tv.SubspaceCascade(window=0.03),
+            "a window of 0.03 s holds 30 samples of 10 realizations, it needs 66",
+        ),
     ],
 )
 def test_what_it_cannot_serve_is_said(method, reason):
@@ -180,7 +209,10 @@ def test_what_it_cannot_serve_is_said(method, reason):
 
 def test_a_window_before_which_nothing_is_known_has_no_value():
     ensemble, _ = simulated(20.0)
-    cut = {name: getattr(ensemble, name)[:, ensemble.core] for name in ("angle", "torque", "recorded_angle")}
+    cut = {
+        name: getattr(ensemble, name)[:, ensemble.core]
+        for name in ("angle", "torque", "recorded_angle")
+    }
     bare = replace(ensemble, **cut, context=0, channels={}, onsets=None, trials=None)
     model = tv.SubspaceCascade(terms=4, window=0.4).identify(bare)
     known = np.isfinite(model.stiffness)
@@ -189,7 +221,15 @@ def test_a_window_before_which_nothing_is_known_has_no_value():
 
 
 @pytest.mark.parametrize(
-    "given", [{"delay": 0.0}, {"terms": 0}, {"order": 0}, {"order": 1.5}, {"window": -1.0}, {"horizon": "long"}]
+    "given",
+    [
+        {"delay": 0.0},
+        {"terms": 0},
+        {"order": 0},
+        {"order": 1.5},
+        {"window": -1.0},
+        {"horizon": "long"},
+    ],
 )
 def test_wrong_settings_are_refused(given):
     with pytest.raises(tv.InputError, match=f"{next(iter(given))} must be"):

@@ -68,14 +68,22 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
     assert evidence.values[evidence.chosen] == better or evidence.chosen == 0
     assert tuned.key != "kbr" or (tuned.order, tuned.lag) == (2, 0.0)
     assert evidence.gain >= 0
-    assert len(evidence.tried) == len(evidence.values) == len(evidence.positions) == len(evidence.lines)
+    assert (
+        len(evidence.tried)
+        == len(evidence.values)
+        == len(evidence.positions)
+        == len(evidence.lines)
+    )
     table = evidence.to_pandas()
     assert list(table.value) == list(evidence.values)
     assert list(np.flatnonzero(table.chosen)) == [evidence.chosen]
     assert f"{len(evidence.values)} tried" in repr(evidence)
     # It identifies, and no worse than before.
     truth = tv.simulate.SquareWave()(ensemble.time)
-    errors = [np.sqrt(np.mean((each.identify(ensemble).stiffness - truth) ** 2)) for each in (method, tuned)]
+    errors = [
+        np.sqrt(np.mean((each.identify(ensemble).stiffness - truth) ** 2))
+        for each in (method, tuned)
+    ]
     assert errors[1] <= 1.05 * errors[0]
 
 
@@ -126,7 +134,10 @@ def dense_model(ensemble, theta, decay, near, order=2):
     kernel = np.exp(-(np.sin(np.pi * apart / 2.0) ** 2) / l1 - (apart / decay) ** 2)
     place = (np.arange(count) + 0.5) / count
     external = np.cos(np.pi * np.outer(np.arange(5), place))
-    changing = sum(each * kernel * np.outer(signal, signal) for each, signal in zip(variances, signals, strict=False))
+    changing = sum(
+        each * kernel * np.outer(signal, signal)
+        for each, signal in zip(variances, signals, strict=False)
+    )
     smooth = np.mean(torque**2) * external.T @ external
 
     def in_band(covariance):
@@ -158,7 +169,9 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
     other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]
-    expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(ensemble, other, decay, 0.15)
+    expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(
+        ensemble, other, decay, 0.15
+    )
     assert found == pytest.approx(expected, abs=1e-3)
     # Its slope is that of differences.
     _, slope = likelihood(one)
@@ -170,10 +183,14 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
 
 def dense_log_evidence(ensemble, theta, near, order, lag):
     """Log density under a proper prior of the constants, less the price of what is chosen, but for a constant."""
-    covariance, fixed, output, alone = dense_model(lagged(ensemble, lag), theta, math.inf, near, order)
+    covariance, fixed, output, alone = dense_model(
+        lagged(ensemble, lag), theta, math.inf, near, order
+    )
     count = len(output)
     estimate = np.linalg.lstsq(
-        fixed.T @ np.linalg.solve(covariance, fixed), fixed.T @ np.linalg.solve(covariance, output), rcond=None
+        fixed.T @ np.linalg.solve(covariance, fixed),
+        fixed.T @ np.linalg.solve(covariance, output),
+        rcond=None,
     )[0]
     # As much as one of the numbers tells of the constants, where nothing changes in time.
     prior = count * np.linalg.inv(2 * fixed.T @ np.linalg.solve(alone, fixed))
@@ -198,13 +215,17 @@ def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_p
             found.append(part.tried(theta, part(theta)[0], "").value)
             expected.append(dense_log_evidence(ensemble, theta, 0.15, order, lag))
     assert np.ptp(expected) > 100
-    np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02)
+    np.testing.assert_allclose(
+        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02
+    )
 
 
 def test_evidence_of_constants_does_not_depend_on_their_units():
     record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0))
     units = np.array([1.0, 100.0, 1e-3])[:, None, None]
-    stacks = tuple(dataclasses.replace(runs, signals=runs.signals * units) for runs in record.stacks)
+    stacks = tuple(
+        dataclasses.replace(runs, signals=runs.signals * units) for runs in record.stacks
+    )
     other = dataclasses.replace(record, stacks=stacks)
     kernel = record.kernel(2.0, 0.1)
     values = []
@@ -219,7 +240,9 @@ def joint_of(duration, lag=0.0, **settings):
     """Ensemble of a simulated joint whose torque passes a lag at the simulation's rate, before the noise."""
     asked = {"perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1}
     asked |= {name: settings.pop(name) for name in asked if name in settings}
-    simulation = tv.simulate.Joint(**{"stiffness": tv.simulate.SineWave()} | settings).simulate(duration, **asked)
+    simulation = tv.simulate.Joint(**{"stiffness": tv.simulate.SineWave()} | settings).simulate(
+        duration, **asked
+    )
     recording = simulation.recording
     torque = low_pass(simulation.noiseless.torque, lag, 1000.0)
     torque = torque + recording.torque - simulation.noiseless.torque
@@ -237,7 +260,8 @@ def tuned_to_a_joint(order, joint):
 
 @slow
 @pytest.mark.parametrize(
-    ("order", "given", "joint"), [(2, 0, ()), (1, 2, LIGHT), (1, 0, LIGHT), (0, 2, (*LIGHT, ("viscosity", 0.0)))]
+    ("order", "given", "joint"),
+    [(2, 0, ()), (1, 2, LIGHT), (1, 0, LIGHT), (0, 2, (*LIGHT, ("viscosity", 0.0)))],
 )
 def test_as_many_terms_as_the_joint_has(order, given, joint):
     tuned, evidence = tuned_to_a_joint(given, joint)
@@ -268,7 +292,9 @@ def test_a_lag_of_the_torque_is_found():
 def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
     evidence = tuned_to_a_joint(2, LIGHT).evidence
     gain = evidence.values[evidence.chosen] - max(
-        value for value, settings in zip(evidence.values, evidence.tried, strict=True) if settings["order"] == 2
+        value
+        for value, settings in zip(evidence.values, evidence.tried, strict=True)
+        if settings["order"] == 2
     )
     assert evidence.settings["order"] == 1
     assert gain > CLEARLY
@@ -280,11 +306,19 @@ def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
 def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
     """A share of the numbers, as slow noise leaves it, says too little of inertia, where that noise is quiet."""
     reflex = tv.simulate.StretchReflex(0.045, 10.0, 0.8, 0.1)
-    joint = tv.simulate.ReflexJoint(tv.simulate.Constant(60.0), 1.0, reflex_gain=40.0, reflex=reflex)
+    joint = tv.simulate.ReflexJoint(
+        tv.simulate.Constant(60.0), 1.0, reflex_gain=40.0, reflex=reflex
+    )
     recording = joint.simulate(60, perturbation=tv.simulate.Pulses(), snr_db=5, seed=0).recording
-    noise = lfilter(*butter(1, 1.0, fs=1000), np.random.default_rng(0).standard_normal(len(recording)))
-    recording = dataclasses.replace(recording, torque=recording.torque + recording.torque.std() * noise / noise.std())
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    noise = lfilter(
+        *butter(1, 1.0, fs=1000), np.random.default_rng(0).standard_normal(len(recording))
+    )
+    recording = dataclasses.replace(
+        recording, torque=recording.torque + recording.torque.std() * noise / noise.std()
+    )
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
     tuned = tv.KernelRegression().tuned(ensemble).method
     assert (tuned.order, tuned.lag) == (2, 0.0)
     assert tuned.identify(ensemble).inertia.mean() > 0.015
@@ -292,13 +326,19 @@ def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
 
 def test_a_kernel_that_explains_much_less_than_the_one_given_is_warned_of():
     ensemble = ensemble_of(40.0, "square", "noise")
-    with pytest.warns(tv.DataQualityWarning, match=r"chosen explain 44 % of the torque, those given 93 %"):
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"chosen explain 44 % of the torque, those given 93 %"
+    ):
         tv.KernelRegression()._compare(tv.KernelRegression(order=0, gamma=1e-12), ensemble)
 
 
 def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
-    assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == ("window=0.02 is the smallest that was tried",)
-    assert edge_of("window", 0.4, (0.04, 0.02, 0.1)) == ("window=0.4 is the largest that was tried",)
+    assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == (
+        "window=0.02 is the smallest that was tried",
+    )
+    assert edge_of("window", 0.4, (0.04, 0.02, 0.1)) == (
+        "window=0.4 is the largest that was tried",
+    )
     assert edge_of("window", 0.04, (0.04, 0.02, 0.1)) == edge_of("window", 0.04, (0.04,)) == ()
 
 
@@ -309,10 +349,18 @@ def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
     monkeypatch.setattr(sds, "LAGS", (0.03, 0.12))
     monkeypatch.setattr(sds, "WINDOWS", (0.1, 0.4))
     joint = tv.simulate.ReflexJoint(tv.simulate.Constant(100.0), reflex_gain=8.0)
-    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
-    released = tv.simulate.StretchReflex(direction=-1).torque(np.gradient(recording.angle, 1e-3), 8.0, 1000.0)
-    recording = dataclasses.replace(recording, torque=recording.torque + released)  # with the stretch's, linear
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    recording = joint.simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    ).recording
+    released = tv.simulate.StretchReflex(direction=-1).torque(
+        np.gradient(recording.angle, 1e-3), 8.0, 1000.0
+    )
+    recording = dataclasses.replace(
+        recording, torque=recording.torque + released
+    )  # with the stretch's, linear
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    )
     (advice,) = tv.diagnose(ensemble).findings
     assert advice.name == "slow-answer"
     assert "sds:max_lag=0.4,window=0.4" in advice.fault.remedy
@@ -328,7 +376,11 @@ def test_a_joint_that_drifts_keeps_its_decay_with_another_order():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
 
-    tuned = tv.KernelRegression().tuned(joint_of(60, stiffness=profile, snr_db=20, inertia=1e-12)).method
+    tuned = (
+        tv.KernelRegression()
+        .tuned(joint_of(60, stiffness=profile, snr_db=20, inertia=1e-12))
+        .method
+    )
     assert tuned.order == 1
     assert tuned.length_decay < 300
 
@@ -342,7 +394,9 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood():
     record = Record.of(ensemble, (0.0, 20.0))
     kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
     noise, share = method._noise(ensemble)
-    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share)
+    likelihood = Likelihood.of(
+        record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share
+    )
     variances = record.scale**2 * np.array(settings["gamma"])
     top = np.log([settings["length_periodic"], *variances, noise])
     best = likelihood.at(top, "")
@@ -371,7 +425,9 @@ def test_a_drift_asks_for_a_decay():
 
 def test_one_gamma_is_three_alike():
     ensemble = ensemble_of(20.0, "sine", "noise")
-    one, three = (tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0)))
+    one, three = (
+        tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0))
+    )
     np.testing.assert_array_equal(one.stiffness, three.stiffness)
     stiff = tv.KernelRegression(gamma=(1e-12, 2.0, 2.0)).identify(ensemble)
     assert np.ptp(stiff.stiffness) < 1e-3
@@ -397,7 +453,9 @@ class Share:
 
 
 def test_halves_tell_the_mean_square_error(random, monkeypatch):
-    monkeypatch.setattr(halves, "reference_stiffness", lambda half, max_lag: half.torque.mean(axis=0))
+    monkeypatch.setattr(
+        halves, "reference_stiffness", lambda half, max_lag: half.torque.mean(axis=0)
+    )
     monkeypatch.setattr(halves, "DEALS", 20)
     truth, noise, count = 10 * np.sin(np.linspace(0, 6, 4000)), 8.0, 60
     torque = truth + noise * random.normal(size=(count, len(truth)))
@@ -406,7 +464,9 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     errors = compared.errors(np.array([compared.estimates(Share(share)) for share in (1.0, 0.5)]))
     variance = noise**2 / count
     assert errors[:, 0].mean() == pytest.approx(variance, rel=0.1)
-    assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
+    assert errors[:, 1].mean() == pytest.approx(
+        0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05
+    )
 
 
 @pytest.mark.slow
@@ -427,7 +487,10 @@ def test_halves_are_identified_from_alone():
     method = tv.EnsembleSpectral()
     first, second = (method._identify(half).stiffness for half in compared.halves[0])
     reference = [halves.reference_stiffness(half, 0.12) for half in compared.halves[0]]
-    expected = np.mean((first - reference[0]) * (second - reference[1])) + np.mean((first - second) ** 2) / 4
+    expected = (
+        np.mean((first - reference[0]) * (second - reference[1]))
+        + np.mean((first - second) ** 2) / 4
+    )
     errors = compared.errors(compared.estimates(method)[None])
     assert errors[0, 0] == pytest.approx(expected)
     onsets = np.concatenate([half.onsets for half in compared.halves[0]])
@@ -442,7 +505,9 @@ def test_the_reference_is_short_data_segments_with_a_window_that_determines_it()
 
 def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     noise = tv.simulate.FilteredNoise()
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant()).simulate(30, perturbation=noise, snr_db=10, seed=1)
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant()).simulate(
+        30, perturbation=noise, snr_db=10, seed=1
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 0.3, 0.1)
     tried = tv.ShortDataSegments(max_lag=0.08).tuned(ensemble).evidence.tried
     assert max(settings["window"] for settings in tried) < 0.3
@@ -475,7 +540,9 @@ def test_settings_are_compared_over_the_times_that_all_of_them_know(few_deals):
 def test_settings_given_that_do_not_fit_are_refused_as_by_identification(method):
     ensemble = ensemble_of(40.0)
     for verb in (method.identify, method.tuned):
-        with pytest.raises(tv.InputError, match=r"\d+ samples.* a realization (has|of) 200 .*give (a )?shorter one"):
+        with pytest.raises(
+            tv.InputError, match=r"\d+ samples.* a realization (has|of) 200 .*give (a )?shorter one"
+        ):
             verb(ensemble)
 
 
@@ -526,7 +593,10 @@ def test_a_method_that_tunes_itself_keeps_the_contract():
 @pytest.mark.parametrize(
     ("create", "message"),
     [
-        (lambda: tv.methods.parse("sds:tuned=perhaps"), "tuned must be true or false, got 'perhaps'"),
+        (
+            lambda: tv.methods.parse("sds:tuned=perhaps"),
+            "tuned must be true or false, got 'perhaps'",
+        ),
         (lambda: tv.methods.create("sds", tuned="yes"), "tuned must be true or false, got 'yes'"),
         (lambda: tv.methods.Tuned("sds"), "expected one of the package's methods, got 'sds'"),
     ],
@@ -551,7 +621,9 @@ def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
     edges = np.zeros_like(noise)
     edges[:, :10] = np.nan
     inner = tv.Ensemble(slow[:, 10:], noise[:, 10:], 100.0)
-    assert independent_share(ensemble, edges, (0.0, 50.0)) == independent_share(inner, edges[:, 10:], (0.0, 50.0))
+    assert independent_share(ensemble, edges, (0.0, 50.0)) == independent_share(
+        inner, edges[:, 10:], (0.0, 50.0)
+    )
 
 
 def test_a_basis_is_chosen_by_its_function_not_by_its_size():

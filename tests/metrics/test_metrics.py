@@ -15,9 +15,13 @@ trials = hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.just(8)), elemen
 @given(trials, hnp.arrays(np.float64, 8, elements=finite))
 def test_total_error_is_bias_and_random_error(estimates, truth):
     bias, random = metrics.bias_error(estimates, truth), metrics.random_error(estimates)
-    assert metrics.total_error(estimates, truth) ** 2 == pytest.approx(bias**2 + random**2, abs=1e-6)
+    assert metrics.total_error(estimates, truth) ** 2 == pytest.approx(
+        bias**2 + random**2, abs=1e-6
+    )
     assert metrics.debiased_bias_error(estimates, truth) ** 2 == pytest.approx(
-        max(0.0, bias**2 - random**2 / (len(estimates) - 1)) if len(estimates) > 1 else np.nan, abs=1e-6, nan_ok=True
+        max(0.0, bias**2 - random**2 / (len(estimates) - 1)) if len(estimates) > 1 else np.nan,
+        abs=1e-6,
+        nan_ok=True,
     )
 
 
@@ -41,12 +45,24 @@ def test_a_perfect_identification_has_the_best_value(name, random):
         "time_varying_vaf": (torque, torque),
         "bandpassed_vaf": (torque, torque, 100.0),
         # A perfect band of 95 % misses the truth in one trial of twenty.
-        "coverage": (truth + np.r_[[-1.0] * 19, 1.0][:, None], truth + np.full((20, 1), 2.0), truth),
+        "coverage": (
+            truth + np.r_[[-1.0] * 19, 1.0][:, None],
+            truth + np.full((20, 1), 2.0),
+            truth,
+        ),
     }.get(name, ([truth, truth], truth))
     np.testing.assert_allclose(metric.function(*arguments), metric.best, atol=1e-12)
     assert metric.unit in {"N·m/rad", "s", "%"}
     assert metric.needs_truth == (
-        name in {"bias_error", "debiased_bias_error", "mean_bias", "total_error", "rise_time", "coverage"}
+        name
+        in {
+            "bias_error",
+            "debiased_bias_error",
+            "mean_bias",
+            "total_error",
+            "rise_time",
+            "coverage",
+        }
     )
 
 
@@ -54,8 +70,16 @@ def test_coverage_counts_edges_as_inside_and_leaves_out_what_has_no_band():
     nan = np.nan
     lower, upper = [[0.0, nan, 1.0], [1.5, nan, 2.0]], [[1.0, 5.0, 2.0], [3.0, nan, 3.0]]
     assert metrics.coverage(lower, upper, [1.0, 1.0, 2.0]) == 75.0
-    assert metrics.coverage([[nan]], [[1.0]], [0.0]) != metrics.coverage([[0.0]], [[1.0]], [0.0]) == 100.0
-    for wrong in (([0.0], [1.0], [0.5]), ([[0.0]], [[1.0, 2.0]], [0.5]), ([[0.0]], [[1.0]], [0.5, 0.5])):
+    assert (
+        metrics.coverage([[nan]], [[1.0]], [0.0])
+        != metrics.coverage([[0.0]], [[1.0]], [0.0])
+        == 100.0
+    )
+    for wrong in (
+        ([0.0], [1.0], [0.5]),
+        ([[0.0]], [[1.0, 2.0]], [0.5]),
+        ([[0.0]], [[1.0]], [0.5, 0.5]),
+    ):
         with pytest.raises(tv.InputError, match="coverage: expected lower and upper of axes"):
             metrics.coverage(*wrong)
 
@@ -63,7 +87,9 @@ def test_coverage_counts_edges_as_inside_and_leaves_out_what_has_no_band():
 def test_edges_without_estimate_are_left_out_and_counted():
     estimates = np.array([[np.nan, 1.0, 3.0, np.nan], [np.nan, 2.0, 3.0, 5.0]])
     assert metrics.left_out(estimates) == 2
-    assert metrics.bias_error(estimates, np.zeros(4)) == metrics.bias_error(estimates[:, 1:3], np.zeros(2))
+    assert metrics.bias_error(estimates, np.zeros(4)) == metrics.bias_error(
+        estimates[:, 1:3], np.zeros(2)
+    )
     assert metrics.random_error(estimates) == metrics.random_error(estimates[:, 1:3])
     assert np.isnan(metrics.total_error(np.full((2, 3), np.nan), np.zeros(3)))
 
@@ -71,7 +97,10 @@ def test_edges_without_estimate_are_left_out_and_counted():
 @pytest.mark.parametrize(
     ("curve", "expected"),
     [
-        (lambda t: 50 + 100 * np.clip((t - 0.4) / 0.2, 0, 1), 0.16),  # a ramp of 0.2 s from 60 to 140
+        (
+            lambda t: 50 + 100 * np.clip((t - 0.4) / 0.2, 0, 1),
+            0.16,
+        ),  # a ramp of 0.2 s from 60 to 140
         (lambda t: np.where(t < 0.5, 50.0, 150.0), 0.0),
         (lambda t: np.where(t < 0.5, 50.0, 130.0), np.nan),  # never high enough
         (lambda t: np.where(t < 0.5, 70.0, 150.0), np.nan),  # never low
@@ -98,7 +127,9 @@ def test_short_segments_rise_over_four_fifths_of_their_window(window):
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     model = tv.ShortDataSegments(window=window).identify(ensemble)
     # The window holds one sample more than it is long.
-    assert metrics.rise_time(model.time, [model.stiffness]) == pytest.approx(0.8 * (window + 0.01), abs=0.0151)
+    assert metrics.rise_time(model.time, [model.stiffness]) == pytest.approx(
+        0.8 * (window + 0.01), abs=0.0151
+    )
 
 
 def test_hand_worked_vaf():
@@ -107,7 +138,9 @@ def test_hand_worked_vaf():
     np.testing.assert_allclose(metrics.time_varying_vaf(torque, predicted), [60.0, 93.75])
 
 
-@given(hnp.arrays(np.float64, (5, 7), elements=finite), hnp.arrays(np.float64, (5, 7), elements=finite))
+@given(
+    hnp.arrays(np.float64, (5, 7), elements=finite), hnp.arrays(np.float64, (5, 7), elements=finite)
+)
 def test_vaf_is_a_percentage(torque, predicted):
     for values in (metrics.vaf(torque, predicted), metrics.time_varying_vaf(torque, predicted)):
         known = values[np.isfinite(values)]
@@ -117,7 +150,9 @@ def test_vaf_is_a_percentage(torque, predicted):
 def test_vaf_leaves_out_what_was_not_predicted(random):
     torque, predicted = random.normal(size=(3, 50)), random.normal(size=(3, 50))
     predicted[:, :5] = np.nan
-    np.testing.assert_allclose(metrics.vaf(torque, predicted), metrics.vaf(torque[:, 5:], predicted[:, 5:]))
+    np.testing.assert_allclose(
+        metrics.vaf(torque, predicted), metrics.vaf(torque[:, 5:], predicted[:, 5:])
+    )
     over_time = metrics.time_varying_vaf(torque, predicted)
     assert np.isnan(over_time[:5]).all()
     assert np.isfinite(over_time[5:]).all()
@@ -134,9 +169,15 @@ def test_bandpass_takes_away_what_lies_outside():
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_bandpass_of_realizations_comes_close_to_that_of_the_record(ensemble_of, perturbation):
     ensemble = ensemble_of(150.0, "square", perturbation)
-    torque, predicted = ensemble.torque[:, ensemble.core], tv.BasisIRF().identify(ensemble).predict(ensemble)
+    torque, predicted = (
+        ensemble.torque[:, ensemble.core],
+        tv.BasisIRF().identify(ensemble).predict(ensemble),
+    )
     sections = butter(3, [1, 10], btype="bandpass", fs=100, output="sos")
-    whole = [sosfiltfilt(sections, signals.ravel()).reshape(signals.shape) for signals in (torque, predicted)]
+    whole = [
+        sosfiltfilt(sections, signals.ravel()).reshape(signals.shape)
+        for signals in (torque, predicted)
+    ]
     found, expected = metrics.bandpassed_vaf(torque, predicted, 100.0), metrics.vaf(*whole)
     assert np.sqrt(np.mean((found - expected) ** 2)) < 0.6
 
@@ -144,8 +185,13 @@ def test_bandpass_of_realizations_comes_close_to_that_of_the_record(ensemble_of,
 def test_bandpass_is_the_third_order_butterworth(random):
     torque, predicted = random.normal(size=(2, 3, 300))
     sections = butter(3, [1, 10], btype="bandpass", fs=100, output="sos")
-    filtered = [sosfiltfilt(sections, signals, axis=1, padtype="even", padlen=100) for signals in (torque, predicted)]
-    np.testing.assert_allclose(metrics.bandpassed_vaf(torque, predicted, 100.0), metrics.vaf(*filtered))
+    filtered = [
+        sosfiltfilt(sections, signals, axis=1, padtype="even", padlen=100)
+        for signals in (torque, predicted)
+    ]
+    np.testing.assert_allclose(
+        metrics.bandpassed_vaf(torque, predicted, 100.0), metrics.vaf(*filtered)
+    )
     edges = predicted.copy()
     edges[0, :10] = np.nan
     expected = metrics.bandpassed_vaf(torque[:, 10:], predicted[:, 10:], 100.0)
@@ -157,7 +203,10 @@ def test_bandpass_is_the_third_order_butterworth(random):
     ("call", "message"),
     [
         (lambda: metrics.random_error([1.0, 2.0]), r"axes \(trial, time\), got shape \(2,\)"),
-        (lambda: metrics.bias_error([[1.0, 2.0]], [1.0]), r"one value for each of 2 times, got shape \(1,\)"),
+        (
+            lambda: metrics.bias_error([[1.0, 2.0]], [1.0]),
+            r"one value for each of 2 times, got shape \(1,\)",
+        ),
         (lambda: metrics.rise_time([0.0], [[1.0, 2.0]]), "one value for each of 2 estimates"),
         (lambda: metrics.vaf([1.0], [1.0]), r"axes \(realization, time\)"),
         (lambda: metrics.vaf([[1.0]], [[1.0, 2.0]]), "of the same shape"),

@@ -13,12 +13,17 @@ many = np.full(200, np.inf)
 @given(st.floats(0.01, 0.999), st.floats(1.0, 1e6))
 def test_critical_value_is_students(level, freedom):
     value = float(bands.critical_value(level, np.array(freedom)))
-    assert stats.t.cdf(value, freedom) - stats.t.cdf(-value, freedom) == pytest.approx(level, abs=1e-6)
+    assert stats.t.cdf(value, freedom) - stats.t.cdf(-value, freedom) == pytest.approx(
+        level, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, -0.5, 95, np.nan, True, "wide"])
 def test_a_level_is_a_probability(level):
-    for function in (bands.critical_value, lambda level, freedom: bands.simultaneous_value(level, freedom, 1.0)):
+    for function in (
+        bands.critical_value,
+        lambda level, freedom: bands.simultaneous_value(level, freedom, 1.0),
+    ):
         with pytest.raises(tv.InputError, match="level: expected a probability"):
             function(level, many)
 

@@ -32,15 +32,21 @@ def test_splines_sum_to_one_and_are_smooth(periodic):
     assert np.abs(np.diff(values, 2, axis=0)).max() < 1e-3
 
 
-@pytest.mark.parametrize("basis", [basis for basis in ALL if getattr(basis, "periodic", False)], ids=repr)
+@pytest.mark.parametrize(
+    "basis", [basis for basis in ALL if getattr(basis, "periodic", False)], ids=repr
+)
 def test_periodic_functions_join(basis):
-    np.testing.assert_allclose(basis(np.array([1.0, 1.25])), basis(np.array([0.0, 0.25])), atol=1e-12)
+    np.testing.assert_allclose(
+        basis(np.array([1.0, 1.25])), basis(np.array([0.0, 0.25])), atol=1e-12
+    )
 
 
 def test_periodic_splines_are_shifts_of_one_another():
     values = bases.CubicBSplines(10, periodic=True)(np.arange(100) / 100)
     for function in range(10):
-        np.testing.assert_allclose(np.roll(values[:, 0], 10 * function), values[:, function], atol=1e-12)
+        np.testing.assert_allclose(
+            np.roll(values[:, 0], 10 * function), values[:, function], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("basis", [bases.HaarWavelets(16), bases.FourierSeries(5)])
@@ -53,4 +59,6 @@ def test_haar_wavelets_hold_a_step():
     time = np.arange(200) / 200
     step = np.where((time >= 0.25) & (time < 0.75), 150.0, 50.0)
     values = bases.HaarWavelets(4)(time)
-    np.testing.assert_allclose(values @ np.linalg.lstsq(values, step, rcond=None)[0], step, atol=1e-10)
+    np.testing.assert_allclose(
+        values @ np.linalg.lstsq(values, step, rcond=None)[0], step, atol=1e-10
+    )

@@ -18,9 +18,13 @@ def problem(random):
 
 def log_evidence(log_alpha, log_beta, regressor, output):
     """Log density of the output, whose covariance is dense."""
-    covariance = regressor / np.exp(log_alpha) @ regressor.T + np.eye(len(output)) * np.exp(-log_beta)
+    covariance = regressor / np.exp(log_alpha) @ regressor.T + np.eye(len(output)) * np.exp(
+        -log_beta
+    )
     _, determinant = np.linalg.slogdet(covariance)
-    return -0.5 * (output @ np.linalg.solve(covariance, output) + determinant + len(output) * np.log(2 * np.pi))
+    return -0.5 * (
+        output @ np.linalg.solve(covariance, output) + determinant + len(output) * np.log(2 * np.pi)
+    )
 
 
 def test_least_squares_equals_the_library(problem):

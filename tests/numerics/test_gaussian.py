@@ -47,7 +47,9 @@ def dense(regressors, nuisance, output, precision, weak, noise):
 def test_the_fit_is_the_joint_one_at_a_noise_variance_that_its_residual_shows(seed, weak):
     regressors, nuisance, output, precision = problem(seed)
     found = gaussian.fit(statistics_of(regressors, nuisance, output), precision, weak)
-    mean, covariance, residual, effective = dense(regressors, nuisance, output, precision, weak, found.noise_variance)
+    mean, covariance, residual, effective = dense(
+        regressors, nuisance, output, precision, weak, found.noise_variance
+    )
     columns = len(precision)
     spread = np.sqrt(np.diag(covariance))[:columns]
     assert np.abs((found.mean - mean[:columns]) / spread).max() < 1e-4
@@ -57,7 +59,9 @@ def test_the_fit_is_the_joint_one_at_a_noise_variance_that_its_residual_shows(se
         atol=0.01,
     )
     assert found.effective == pytest.approx(effective, rel=2e-3)
-    assert found.noise_variance == pytest.approx(2 * residual @ residual / (len(output) - effective), rel=1e-4)
+    assert found.noise_variance == pytest.approx(
+        2 * residual @ residual / (len(output) - effective), rel=1e-4
+    )
 
 
 def test_columns_without_power_keep_their_prior():
@@ -71,7 +75,9 @@ def test_columns_without_power_keep_their_prior():
 def test_noiseless_output_is_reproduced():
     regressors, nuisance, _, precision = problem(5)
     weights = np.arange(1.0, 8.0)
-    found = gaussian.fit(statistics_of(regressors, nuisance, regressors @ weights), 0 * precision, 1.0)
+    found = gaussian.fit(
+        statistics_of(regressors, nuisance, regressors @ weights), 0 * precision, 1.0
+    )
     np.testing.assert_allclose(found.mean, weights, rtol=1e-5)
 
 
@@ -80,12 +86,17 @@ def log_density(regressors, nuisance, output, precision, weak, noise):
     fixed = regressors[:, precision == 0]
     proper = regressors[:, precision > 0]
     covariance = 0.5 * (
-        noise * np.eye(len(output)) + proper / precision[precision > 0] @ proper.T + nuisance @ nuisance.T / weak
+        noise * np.eye(len(output))
+        + proper / precision[precision > 0] @ proper.T
+        + nuisance @ nuisance.T / weak
     )
     inverse = np.linalg.inv(covariance)
     information = fixed.T @ inverse @ fixed
     projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
-    determinants = np.linalg.slogdet(2 * np.pi * covariance)[1] + np.linalg.slogdet(information / (2 * np.pi))[1]
+    determinants = (
+        np.linalg.slogdet(2 * np.pi * covariance)[1]
+        + np.linalg.slogdet(information / (2 * np.pi))[1]
+    )
     return -0.5 * (determinants + output @ projected @ output)
 
 
@@ -125,7 +136,9 @@ def test_the_fit_is_where_the_evidence_of_the_noise_is_highest():
     noise = gaussian.fit(statistics, precision, 1.0).noise_variance
     best = gaussian.log_evidence(statistics, precision, 1.0, noise)
     assert abs(best.by_noise) < 1e-3
-    assert best.value > max(gaussian.log_evidence(statistics, precision, 1.0, noise * by).value for by in (0.9, 1.1))
+    assert best.value > max(
+        gaussian.log_evidence(statistics, precision, 1.0, noise * by).value for by in (0.9, 1.1)
+    )
 
 
 def test_nuisance_terms_eliminated_once_are_those_of_a_prior_that_scales_with_the_noise():

@@ -57,7 +57,9 @@ def test_convolution_equals_a_loop(random, times):
     found = moments.convolve_lags(u, weights)
     for i in range(times):
         # A negative lag takes a sample that comes later.
-        expected = sum(weights[i, before + lag] * u[:, i + after - lag] for lag in range(-before, after + 1))
+        expected = sum(
+            weights[i, before + lag] * u[:, i + after - lag] for lag in range(-before, after + 1)
+        )
         np.testing.assert_allclose(found[:, i], expected, atol=1e-12)
 
 
@@ -65,7 +67,10 @@ def test_convolution_equals_a_loop(random, times):
 def test_coloured_moments_are_those_of_the_dense_noise(random, lags, half):
     u = random.normal(size=(5, 40))
     times = 40 - 2 * (lags + half)
-    weights, correlation = random.normal(size=(times, 2, 2 * lags + 1)), 0.7 ** np.arange(2 * half + 1)
+    weights, correlation = (
+        random.normal(size=(times, 2, 2 * lags + 1)),
+        0.7 ** np.arange(2 * half + 1),
+    )
     lagged = np.lib.stride_tricks.sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1]
     products = moments.diagonal_moments(u, u, 2 * (lags + half))
     found = moments.coloured_moments(products, weights, correlation)

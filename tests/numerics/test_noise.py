@@ -34,7 +34,11 @@ def test_covariances_are_sums_of_products_over_all_samples(random, lags):
         products = [x[r, i] * x[r, i + d] for r, i in pairs]
         later = [x[r, i] * y[r, i + d] for r, i in pairs]
         earlier = [x[r, i + d] * y[r, i] for r, i in pairs]
-        for found, values in ((auto[d], products), (cross[lags + d], later), (cross[lags - d], earlier)):
+        for found, values in (
+            (auto[d], products),
+            (cross[lags + d], later),
+            (cross[lags - d], earlier),
+        ):
             assert found == pytest.approx(np.sum(values) / 60, abs=1e-12)
 
 
@@ -42,11 +46,15 @@ def test_covariances_are_sums_of_products_over_all_samples(random, lags):
 def test_regressors_covariances_are_sums_of_products_over_all_samples(random, lags):
     angle = random.normal(size=(3, 40))
     found = covariances_of(FILTERS, angle, lags)
-    signals = np.array([[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS])
+    signals = np.array(
+        [[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS]
+    )
     count = signals.shape[2]
     assert found.shape == (lags + 1, 3, 3)
     for d in range(lags + 1):
-        expected = np.einsum("jri,kri->jk", signals[:, :, : max(0, count - d)], signals[:, :, d:]) / (3 * count)
+        expected = np.einsum(
+            "jri,kri->jk", signals[:, :, : max(0, count - d)], signals[:, :, d:]
+        ) / (3 * count)
         np.testing.assert_allclose(found[d], expected, atol=1e-12)
 
 
@@ -63,7 +71,9 @@ def test_no_filter_of_an_autocovariance_has_a_negative_power(seed, realizations,
 @given(*short)
 def test_factors_of_short_realizations_are_bounded_by_the_noise(seed, realizations, samples, decay):
     random = np.random.default_rng(seed)
-    regressors = covariances_of(FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25)
+    regressors = covariances_of(
+        FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25
+    )
     correlation = noise.autocovariance(coloured(random, (realizations, samples), decay), 25)
     correlation /= correlation[0]
     factors = noise.colour_factors(regressors, correlation)
@@ -95,19 +105,26 @@ def test_one_regressor_has_the_textbook_factor():
 def test_factors_are_those_of_the_dense_sandwich(random):
     correlation = np.r_[0.6 ** np.arange(12), np.zeros(290)]
     angle = np.cumsum(coloured(random, (2, 310), 0.9), axis=1)
-    signals = np.array([[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS])
+    signals = np.array(
+        [[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS]
+    )
     dense = toeplitz(correlation)[: signals.shape[2], : signals.shape[2]]
     inverse = np.linalg.inv(np.einsum("jri,kri->jk", signals, signals))
     middle = np.einsum("jri,il,krl->jk", signals, dense, signals)
     expected = np.diag(inverse @ middle @ inverse) / np.diag(inverse)
     regressors = covariances_of(FILTERS, angle, 11)
-    np.testing.assert_allclose(noise.colour_factors(regressors, correlation[:12]), expected, rtol=1e-6)
+    np.testing.assert_allclose(
+        noise.colour_factors(regressors, correlation[:12]), expected, rtol=1e-6
+    )
 
 
 def test_the_variance_of_a_fit_is_foretold(random):
     angle = coloured(random, (4, 400), 0.9)
     regressors = angle.ravel()
-    errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(1500)]
+    errors = [
+        float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors))
+        for _ in range(1500)
+    ]
     covariances = covariances_of(np.ones((1, 1)), angle, 29)
     factor = noise.colour_factors(covariances, DECAY ** np.arange(30))[0]
     assert factor > 2
@@ -143,7 +160,9 @@ def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
 def test_power_in_a_band_is_the_mean_of_the_spectrum(band):
     frequencies = band[0] + (np.arange(20_000) + 0.5) / 20_000 * (band[1] - band[0])
     spectrum = (1 - 0.6**2) / (1 - 1.2 * np.cos(2 * np.pi * frequencies) + 0.6**2)
-    assert noise.power_in_band(0.6 ** np.arange(60), *band) == pytest.approx(spectrum.mean(), rel=1e-6)
+    assert noise.power_in_band(0.6 ** np.arange(60), *band) == pytest.approx(
+        spectrum.mean(), rel=1e-6
+    )
     assert noise.power_in_band(np.eye(9)[0], *band) == 1.0
 
 
@@ -159,7 +178,9 @@ def test_share_is_that_of_the_variance_of_a_fit(random):
     signal = lfilter([1.0], [1.0, -0.9], random.normal(size=(2000, length)), axis=1)[:, 100:]
     factor = np.einsum("rt,rt->r", torque, signal) / np.mean(np.einsum("rt,rt->r", signal, signal))
     white = torque.var() / np.mean(np.einsum("rt,rt->r", signal, signal))
-    assert noise.white_share(torque, signal, rate, (0.0, 50.0)) == pytest.approx(white / factor.var(), rel=0.06)
+    assert noise.white_share(torque, signal, rate, (0.0, 50.0)) == pytest.approx(
+        white / factor.var(), rel=0.06
+    )
 
 
 def test_noise_that_the_signal_does_not_meet_is_worth_no_more_than_white(random):

@@ -38,7 +38,10 @@ def test_rank_minimises_the_description_length(random, order):
         projections = left.T @ phi_uy[i]
         explained = projections**2 / values
         ranking = np.argsort(-explained, kind="stable") if order == "output" else np.arange(9)
-        costs = [(1 + d * np.log(40) / 40) * (square[i] - explained[ranking[:d]].sum()) for d in range(1, 10)]
+        costs = [
+            (1 + d * np.log(40) / 40) * (square[i] - explained[ranking[:d]].sum())
+            for d in range(1, 10)
+        ]
         rank = int(np.argmin(costs)) + 1
         assert solution.rank[i] == rank
         kept = ranking[:rank]

@@ -24,7 +24,9 @@ def test_spectra_equal_those_of_segments(random, length, realizations):
 @pytest.mark.parametrize("length", [2, 7, 30, 64])
 def test_both_ways_give_the_same(random, length):
     u, y = random.normal(size=(30, 150)), random.normal(size=(30, 150))
-    for one, other in zip(spectra._from_moments(u, y, length, None), spectra._from_segments(u, y, length), strict=True):
+    for one, other in zip(
+        spectra._from_moments(u, y, length, None), spectra._from_segments(u, y, length), strict=True
+    ):
         np.testing.assert_allclose(one, other, atol=1e-12)
 
 

@@ -26,7 +26,9 @@ def record(random, samples=3000):
 def pieces_of(angle, inputs, torque, length, gap):
     starts = range(0, len(torque) - length + 1, length + gap)
     return [
-        subspace.Piece(torque[at : at + length], angle[at : at + length + 2 * LAGS], inputs[at : at + length])
+        subspace.Piece(
+            torque[at : at + length], angle[at : at + length + 2 * LAGS], inputs[at : at + length]
+        )
         for at in starts
     ]
 
@@ -57,7 +59,10 @@ def test_the_short_path_is_not_among_the_inputs_where_it_is_out_of_the_output(ra
 
 def test_the_unit_of_the_angle_does_not_matter(random):
     angle, inputs, torque = record(random)
-    found = [subspace.dynamics(pieces_of(angle * unit, inputs, torque, 3000, 0), HORIZON, 2) for unit in (1.0, 1e-9)]
+    found = [
+        subspace.dynamics(pieces_of(angle * unit, inputs, torque, 3000, 0), HORIZON, 2)
+        for unit in (1.0, 1e-9)
+    ]
     np.testing.assert_allclose(found[1].denominator, found[0].denominator, rtol=1e-9)
 
 
@@ -71,5 +76,7 @@ def test_inputs_may_be_collinear(random):
 def test_poles_outside_the_unit_circle_are_reflected(random):
     inputs = random.normal(size=(400, 1))
     output = lfilter([1.0], [1.0, -1.02], inputs[:, 0])
-    found = subspace.dynamics([subspace.Piece(output, np.ones(400), inputs)], HORIZON, 1, lagged=False)
+    found = subspace.dynamics(
+        [subspace.Piece(output, np.ones(400), inputs)], HORIZON, 1, lagged=False
+    )
     np.testing.assert_allclose(found.denominator, [1.0, -1 / 1.02], rtol=1e-6)

@@ -21,7 +21,9 @@ COUNTS = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
 
 def curve(random, bias=0.0, draws=18.0):
     random = np.asarray(random)
-    return Curve(COUNTS[-len(random) :], random, np.full(len(random), bias), np.full(len(random), draws))
+    return Curve(
+        COUNTS[-len(random) :], random, np.full(len(random), bias), np.full(len(random), draws)
+    )
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -34,7 +36,9 @@ def _few():
 @pytest.fixture(scope="module")
 def planned():
     setup = Protocol(perturbation="prbs", stiffness="square", noise=0.3)
-    return tv.plan([setup, replace(setup, amplitude=0.02)], 6.0, 0.1, ["birf", "esm:stiffness=fit"], draws=6)
+    return tv.plan(
+        [setup, replace(setup, amplitude=0.02)], 6.0, 0.1, ["birf", "esm:stiffness=fit"], draws=6
+    )
 
 
 def test_law_of_many_realizations_is_found_and_goes_on():
@@ -81,7 +85,9 @@ def test_amplitude_and_noise_are_a_signal_to_noise_ratio():
     assert twice._snr_db - usual._snr_db == pytest.approx(20 * np.log10(2))
     loud = Protocol(noise=0.4)
     made = loud.simulated(20, 3)
-    clean = tv.preprocess.segment(tv.preprocess.decimate(loud._made(40.0, loud._snr_db, 3).noiseless, 100), 2.0)
+    clean = tv.preprocess.segment(
+        tv.preprocess.decimate(loud._made(40.0, loud._snr_db, 3).noiseless, 100), 2.0
+    )
     noise = made.ensemble.torque - clean.torque
     assert np.std(noise) == pytest.approx(0.4, rel=0.05)
     assert made.stiffness.shape == (20, 200)
@@ -90,7 +96,9 @@ def test_amplitude_and_noise_are_a_signal_to_noise_ratio():
 def test_period_stretches_a_wave():
     setup = Protocol(stiffness="square", period=1.0)
     truth = setup.simulated(5, 0).stiffness
-    np.testing.assert_array_equal(truth[0], np.where((np.arange(100) >= 25) & (np.arange(100) < 75), 150.0, 50.0))
+    np.testing.assert_array_equal(
+        truth[0], np.where((np.arange(100) >= 25) & (np.arange(100) < 75), 150.0, 50.0)
+    )
 
 
 def test_pilot_has_the_joint_the_noise_and_the_movement_of_its_recording():
@@ -118,7 +126,9 @@ def test_pilot_whose_torque_is_reversed_or_has_a_reflex_is_warned_of():
     with pytest.warns(tv.DataQualityWarning, match="--torque-sign -1"):
         Pilot.of(replace(ensemble, torque=-ensemble.torque))
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave())
-    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1).recording
+    recording = joint.simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1
+    ).recording
     reflex = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     with pytest.warns(tv.DataQualityWarning, match="a reflex is found, which is not simulated"):
         tv.plan(reflex, 20, methods=["birf"], draws=6)
@@ -151,7 +161,10 @@ def test_sureness_of_a_scatter():
     # A hundred samples of 18 estimates, each time by itself, or all alike.
     random = np.random.default_rng(0)
     for columns, times in ((100, 100), (1, 1)):
-        found = [uncertainty(random.normal(size=(18, columns)).repeat(100 // columns, axis=1)) for _ in range(20)]
+        found = [
+            uncertainty(random.normal(size=(18, columns)).repeat(100 // columns, axis=1))
+            for _ in range(20)
+        ]
         assert np.mean(found) == pytest.approx(1 / np.sqrt(2 * 17 * times), rel=0.05)
 
 
@@ -164,7 +177,10 @@ def test_answers(planned):
     assert fast.method == "esm:stiffness=fit"
     assert planned.best is None
     assert str(planned).endswith("no method suffices, of those tried; see why in the table.")
-    few, many = (planned.curves[setup, "esm:stiffness=fit"].at(80).random for setup in reversed(planned.setups))
+    few, many = (
+        planned.curves[setup, "esm:stiffness=fit"].at(80).random
+        for setup in reversed(planned.setups)
+    )
     assert many / few == pytest.approx(0.02 / Protocol().amplitude, rel=0.15)
     assert "<table>" in planned._repr_html_()
 
@@ -173,12 +189,18 @@ def test_answers(planned):
 def test_recording_that_is_planned_holds_its_realizations(context, period):
     ensemble = ensemble_of(40.0, "sine", "noise")
     pilot = replace(
-        Pilot.of(ensemble.select(np.arange(3))), context=round(100 * context), stiffness=np.ones(round(100 * period))
+        Pilot.of(ensemble.select(np.arange(3))),
+        context=round(100 * context),
+        stiffness=np.ones(round(100 * period)),
     )
     seconds = seconds_of(pilot, 19)
-    recording = tv.Recording(*np.random.default_rng(0).normal(size=(2, round(100 * seconds))), 100.0)
+    recording = tv.Recording(
+        *np.random.default_rng(0).normal(size=(2, round(100 * seconds))), 100.0
+    )
     assert len(tv.preprocess.segment(recording, period, context)) == 19
-    less = tv.Recording(recording.angle[: -round(100 * period)], recording.torque[: -round(100 * period)], 100.0)
+    less = tv.Recording(
+        recording.angle[: -round(100 * period)], recording.torque[: -round(100 * period)], 100.0
+    )
     assert len(tv.preprocess.segment(less, period, context)) < 19
     if context:
         assert seconds_of(Protocol(period=period), 19) == seconds
@@ -188,9 +210,14 @@ def test_duration_is_never_rounded_down():
     setup = Protocol(period=1.5)
     answer = Answer(str(setup), "birf", 19, seconds_of(setup, 19), 4.0, 1.0, 0.1)
     plan = Plan(5.0, None, {str(setup): setup}, {}, {}, (answer,))
-    assert str(plan).endswith("19 realizations of 1.5 s; record 31.5 s, as those at both ends lack context.")
+    assert str(plan).endswith(
+        "19 realizations of 1.5 s; record 31.5 s, as those at both ends lack context."
+    )
     assert plan.table()["minutes"].item() == 31.5 / 60
-    texts = [answer._replace(seconds=seconds).duration for seconds in (28.51, 3 * 0.1, 119.99, 120.0, 121.0)]
+    texts = [
+        answer._replace(seconds=seconds).duration
+        for seconds in (28.51, 3 * 0.1, 119.99, 120.0, 121.0)
+    ]
     assert texts == ["28.6 s", "0.3 s", "120 s", "2 min", "2.1 min"]
 
 

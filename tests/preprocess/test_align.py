@@ -20,7 +20,9 @@ def late_by(delays, samples=256, context=128):
     channels = {"target": np.tile(target(time), (len(delays), 1)), "emg": 3 * torque}
     onsets = 2.0 * np.arange(len(delays))
     trials, recorded = np.zeros(len(delays), dtype=int), angle[..., None] + [0.0, 0.5]
-    return tv.Ensemble(angle, torque, RATE, context, onsets, trials, channels, recorded_angle=recorded)
+    return tv.Ensemble(
+        angle, torque, RATE, context, onsets, trials, channels, recorded_angle=recorded
+    )
 
 
 @given(st.lists(st.integers(-32, 32), min_size=1, max_size=8))
@@ -89,8 +91,14 @@ def test_simulated_trials_have_their_voluntary_torque_aligned_to_the_sample():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"reference": "goal"}, "there is no channel 'goal' to align to; channels: 'target', 'emg'"),
-        ({"search": 1.5}, "shifts of up to 1.5 s need that much context, but the realizations have 1 s"),
+        (
+            {"reference": "goal"},
+            "there is no channel 'goal' to align to; channels: 'target', 'emg'",
+        ),
+        (
+            {"search": 1.5},
+            "shifts of up to 1.5 s need that much context, but the realizations have 1 s",
+        ),
         ({"search": 0.0}, "search must be a positive number of seconds"),
         ({"max_shift": float("nan")}, "max_shift must be a positive number of seconds"),
         ({"max_shift": 0.01}, "every realization needs a shift of more than 0.01 s"),

@@ -11,7 +11,9 @@ def waves(time):
 @pytest.mark.parametrize("delay", [0.003, -0.003, 0.0013, -0.0047, 0.0])
 def test_the_torque_is_taken_so_much_earlier(delay):
     time = np.arange(4000) / 1000
-    recording = tv.Recording(waves(time), waves(time - delay), 1000.0, trial_starts=(0, 1500), channels={"emg": time})
+    recording = tv.Recording(
+        waves(time), waves(time - delay), 1000.0, trial_starts=(0, 1500), channels={"emg": time}
+    )
     mended = tv.preprocess.align_channels(recording, delay)
     lost = int(np.ceil(abs(1000 * delay) - 1e-9))
     assert [trial.stop - trial.start for trial in mended.trials] == [1500 - lost, 2500 - lost]
@@ -28,7 +30,9 @@ def test_what_was_done_is_stated_from_recording_to_model(tmp_path):
     noise = tv.simulate.FilteredNoise()
     recording = tv.simulate.Joint().simulate(40, perturbation=noise, snr_db=20, seed=1).recording
     mended = tv.preprocess.align_channels(recording, 0.002)
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(mended, 100), 2.0))
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(mended, 100), 2.0)
+    )
     assert ensemble.delay_removed == 0.002
     model = tv.BasisIRF().identify(ensemble)
     assert model.diagnostics.details["delay_removed"] == 0.002
@@ -49,11 +53,14 @@ def test_it_brings_the_inertia_back():
     assert inertia(late) < 0.014
     (delay,) = tv.diagnose(tv.preprocess.subtract_mean(tv.preprocess.segment(late, 2.0))).findings
     assert (delay.name, delay.value) == ("delay", pytest.approx(3, abs=0.4))
-    assert inertia(tv.preprocess.align_channels(late, delay.value / 1000)) == pytest.approx(0.02, rel=0.06)
+    assert inertia(tv.preprocess.align_channels(late, delay.value / 1000)) == pytest.approx(
+        0.02, rel=0.06
+    )
 
 
 @pytest.mark.parametrize(
-    ("delay", "message"), [(np.nan, "a number of seconds"), ("late", "got 'late'"), (9.0, "leaves nothing")]
+    ("delay", "message"),
+    [(np.nan, "a number of seconds"), ("late", "got 'late'"), (9.0, "leaves nothing")],
 )
 def test_impossible_delays_are_refused(delay, message):
     time = np.arange(500) / 100

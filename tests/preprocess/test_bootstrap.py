@@ -60,7 +60,9 @@ def test_blocks_are_realizations_that_follow_each_other(realizations, count, see
     # Round a circle, a block has one beginning at most.
     begins = (weights == 1) & (np.roll(weights, 1, axis=1) == 0)
     assert (begins.sum(axis=1) == (size < realizations)).all()
-    np.testing.assert_array_equal(block_weights(realizations, size, count + 2, seed)[:count], weights)
+    np.testing.assert_array_equal(
+        block_weights(realizations, size, count + 2, seed)[:count], weights
+    )
 
 
 def test_blocks_hold_each_realization_as_often_as_any_other():
@@ -69,5 +71,8 @@ def test_blocks_hold_each_realization_as_often_as_any_other():
 
 
 def test_a_block_longer_than_the_record_is_refused():
-    with pytest.raises(tv.InputError, match="a block of 40 realizations cannot be drawn from 20; give a shorter one"):
+    with pytest.raises(
+        tv.InputError,
+        match="a block of 40 realizations cannot be drawn from 20; give a shorter one",
+    ):
         block_weights(20, 40, 1, 0)

@@ -27,7 +27,9 @@ def test_equals_the_plain_convolution(random, factor, samples):
 def test_a_sharp_filter_is_as_much_longer_as_the_rate_gets_lower(random, factor):
     angle, half = random.normal(size=1003), 10 * factor
     found = tv.preprocess.decimate(recording_of(angle), 1000.0 / factor, sharp=True)
-    odd = np.concatenate([2 * angle[0] - angle[half:0:-1], angle, 2 * angle[-1] - angle[-2 : -2 - half : -1]])
+    odd = np.concatenate(
+        [2 * angle[0] - angle[half:0:-1], angle, 2 * angle[-1] - angle[-2 : -2 - half : -1]]
+    )
     expected = np.convolve(odd, firwin(2 * half + 1, 1 / factor), mode="valid")[::factor]
     np.testing.assert_allclose(found.angle, expected, atol=1e-12)
 
@@ -49,7 +51,10 @@ def test_a_line_stays_a_line(offset, slope):
 def test_trials_do_not_run_into_each_other(random):
     parts = [random.normal(size=205), random.normal(size=300) + 50]
     joined = tv.preprocess.decimate(
-        recording_of(np.concatenate(parts), trial_starts=(0, 205), channels={"emg": np.concatenate(parts)}), 100
+        recording_of(
+            np.concatenate(parts), trial_starts=(0, 205), channels={"emg": np.concatenate(parts)}
+        ),
+        100,
     )
     alone = [tv.preprocess.decimate(recording_of(part), 100).angle for part in parts]
     np.testing.assert_array_equal(joined.angle, np.concatenate(alone))
@@ -75,13 +80,19 @@ def test_the_recorded_angle_goes_where_the_angle_goes(random):
     angle = np.cumsum(random.normal(size=4000))
     low = tv.preprocess.trim(tv.preprocess.decimate(recording_of(angle), 100), 0.2)
     ensemble = tv.preprocess.segment(low, 0.5, context=0.1)
-    expected = np.stack([angle[200 + start - 100 : 200 + start + 600] for start in range(500, 3500, 500)])
+    expected = np.stack(
+        [angle[200 + start - 100 : 200 + start + 600] for start in range(500, 3500, 500)]
+    )
     np.testing.assert_array_equal(ensemble.recorded_angle.reshape(6, -1), expected)
     chosen = tv.preprocess.subtract_mean(ensemble.select([3, 1]))
     np.testing.assert_array_equal(chosen.recorded_angle.reshape(2, -1), expected[[3, 1]])
-    mean_kept = tv.preprocess.subtract_mean(tv.preprocess.segment(recording_of(angle), 0.5, context=0.1))
+    mean_kept = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(recording_of(angle), 0.5, context=0.1)
+    )
     assert mean_kept.recorded_angle.shape == (*mean_kept.angle.shape, 1)
-    np.testing.assert_allclose(np.ptp(mean_kept.recorded_angle[..., 0] - mean_kept.angle, axis=0), 0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.ptp(mean_kept.recorded_angle[..., 0] - mean_kept.angle, axis=0), 0, atol=1e-9
+    )
 
 
 def test_the_same_rate_changes_nothing(random):
@@ -92,7 +103,10 @@ def test_the_same_rate_changes_nothing(random):
 @pytest.mark.parametrize(
     ("rate", "message"),
     [
-        (300.0, "1000 Hz is not a whole multiple of 300 Hz; rates that fit nearby: 125, 200, 250, 500 Hz"),
+        (
+            300.0,
+            "1000 Hz is not a whole multiple of 300 Hz; rates that fit nearby: 125, 200, 250, 500 Hz",
+        ),
         (2000.0, "not a whole multiple of 2000 Hz"),
         (0.0, "positive number of hertz"),
         (float("nan"), "positive number of hertz"),
@@ -113,7 +127,8 @@ def test_a_record_shorter_than_the_filter_is_refused(random):
 def test_a_factor_in_the_place_of_a_rate_is_warned_of(random):
     recording = recording_of(random.normal(size=1000))
     with pytest.warns(
-        tv.DataQualityWarning, match=r"decimated to 10 Hz, nothing faster than 5 Hz.*in Hz .*not a factor"
+        tv.DataQualityWarning,
+        match=r"decimated to 10 Hz, nothing faster than 5 Hz.*in Hz .*not a factor",
     ):
         tv.preprocess.decimate(recording, 10)
     assert tv.preprocess.decimate(recording, 40).sampling_rate == 40  # silent

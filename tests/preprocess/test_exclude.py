@@ -31,7 +31,9 @@ def with_torque(ensemble, added):
 def test_the_task_component_is_the_first_harmonic():
     phase = 2 * np.pi * np.arange(256) / 256
     torque = 4 + 2 * np.sin(phase + 0.3) + 5 * np.cos(2 * phase) + np.sin(100 * phase)
-    np.testing.assert_allclose(task_component(torque[None, :])[0], 2 * np.sin(phase + 0.3), atol=1e-12)
+    np.testing.assert_allclose(
+        task_component(torque[None, :])[0], 2 * np.sin(phase + 0.3), atol=1e-12
+    )
 
 
 def test_a_lapse_is_found_by_the_task_component_and_a_twitch_by_the_residual():
@@ -56,12 +58,20 @@ def test_a_lapse_is_found_by_the_task_component_and_a_twitch_by_the_residual():
     ("step", "limit", "low", "high"),
     [
         ("task component", 3.0, 0.6, 1.7),  # exp(-4.5) = 1.1 %
-        ("residual", 3.0, 8.5, 11.5),  # some 20 independent values, each in 370 out: the paper's rule takes 30 of 300
+        (
+            "residual",
+            3.0,
+            8.5,
+            11.5,
+        ),  # some 20 independent values, each in 370 out: the paper's rule takes 30 of 300
         ("residual", 4.0, 0.1, 0.8),
     ],
 )
 def test_how_many_of_clean_realizations_are_excluded(step, limit, low, high):
-    excluded = [300 - np.count_nonzero(STEPS[step](clean(seed), limit=limit).account.kept) for seed in range(10)]
+    excluded = [
+        300 - np.count_nonzero(STEPS[step](clean(seed), limit=limit).account.kept)
+        for seed in range(10)
+    ]
     assert low < 100 * sum(excluded) / 3000 < high
 
 
@@ -86,7 +96,9 @@ def test_what_is_kept_is_untouched_and_in_order(name, seed, limit):
 
 @pytest.mark.parametrize("name", STEPS)
 def test_limits_that_make_no_sense_are_refused(name):
-    with pytest.raises(tv.InputError, match="limit must be a positive number of standard deviations"):
+    with pytest.raises(
+        tv.InputError, match="limit must be a positive number of standard deviations"
+    ):
         STEPS[name](clean(0), limit=0.0)
     with pytest.raises(tv.InputError, match="every realization leaves the mean by 1e-06 SD"):
         STEPS[name](clean(0), limit=1e-6)

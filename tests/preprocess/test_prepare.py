@@ -35,7 +35,9 @@ def test_the_sequence_accounts_for_all_300_realizations():
 
 @pytest.mark.slow
 def test_survivors_are_as_many_as_in_the_paper():
-    noise, prbs = ([len(prepared(number, which).ensemble) for number in PEOPLE] for which in PERTURBATIONS)
+    noise, prbs = (
+        [len(prepared(number, which).ensemble) for number in PEOPLE] for which in PERTURBATIONS
+    )
     assert abs(np.mean(noise) - 260) < 12
     assert abs(np.mean(prbs) - 255) < 14
     assert min(noise + prbs) > 215
@@ -43,7 +45,10 @@ def test_survivors_are_as_many_as_in_the_paper():
 
 @pytest.mark.slow
 def test_exclusions_are_of_the_papers_kinds():
-    late = {which: [prepared(n, which).account.counts.get("alignment", 0) for n in PEOPLE] for which in PERTURBATIONS}
+    late = {
+        which: [prepared(n, which).account.counts.get("alignment", 0) for n in PEOPLE]
+        for which in PERTURBATIONS
+    }
     assert max(late["noise"]) <= 3
     assert 5 <= np.median(late["prbs"]) <= 40
     for which in PERTURBATIONS:
@@ -57,8 +62,14 @@ def test_variance_accounted_for_is_near_the_papers():
     def mean_vaf(which):
         values = []
         for number in PEOPLE:
-            drawn = next(tv.preprocess.bootstrap(prepared(number, which).ensemble, 1, seed=0, size=75))
-            values.append(tv.metrics.vaf(drawn.torque[:, drawn.core], SDS.identify(drawn).predict(drawn)).mean())
+            drawn = next(
+                tv.preprocess.bootstrap(prepared(number, which).ensemble, 1, seed=0, size=75)
+            )
+            values.append(
+                tv.metrics.vaf(
+                    drawn.torque[:, drawn.core], SDS.identify(drawn).predict(drawn)
+                ).mean()
+            )
         return np.mean(values)
 
     # The paper's 49 to 63 % and 75 to 87 % are over methods.
@@ -69,7 +80,9 @@ def test_variance_accounted_for_is_near_the_papers():
 @pytest.mark.slow
 def test_all_of_a_perfect_persons_stiffness_is_found_before_alignment_and_less_after():
     for which in PERTURBATIONS:
-        simulation = tv.simulate.Participant(1, perfect()).simulate(perturbation=tv.simulate.PERTURBATIONS[which])
+        simulation = tv.simulate.Participant(1, perfect()).simulate(
+            perturbation=tv.simulate.PERTURBATIONS[which]
+        )
         preparation = tv.preprocess.prepare(simulation.recording)
         error, truth = stiffness_error(simulation, preparation.recorded)
         assert np.sqrt(np.mean(error**2)) < 0.01 * truth.mean()
@@ -87,7 +100,9 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
         error, truth = stiffness_error(simulation, preparation.ensemble)
         assert np.corrcoef(truth, truth + error)[0, 1] > 0.8
         biases.append(error.mean())
-        unmoved, _ = stiffness_error(simulation, preparation.recorded.select(preparation.account.kept))
+        unmoved, _ = stiffness_error(
+            simulation, preparation.recorded.select(preparation.account.kept)
+        )
         unmoved_biases.append(unmoved.mean())
     # The paper's sequence underestimates everybody; the same realizations where they were recorded do much less so.
     assert max(biases) < 0
@@ -132,7 +147,11 @@ def test_channels_pass_every_step():
     recording = simulated(1, "noise").recording
     recording = replace(
         recording,
-        channels={**recording.channels, "emg": 0.1 * recording.torque, "posture": np.arange(len(recording)) / 1e3},
+        channels={
+            **recording.channels,
+            "emg": 0.1 * recording.torque,
+            "posture": np.arange(len(recording)) / 1e3,
+        },
     )
     ensemble = tv.preprocess.prepare(recording, channels=("emg",)).ensemble
     assert ensemble.mean_subtracted
@@ -146,5 +165,7 @@ def test_channels_pass_every_step():
 
 def test_a_wrong_name_of_a_channel_gets_those_that_are_there():
     recording = simulated(1, "noise").recording
-    with pytest.raises(tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'target'"):
+    with pytest.raises(
+        tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'target'"
+    ):
         tv.preprocess.prepare(recording, channels=("EMG",))

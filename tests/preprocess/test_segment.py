@@ -17,7 +17,9 @@ def test_context_comes_from_the_record():
     assert (len(ensemble), ensemble.left_out) == (3, 2)
     np.testing.assert_array_equal(ensemble.onsets, [2.0, 4.0, 6.0])
     for row, onset in enumerate(ensemble.onsets):
-        np.testing.assert_array_equal(ensemble.angle[row], np.arange(100 * onset - 50, 100 * onset + 250))
+        np.testing.assert_array_equal(
+            ensemble.angle[row], np.arange(100 * onset - 50, 100 * onset + 250)
+        )
     assert "2 left out: too near the ends for the context" in repr(ensemble)
 
 
@@ -47,7 +49,9 @@ def test_a_simulation_keeps_every_realization():
 
 
 def test_trials_are_cut_each_for_itself():
-    ensemble = tv.preprocess.segment(recording_of(1000, trial_starts=(0, 450)), period=1.0, context=0.1)
+    ensemble = tv.preprocess.segment(
+        recording_of(1000, trial_starts=(0, 450)), period=1.0, context=0.1
+    )
     np.testing.assert_array_equal(ensemble.trials, [0] * 3 + [1] * 4)
     np.testing.assert_array_equal(ensemble.onsets, [1, 2, 3, 1, 2, 3, 4])
     assert ensemble.angle[3, ensemble.core][0] == 550
@@ -63,7 +67,10 @@ def test_channels_come_along():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"period": 20.0}, "no realization of 20 s with 0.5 s of context on both sides fits into 10 s"),
+        (
+            {"period": 20.0},
+            "no realization of 20 s with 0.5 s of context on both sides fits into 10 s",
+        ),
         (
             {"period": 1.005},
             r"1.005 s is not a whole number of samples at 100 Hz \(100.5\); give a rate at which it is one",
@@ -97,7 +104,9 @@ def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
 
 
 def test_a_record_that_leaves_one_realization_says_what_became_of_the_others():
-    with pytest.raises(tv.InputError, match=r"got one \(3 fit in, 2 left out for want of 0.5 s of context"):
+    with pytest.raises(
+        tv.InputError, match=r"got one \(3 fit in, 2 left out for want of 0.5 s of context"
+    ):
         tv.preprocess.subtract_mean(tv.preprocess.segment(recording_of(600), 2.0))
 
 
@@ -115,26 +124,39 @@ def test_realizations_that_are_all_alike_are_refused(random):
 def test_a_multisine_that_repeats_with_the_behaviour_is_refused(actuator, noise, channels):
     # The noise of the torque moves a stiff actuator by 0.1 %; a soft one as if the joint had minus its stiffness.
     loop = tv.simulate.CompliantActuator(actuator_stiffness=actuator, noise_bandwidth=noise)
-    lines = {"beside": (1.2, 5.2, 9.2, 13.2, 17.2), "on": (2.0, 7.0, 12.0, 17.0), "some on": (2.3, 7.0, 12.3, 17.3)}
+    lines = {
+        "beside": (1.2, 5.2, 9.2, 13.2, 17.2),
+        "on": (2.0, 7.0, 12.0, 17.0),
+        "some on": (2.3, 7.0, 12.3, 17.3),
+    }
     cut = {}
     for name, frequencies in lines.items():
-        recording = loop.simulate(20, perturbation=tv.simulate.Multisine(frequencies), snr_db=10, seed=1).recording
+        recording = loop.simulate(
+            20, perturbation=tv.simulate.Multisine(frequencies), snr_db=10, seed=1
+        ).recording
         cut[name] = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     assert tv.preprocess.subtract_mean(cut["beside"], channels).mean_subtracted
     assert tv.preprocess.subtract_mean(cut["some on"], channels).mean_subtracted
-    with pytest.raises(tv.InputError, match=r"is the same in all 10 .*a multisine needs lines that are no multiples"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"is the same in all 10 .*a multisine needs lines that are no multiples",
+    ):
         tv.preprocess.subtract_mean(cut["on"], channels)
 
 
 def test_a_small_perturbation_beside_a_large_movement_is_legal():
     time = np.arange(2000) / 100
-    angle = 0.5 * np.sin(np.pi * time) + 9e-4 * tv.simulate.PRBS().generate(2000, 100.0, np.random.default_rng(1))
+    angle = 0.5 * np.sin(np.pi * time) + 9e-4 * tv.simulate.PRBS().generate(
+        2000, 100.0, np.random.default_rng(1)
+    )
     ensemble = tv.preprocess.segment(tv.Recording(angle, angle, 100.0), 2.0, context=0)
     assert np.std(tv.preprocess.subtract_mean(ensemble).angle) < 1e-3
 
 
 def test_trials_without_context_are_told_what_to_do():
-    with pytest.raises(tv.InputError, match="give less context \\(--context 0 keeps every realization\\)"):
+    with pytest.raises(
+        tv.InputError, match="give less context \\(--context 0 keeps every realization\\)"
+    ):
         tv.preprocess.segment(recording_of(400, trial_starts=(0, 200)), 2.0)
 
 

@@ -6,7 +6,9 @@ import tvsysid as tv
 
 def two_trials():
     values = np.arange(1500.0)
-    return tv.Recording(values, -values, 100.0, start=3.0, channels={"target": 2 * values}, trial_starts=(0, 700))
+    return tv.Recording(
+        values, -values, 100.0, start=3.0, channels={"target": 2 * values}, trial_starts=(0, 700)
+    )
 
 
 def test_ends_go_and_time_begins_where_the_rest_does():
@@ -20,9 +22,13 @@ def test_ends_go_and_time_begins_where_the_rest_does():
 
 
 def test_margins_keep_the_realizations_at_the_ends():
-    cut = tv.preprocess.segment(tv.preprocess.trim(two_trials(), 1.0, margin=0.5), period=1.0, context=0.5)
+    cut = tv.preprocess.segment(
+        tv.preprocess.trim(two_trials(), 1.0, margin=0.5), period=1.0, context=0.5
+    )
     assert (len(cut), cut.left_out) == (5 + 6, 0)
-    np.testing.assert_array_equal(cut.angle[:, cut.core][:, 0], [*range(100, 600, 100), *range(800, 1400, 100)])
+    np.testing.assert_array_equal(
+        cut.angle[:, cut.core][:, 0], [*range(100, 600, 100), *range(800, 1400, 100)]
+    )
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,15 @@ def diagnosis(clean):
 @pytest.fixture(scope="session")
 def recordings(recordings_folder):
     """Real records by name, each with its period in s."""
-    tonic, walking = recordings_folder / "tonic_ankle.mat", recordings_folder / "walking_ankle_small_reflex.mat"
+    tonic, walking = (
+        recordings_folder / "tonic_ankle.mat",
+        recordings_folder / "walking_ankle_small_reflex.mat",
+    )
 
     def read(file, angle, torque):
-        return tv.read_recording(file, angle=angle, torque=torque, sampling_rate=1000, torque_sign=-1)
+        return tv.read_recording(
+            file, angle=angle, torque=torque, sampling_rate=1000, torque_sign=-1
+        )
 
     muscles = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
     return {

@@ -38,7 +38,10 @@ def test_a_multisine_that_comes_again_is_not_clipped():
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_without_decimation_and_without_context(perturbation):
     recording = simulated(60.0, perturbation)
-    for ensemble in (tv.preprocess.segment(recording, 2.0), tv.preprocess.segment(recording, 2.0, context=0.0)):
+    for ensemble in (
+        tv.preprocess.segment(recording, 2.0),
+        tv.preprocess.segment(recording, 2.0, context=0.0),
+    ):
         diagnosis = tv.diagnose(tv.preprocess.subtract_mean(ensemble))
         assert not diagnosis.findings, diagnosis
 
@@ -46,15 +49,23 @@ def test_without_decimation_and_without_context(perturbation):
 def wandering(recording, share, seed):
     """The recording with voluntary torque of first order at 0.5 Hz."""
     taps = butter(1, 0.5, fs=recording.sampling_rate)
-    noise = lfilter(*taps, np.random.default_rng(seed).standard_normal(len(recording) + 10_000))[10_000:]
-    return changed(recording, torque=recording.torque + share * recording.torque.std() * noise / noise.std())
+    noise = lfilter(*taps, np.random.default_rng(seed).standard_normal(len(recording) + 10_000))[
+        10_000:
+    ]
+    return changed(
+        recording, torque=recording.torque + share * recording.torque.std() * noise / noise.std()
+    )
 
 
 @pytest.mark.parametrize("share", [pytest.param(0.6, marks=pytest.mark.slow), 1.0])
-@pytest.mark.parametrize(("profile", "perturbation"), [("constant", "noise"), ("constant", "prbs"), ("sine", "prbs")])
+@pytest.mark.parametrize(
+    ("profile", "perturbation"), [("constant", "noise"), ("constant", "prbs"), ("sine", "prbs")]
+)
 def test_slow_voluntary_torque_is_no_other_period(profile, perturbation, share):
     for seed in (1, 2, 3):
-        diagnosis = tv.diagnose(cut(wandering(simulated(60.0, perturbation, profile, 20.0, seed), share, seed)))
+        diagnosis = tv.diagnose(
+            cut(wandering(simulated(60.0, perturbation, profile, 20.0, seed), share, seed))
+        )
         # Where it is as large as the answer, less than 30 % of the torque may be explained.
         assert {check.name for check in diagnosis.findings} <= {"weak-answer"}, diagnosis
 
@@ -68,7 +79,9 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
     burst[100:120] = 1
     noise = lfilter(*taps, np.random.default_rng(3).standard_normal(ensemble.torque.shape), axis=1)
     noise *= loudness / noise.std() * np.convolve(burst, np.hanning(11) / 5, "same")
-    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
+    diagnosis = tv.diagnose(
+        tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise))
+    )
     assert not diagnosis.findings, diagnosis
 
 
@@ -79,7 +92,9 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
     levels = np.exp(0.5 * random.standard_normal((len(ensemble), 1)))
     noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
     noise *= 0.3 * ensemble.torque.std() / noise.std() * levels
-    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
+    diagnosis = tv.diagnose(
+        tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise))
+    )
     assert not diagnosis.findings, diagnosis
 
 
@@ -87,7 +102,9 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
 def test_a_period_that_divides_by_nothing(perturbation):
     profile = tv.simulate.SineWave(period=1.111)
     recording = (
-        tv.simulate.Joint(stiffness=profile).simulate(60, perturbation=perturbation, snr_db=10, seed=1).recording
+        tv.simulate.Joint(stiffness=profile)
+        .simulate(60, perturbation=perturbation, snr_db=10, seed=1)
+        .recording
     )
     diagnosis = tv.diagnose(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 1.111)))
     assert not diagnosis.findings, diagnosis
@@ -111,9 +128,13 @@ def test_lines_are_those_of_a_slow_sum():
     frequency, coherent, power = lines(data.white_residual, data)
     within = np.arange(data.white_residual.shape[1]) / data.rate
     time = data.ensemble.onsets[:, None] + within
-    own = np.einsum("rt,frt->fr", data.white_residual, np.exp(-2j * np.pi * frequency[:, None, None] * time))
+    own = np.einsum(
+        "rt,frt->fr", data.white_residual, np.exp(-2j * np.pi * frequency[:, None, None] * time)
+    )
     np.testing.assert_allclose(power, np.abs(own.sum(axis=1)) ** 2, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(coherent, power / np.sum(np.abs(own) ** 2, axis=1), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        coherent, power / np.sum(np.abs(own) ** 2, axis=1), rtol=1e-6, atol=1e-9
+    )
 
 
 def test_a_subtracted_mean_is_not_judged(clean):
@@ -142,12 +163,17 @@ def test_a_prepared_participant_is_clean(perturbation):
 )
 def test_real_records_have_only_true_findings(recordings, record, expected):
     recording, period = recordings[record]
-    for ensemble in (cut(recording, period), tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period))):
+    for ensemble in (
+        cut(recording, period),
+        tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period)),
+    ):
         assert {check.name for check in tv.diagnose(ensemble).findings} == expected
 
 
 def test_a_constant_joint_cannot_be_misaligned():
-    checks = {check.name: check for check in tv.diagnose(cut(simulated(60.0, profile="constant"))).checks}
+    checks = {
+        check.name: check for check in tv.diagnose(cut(simulated(60.0, profile="constant"))).checks
+    }
     assert not checks["misaligned-realizations"].judged
     assert "stiffness hardly varies" in checks["misaligned-realizations"].what
 

@@ -21,7 +21,9 @@ def spoilt():
 def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
-    assert re.match(r"the torque is (29|30).* ms late; that makes inertia .* kg·m² .*and viscosity", delay.what)
+    assert re.match(
+        r"the torque is (29|30).* ms late; that makes inertia .* kg·m² .*and viscosity", delay.what
+    )
     assert (delay.value, delay.fault.unit, delay.fault.limit, delay.fault.wrong) == (
         pytest.approx(30, abs=0.5),
         "ms",
@@ -35,11 +37,15 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
 
 def test_it_prints(spoilt, diagnosis):
     text = repr(spoilt)
-    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 of 34 checks")
+    assert text.startswith(
+        "Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 of 34 checks"
+    )
     assert "- delay: the torque is" in text
     assert "    effect: a torque that is late by d" in text
     assert "    remedy: find what delays a channel" in text
-    assert text.endswith("\nnot judged: mean-torque, mean-angle (the mean over realizations has been subtracted)")
+    assert text.endswith(
+        "\nnot judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"
+    )
     assert repr(diagnosis).count("\n") == 1
     assert "no fault found" in repr(diagnosis)
     page = spoilt._repr_html_()
@@ -78,7 +84,9 @@ def test_clean_means_no_findings(spoilt, diagnosis):
 
 def test_what_is_uncertain_is_not_called_clean(diagnosis):
     checks = tuple(
-        dataclasses.replace(check, value=24.3, significant=False) if check.name == "drift" else check
+        dataclasses.replace(check, value=24.3, significant=False)
+        if check.name == "drift"
+        else check
         for check in diagnosis.checks
     )
     unsure = dataclasses.replace(diagnosis, checks=checks)
@@ -93,11 +101,15 @@ def test_measures_are_those_of_the_joint(diagnosis):
     measures = diagnosis.measures
     assert measures["mean stiffness"][0] == pytest.approx(100, rel=0.03)
     assert measures["inertia"] == (pytest.approx(0.02, rel=0.03), "kg·m²")
-    assert measures["natural frequency"][0] == pytest.approx(np.sqrt(100 / 0.02) / (2 * np.pi), rel=0.03)
+    assert measures["natural frequency"][0] == pytest.approx(
+        np.sqrt(100 / 0.02) / (2 * np.pi), rel=0.03
+    )
     assert measures["coherence within the bandwidth"][0] > 0.85
     assert 6 < measures["bandwidth of the angle"][0] < 12  # a second-order low-pass at 5 Hz
     assert measures["angle RMS"][0] == pytest.approx(np.radians(0.5), rel=0.05)
-    assert measures["signal-to-noise ratio"][0] == pytest.approx(11.2, abs=0.5)  # 10 dB up to 500 Hz
+    assert measures["signal-to-noise ratio"][0] == pytest.approx(
+        11.2, abs=0.5
+    )  # 10 dB up to 500 Hz
 
 
 def test_curves_are_those_of_the_joint(diagnosis):
@@ -129,7 +141,11 @@ def test_the_comb_shows_reflex_and_feedback():
     [
         ([1, 2], "expected an Ensemble, got list", "tvsysid.preprocess.segment"),
         ("one", "at least two realizations to compare, got one", "shorter period"),
-        ("short", "derivatives are known at 16 samples of a realization at 100 Hz, it takes 30", "0.12 s of context"),
+        (
+            "short",
+            "derivatives are known at 16 samples of a realization at 100 Hz, it takes 30",
+            "0.12 s of context",
+        ),
     ],
 )
 def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
@@ -176,8 +192,16 @@ def test_what_was_given_is_not_altered(clean):
 )  # fmt: skip
 def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, context, rate, kind):
     random = np.random.default_rng(seed)
-    angle = random.normal(size=(realizations, samples + 2 * context)) * 10.0 ** random.uniform(-6, 2)
-    angle = [angle, np.cumsum(angle, axis=1), np.sign(angle), np.tile(angle[:1], (realizations, 1)), angle][kind]
+    angle = random.normal(size=(realizations, samples + 2 * context)) * 10.0 ** random.uniform(
+        -6, 2
+    )
+    angle = [
+        angle,
+        np.cumsum(angle, axis=1),
+        np.sign(angle),
+        np.tile(angle[:1], (realizations, 1)),
+        angle,
+    ][kind]
     torque = random.normal(size=angle.shape) if kind % 2 else 3 * angle
     if kind == 4:
         torque = np.tile(torque[:1], (realizations, 1))
@@ -214,5 +238,8 @@ def test_states_of_a_check():
     assert Finding("drift", 24.3, False, "").strength.endswith("but not significant")
     assert Finding("weak-answer", 0.0, True, "").strength == "0 %, at least 30 is in order"
     assert Finding("torque-unit", 0.1, True, "").strength == "0.1 N·m/rad, at least 0.2 is in order"
-    assert Finding("torque-unit", 2000.0, True, "").strength == "2e+03 N·m/rad, at most 1500 is in order"
+    assert (
+        Finding("torque-unit", 2000.0, True, "").strength
+        == "2e+03 N·m/rad, at most 1500 is in order"
+    )
     assert Finding("drift", -16.1, True, "").strength == "-16.1 %, at most ±10 is in order"

@@ -37,14 +37,20 @@ def truth(recording):
 def test_clipping_biases_the_stiffness(recording, truth):
     assert impedance(cut(faults.clipped(recording, "angle")))[0] > 1.2 * truth[0]
     assert impedance(cut(faults.clipped(recording, "torque")))[0] < 0.8 * truth[0]
-    high = np.max(stiffness(cut(faults.clipped(recording, "torque")))) / np.max(stiffness(cut(recording)))
-    low = np.min(stiffness(cut(faults.clipped(recording, "torque")))) / np.min(stiffness(cut(recording)))
+    high = np.max(stiffness(cut(faults.clipped(recording, "torque")))) / np.max(
+        stiffness(cut(recording))
+    )
+    low = np.min(stiffness(cut(faults.clipped(recording, "torque")))) / np.min(
+        stiffness(cut(recording))
+    )
     assert high < low < 1
 
 
 def test_a_late_torque_lowers_the_viscosity_by_stiffness_times_delay(recording, truth):
     k, b, _ = truth
-    assert tv.ShortDataSegments().identify(cut(recording)).stiffness.mean() == pytest.approx(k, rel=0.03)
+    assert tv.ShortDataSegments().identify(cut(recording)).stiffness.mean() == pytest.approx(
+        k, rel=0.03
+    )
     late = tv.BasisIRF().identify(cut(faults.late(recording, 0.03)))
     assert np.mean(late.viscosity) == pytest.approx(b - 0.03 * k, abs=0.5)
     assert np.mean(late.viscosity) < 0
@@ -93,7 +99,9 @@ def test_a_wrong_period_averages_the_variation_out(recording):
 
 @pytest.mark.slow
 def test_feedback_lowers_all_three():
-    stiff, soft = (impedance(cut(faults.giving_way(actuator=actuator))) for actuator in (10_000.0, 100.0))
+    stiff, soft = (
+        impedance(cut(faults.giving_way(actuator=actuator))) for actuator in (10_000.0, 100.0)
+    )
     assert all(low < 0.92 * high for low, high in zip(soft, stiff, strict=True))
 
 

@@ -40,15 +40,25 @@ EVERYWHERE = {
     "delay": lambda record, period: cut(faults.late(record), period),
     "drift": lambda record, period: cut(faults.softening(record, 0.5), period),
     "unlike-realizations": lambda record, period: faults.mixed(cut(record, period)),
-    "same-perturbation": lambda record, period: tv.preprocess.subtract_mean(faults.repeated(record, period)),
+    "same-perturbation": lambda record, period: tv.preprocess.subtract_mean(
+        faults.repeated(record, period)
+    ),
     "reversed-torque": lambda record, period: cut(changed(record, torque=-record.torque), period),
     "mean-torque": lambda record, period: tv.preprocess.segment(
-        tv.preprocess.decimate(changed(record, torque=record.torque - record.torque.mean() + 5.0), 100), period
+        tv.preprocess.decimate(
+            changed(record, torque=record.torque - record.torque.mean() + 5.0), 100
+        ),
+        period,
     ),
     "mean-angle": lambda record, period: tv.preprocess.segment(
-        tv.preprocess.decimate(changed(record, angle=record.angle - record.angle.mean() + 0.1), 100), period
+        tv.preprocess.decimate(
+            changed(record, angle=record.angle - record.angle.mean() + 0.1), 100
+        ),
+        period,
     ),
-    "angle-unit": lambda record, period: cut(changed(record, angle=np.degrees(record.angle)), period),
+    "angle-unit": lambda record, period: cut(
+        changed(record, angle=np.degrees(record.angle)), period
+    ),
     "torque-unit": lambda record, period: cut(changed(record, torque=record.torque / 1000), period),
     "sampling-rate": lambda record, period: replace(cut(record, period), sampling_rate=10.0),
     "coarse-angle": lambda record, period: uncut(faults.coarse(record), period),
@@ -63,7 +73,8 @@ EVERYWHERE = {
 
 @pytest.mark.parametrize("name", EVERYWHERE)
 @pytest.mark.parametrize(
-    ("perturbation", "profile"), [("noise", "sine"), pytest.param("prbs", "square", marks=pytest.mark.slow)]
+    ("perturbation", "profile"),
+    [("noise", "sine"), pytest.param("prbs", "square", marks=pytest.mark.slow)],
 )
 def test_faults_in_simulated_records_are_named(name, perturbation, profile):
     recording = brief(perturbation=perturbation, profile=profile)
@@ -107,7 +118,9 @@ def test_a_period_that_is_a_multiple_of_the_true_one_is_remarked(profile, parts,
     assert remark in repr(tv.diagnose(cut(recording, 2.0 * parts)))
 
 
-@pytest.mark.parametrize(("profile", "period"), [("constant", 2.0), ("constant", 4.0), ("sine", 3.0)])
+@pytest.mark.parametrize(
+    ("profile", "period"), [("constant", 2.0), ("constant", 4.0), ("sine", 3.0)]
+)
 def test_no_shorter_period_is_remarked_where_stiffness_has_none_or_another(profile, period):
     assert tv.diagnose(cut(brief(profile=profile), period)).remarks == ()
 
@@ -159,7 +172,9 @@ def test_a_delay_is_measured(seconds):
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
-@pytest.mark.parametrize(("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)])
+@pytest.mark.parametrize(
+    ("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)]
+)
 def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
     findings = found(cut(faults.late(brief(perturbation=perturbation, snr_db=snr_db), seconds)))
     assert set(findings) == {"delay"}
@@ -224,7 +239,9 @@ def test_a_rate_of_half_the_true_one_is_named_with_the_period():
     recording = brief()
     check = found(cut(replace(recording, sampling_rate=500.0)))["wrong-period"]
     assert "4 s" in check.what
-    assert check.what.endswith("if that should be 2 s, the sampling rate is 2 times higher than stated")
+    assert check.what.endswith(
+        "if that should be 2 s, the sampling rate is 2 times higher than stated"
+    )
 
 
 def test_a_coarse_angle_is_no_wrong_rate():
@@ -242,7 +259,9 @@ def test_a_torque_that_is_held_briefly_shows_at_the_recorded_rate():
 
 @pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
 @pytest.mark.parametrize(("order", "cutoff", "both_ways"), [(2, 10, False), (4, 20, True)])
-def test_equal_filters_of_both_channels_are_no_fault(perturbation, profile, order, cutoff, both_ways):
+def test_equal_filters_of_both_channels_are_no_fault(
+    perturbation, profile, order, cutoff, both_ways
+):
     recording = brief(perturbation=perturbation, profile=profile)
     assert not found(cut(faults.filtered(recording, order, cutoff, both_ways)))
 
@@ -263,7 +282,8 @@ def test_a_torque_smoothed_both_ways_knows_of_later_movement():
 
 
 @pytest.mark.parametrize(
-    ("load", "colour", "snr_db"), [(60, "wide", 0), (60, "first-order", 5), (250, "wide", 0), (250, "pink", 5)]
+    ("load", "colour", "snr_db"),
+    [(60, "wide", 0), (60, "first-order", 5), (250, "wide", 0), (250, "pink", 5)],
 )
 def test_noise_of_any_colour_that_moves_the_angle(load, colour, snr_db):
     angle, torque, _ = in_loop(load, colour, snr_db, seed=0)
@@ -310,7 +330,9 @@ def test_a_drift_is_no_other_period():
 
 def test_swapped_channels_are_hinted_at():
     recording = brief()
-    check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))["angle-unit"]
+    check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))[
+        "angle-unit"
+    ]
     assert "the other way round" in check.fault.remedy
 
 
@@ -323,7 +345,9 @@ def test_a_torque_that_moves_the_angle(perturbation):
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_a_stiff_actuator_is_no_feedback(perturbation):
-    assert "feedback" not in found(cut(faults.giving_way(perturbation=perturbation, actuator=10_000.0)))
+    assert "feedback" not in found(
+        cut(faults.giving_way(perturbation=perturbation, actuator=10_000.0))
+    )
 
 
 @pytest.mark.parametrize(("actuator", "wrong"), [(100.0, True), (10_000.0, False)])
@@ -332,7 +356,10 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
     changes = {"stiffness": tv.simulate.SquareWave()} if wrong else {}
     recording = faults.giving_way(actuator=actuator, duration=100.0, noise_bandwidth=3.0, **changes)
     ensemble = cut(recording)
-    checks = {check.name: check for check in tv.diagnose(ensemble, reference="disturbance", repeats=False).checks}
+    checks = {
+        check.name: check
+        for check in tv.diagnose(ensemble, reference="disturbance", repeats=False).checks
+    }
     assert {name for name, check in checks.items() if check.what == "the behaviour is not repeated"} == {
         "drift", "misaligned-realizations", "unlike-realizations", "wrong-period", "scattered-realizations"
     }  # fmt: skip
@@ -344,7 +371,9 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
         closed = float(re.search(r"([\d.]+) with 'disturbance'", checks["loop-bias"].what)[1])
         assert closed == pytest.approx(100, abs=7)  # 83 if times counted by how far the angle moves
     else:
-        still = replace(ensemble, channels={"other": np.random.default_rng(0).random(ensemble.angle.shape)})
+        still = replace(
+            ensemble, channels={"other": np.random.default_rng(0).random(ensemble.angle.shape)}
+        )
         unrelated = {check.name: check for check in tv.diagnose(still, reference="other").checks}
         assert "hardly moves the angle" in unrelated["loop-bias"].what
 
@@ -368,7 +397,9 @@ def test_a_torque_that_is_zero_for_a_while():
 
 
 def test_a_torque_that_is_zero_for_a_while_without_subtracted_mean():
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(faults.zero(brief(), "torque"), 100), 2.0)
+    ensemble = tv.preprocess.segment(
+        tv.preprocess.decimate(faults.zero(brief(), "torque"), 100), 2.0
+    )
     assert "lost-torque" in found(ensemble)
 
 
@@ -376,7 +407,9 @@ def test_a_slow_perturbation_leaves_impedance_undetermined(random):
     time = np.arange(20000) / 100
     angle = 0.01 * np.sin(2 * np.pi * 0.3 * time) + 1e-7 * random.normal(size=time.size)
     recording = tv.Recording(angle, 100 * angle + 0.1 * random.normal(size=time.size), 100.0)
-    assert list(found(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 4.0)))) == ["narrow-excitation"]
+    assert list(found(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 4.0)))) == [
+        "narrow-excitation"
+    ]
 
 
 def test_the_same_perturbation_with_its_mean():
@@ -409,8 +442,12 @@ def test_half_of_the_realizations_of_another_behaviour(perturbation, differently
 
 @pytest.mark.slow
 def test_strengths_grow_with_the_fault():
-    strengths = [tv.diagnose(cut(faults.softening(brief(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
-    drifts = [next(check.value for check in checks if check.name == "drift") for checks in strengths]
+    strengths = [
+        tv.diagnose(cut(faults.softening(brief(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)
+    ]
+    drifts = [
+        next(check.value for check in checks if check.name == "drift") for checks in strengths
+    ]
     assert drifts == sorted(drifts, reverse=True)
     # A torque that falls by 60 % in a straight line: 85 % of it in the first half, 55 % in the second.
     assert drifts[-1] == pytest.approx(-100 * 30 / 85, abs=3)
@@ -420,6 +457,8 @@ def test_the_realizations_that_differ_are_named():
     ensemble = cut(brief())
     factors = np.ones(len(ensemble))
     factors[[7, 30]] = 2.0
-    check = found(replace(ensemble, torque=ensemble.torque * factors[:, None]))["unlike-realizations"]
+    check = found(replace(ensemble, torque=ensemble.torque * factors[:, None]))[
+        "unlike-realizations"
+    ]
     assert check.value == 2
     assert "first realization 7" in check.what

@@ -31,7 +31,10 @@ def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
 def test_a_joint_without_noise_is_found_exactly():
     """A sum of sines has known derivatives; stiffness 80, viscosity 1.5, inertia 0.03."""
     random, time = np.random.default_rng(0), np.arange(300) / 100
-    frequency, phase = 2 * np.pi * random.uniform(0.5, 20, (40, 8, 1)), random.uniform(0, 6, (40, 8, 1))
+    frequency, phase = (
+        2 * np.pi * random.uniform(0.5, 20, (40, 8, 1)),
+        random.uniform(0, 6, (40, 8, 1)),
+    )
     angle = np.sin(frequency * time + phase)
     velocity, acceleration = frequency * np.cos(frequency * time + phase), -(frequency**2) * angle
     torque = (80 * angle + 1.5 * velocity + 0.03 * acceleration).sum(axis=1)

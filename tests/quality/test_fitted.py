@@ -46,7 +46,9 @@ def test_gain_is_that_of_cross_validation(seed, realizations):
 
 def test_noise_predicts_nothing_and_its_p_value_is_fair():
     random = np.random.default_rng(1)
-    found = [gained(random.normal(size=(40, 50)), random.normal(size=(5, 40, 50))) for _ in range(200)]
+    found = [
+        gained(random.normal(size=(40, 50)), random.normal(size=(5, 40, 50))) for _ in range(200)
+    ]
     shares = np.array([share for share, _ in found])
     assert abs(shares.mean()) < 0.005
     certain = np.mean([share > 0 and probability < 0.05 for share, probability in found])
@@ -76,7 +78,9 @@ def test_innovations_of_a_known_process(random):
     np.testing.assert_allclose(innovations(signal, 2), noise[:, 2:], atol=0.15)
 
 
-@pytest.mark.parametrize(("rate", "context", "expected"), [(1000, 0.5, 100), (250, 0.4, 125), (100, 0.5, 100)])
+@pytest.mark.parametrize(
+    ("rate", "context", "expected"), [(1000, 0.5, 100), (250, 0.4, 125), (100, 0.5, 100)]
+)
 def test_a_high_rate_is_lowered_as_preprocessing_does(rate, context, expected):
     recording = simulated(40.0) if rate == 1000 else tv.preprocess.decimate(simulated(40.0), rate)
     low = lowered(tv.preprocess.segment(recording, 2.0, context))
@@ -86,7 +90,9 @@ def test_a_high_rate_is_lowered_as_preprocessing_does(rate, context, expected):
     np.testing.assert_array_equal(low.onsets, same.onsets)
 
 
-@pytest.mark.parametrize(("samples", "context", "low"), [(1111, 500, 112), (2003, 500, 201), (499, 0, 54)])
+@pytest.mark.parametrize(
+    ("samples", "context", "low"), [(1111, 500, 112), (2003, 500, 201), (499, 0, 54)]
+)
 def test_a_rate_that_does_not_divide_is_lowered_between_samples(samples, context, low):
     """A sum of slow sines is the same at the new samples."""
     random = np.random.default_rng(0)
@@ -95,7 +101,9 @@ def test_a_rate_that_does_not_divide_is_lowered_between_samples(samples, context
     def signals(time):
         return np.sin(2 * np.pi * frequency * time + phase).sum(axis=2)
 
-    ensemble = tv.Ensemble(*signals((np.arange(samples + 2 * context) - context) / 1000), 1000.0, context=context)
+    ensemble = tv.Ensemble(
+        *signals((np.arange(samples + 2 * context) - context) / 1000), 1000.0, context=context
+    )
     lower = lowered(ensemble)
     assert lower.samples == low
     assert lower.duration == pytest.approx(ensemble.duration)
@@ -117,24 +125,32 @@ def test_values_between_samples(later):
     time = np.arange(200)
     wave = np.sin(2 * np.pi * 0.3 * time + 1.0)[None]
     np.testing.assert_allclose(
-        between(wave, later)[0, 20:-20], np.sin(2 * np.pi * 0.3 * (time + later) + 1.0)[20:-20], atol=2e-3
+        between(wave, later)[0, 20:-20],
+        np.sin(2 * np.pi * 0.3 * (time + later) + 1.0)[20:-20],
+        atol=2e-3,
     )
 
 
 def test_a_synchronised_fit_is_that_of_the_record_without_delay():
     recording = simulated(40.0)
-    plain, delayed = FittedEnsemble.of(cut(recording)), FittedEnsemble.of(cut(late(recording, 0.03)))
+    plain, delayed = (
+        FittedEnsemble.of(cut(recording)),
+        FittedEnsemble.of(cut(late(recording, 0.03))),
+    )
     mended = delayed.synchronised(3)
     assert mended.ensemble.context == plain.ensemble.context - 3
     core = plain.ensemble.core
-    np.testing.assert_allclose(mended.torque[1:-1, mended.ensemble.core], plain.torque[1:-1, core], atol=0.02)
+    np.testing.assert_allclose(
+        mended.torque[1:-1, mended.ensemble.core], plain.torque[1:-1, core], atol=0.02
+    )
     assert delayed.explained < 0.9 < mended.explained
 
 
 def test_the_mean_impedance_and_its_error_are_right():
     """Over 40 simulations the errors are as large as the values scatter."""
     found = [
-        FittedEnsemble.of(cut(simulated(40.0, "prbs", "constant", seed=seed))).mean_impedance for seed in range(40)
+        FittedEnsemble.of(cut(simulated(40.0, "prbs", "constant", seed=seed))).mean_impedance
+        for seed in range(40)
     ]
     values, errors = (np.array(each) for each in zip(*found, strict=True))
     np.testing.assert_allclose(values.mean(axis=0)[:2], [100, 2.2], rtol=0.03)
@@ -149,4 +165,6 @@ def test_the_order_is_that_of_recording(clean):
 
 def test_the_fit_is_of_deviations(clean):
     offset = dataclasses.replace(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
-    np.testing.assert_allclose(FittedEnsemble.of(offset).fit.residual, FittedEnsemble.of(clean).fit.residual, atol=1e-9)
+    np.testing.assert_allclose(
+        FittedEnsemble.of(offset).fit.residual, FittedEnsemble.of(clean).fit.residual, atol=1e-9
+    )

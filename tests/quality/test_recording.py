@@ -20,13 +20,17 @@ def recorded(perturbation="noise", colour="pink", seed=1, duration=80.0, snr_db=
 
 
 def cut(recording, gaps=()):
-    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, gaps=gaps))
+    return tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, gaps=gaps)
+    )
 
 
 def error(ensemble, truth):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return np.sqrt(np.mean((tv.methods.parse("adaptive").identify(ensemble).stiffness - truth) ** 2))
+        return np.sqrt(
+            np.mean((tv.methods.parse("adaptive").identify(ensemble).stiffness - truth) ** 2)
+        )
 
 
 def found(recording):
@@ -35,7 +39,10 @@ def found(recording):
 
 def in_steps(recording, bits):
     """A recording through converters whose range is twice that of the signals."""
-    steps = [4 * np.abs(each - each.mean()).max() / 2**bits for each in (recording.angle, recording.torque)]
+    steps = [
+        4 * np.abs(each - each.mean()).max() / 2**bits
+        for each in (recording.angle, recording.torque)
+    ]
     return replace(
         recording,
         angle=np.round(recording.angle / steps[0]) * steps[0],
@@ -50,7 +57,9 @@ def test_realizations_with_gaps_are_left_out_and_spoil_nothing(kind, perturbatio
     spoilt = faults.gapped(recording, kind)
     assert found(spoilt) == {"gaps"}
     gaps = tv.preprocess.find_gaps(spoilt)
-    assert [(gap.trial, gap.start) for gap in gaps] == [(0, pytest.approx(7 + 10 * n, abs=0.0011)) for n in range(3)]
+    assert [(gap.trial, gap.start) for gap in gaps] == [
+        (0, pytest.approx(7 + 10 * n, abs=0.0011)) for n in range(3)
+    ]
     whole, left = cut(recording), cut(spoilt, gaps)
     assert len(left) == len(whole) - 3
     assert error(left, truth) < 1.2 * error(whole, truth)
@@ -62,7 +71,10 @@ def test_gaps_are_found_in_trials_and_after_the_ends_are_taken_off():
     recording = replace(faults.gapped(recorded()[0], count=2), trial_starts=(0, 16_000), start=-1.0)
     first, second = tv.preprocess.find_gaps(recording)
     assert (first.trial, second.trial) == (0, 1)
-    assert (first.start, second.start) == (pytest.approx(6, abs=0.0011), pytest.approx(0, abs=0.0011))
+    assert (first.start, second.start) == (
+        pytest.approx(6, abs=0.0011),
+        pytest.approx(0, abs=0.0011),
+    )
     trimmed = tv.preprocess.trim(recording, 3.5)
     onsets = tv.preprocess.segment(trimmed, 2.0, 0.0, [first]).onsets
     np.testing.assert_allclose(onsets[:3], [0, 4, 6])  # the gap is at 6 - 2.5 s
@@ -79,7 +91,9 @@ def test_mains_hum_is_found_and_taken_out(frequency, perturbation):
     assert "remove_mains(recording, 50)" in check.fault.remedy
     nominal, _ = tv.preprocess.find_mains(spoilt)
     assert nominal == round(frequency, -1)
-    clean, mended = (error(cut(tv.preprocess.remove_mains(each, nominal)), truth) for each in (recording, spoilt))
+    clean, mended = (
+        error(cut(tv.preprocess.remove_mains(each, nominal)), truth) for each in (recording, spoilt)
+    )
     usual = error(cut(recording), truth)
     assert clean == pytest.approx(usual, rel=0.05)
     assert mended == pytest.approx(usual, rel=0.05)
@@ -91,7 +105,9 @@ def test_mains_that_drift_are_taken_out_of_all_channels_of_each_trial():
     recording, _ = recorded()
     drift = 50 + 0.05 * np.sin(2 * np.pi * recording.time / 60)
     hum = 0.001 * np.sin(2 * np.pi * np.cumsum(drift) / 1000)
-    spoilt = replace(recording, angle=recording.angle + hum, channels={"emg": hum}, trial_starts=(0, 30_000))
+    spoilt = replace(
+        recording, angle=recording.angle + hum, channels={"emg": hum}, trial_starts=(0, 30_000)
+    )
     mended = tv.preprocess.remove_mains(spoilt, 50.0)
     inner = np.r_[1000:29_000, 31_000:79_000]
     for left in (mended.angle - recording.angle, mended.channels["emg"]):
@@ -122,7 +138,9 @@ def test_a_line_of_a_perturbation_that_has_many_is_no_mains(spacing):
 
 def test_a_ramp_and_a_held_angle_are_no_gaps():
     random = np.random.default_rng(3)
-    ramps = np.interp(np.arange(30_000) / 1000, np.arange(0, 31, 0.3), np.repeat(random.normal(size=52), 2))
+    ramps = np.interp(
+        np.arange(30_000) / 1000, np.arange(0, 31, 0.3), np.repeat(random.normal(size=52), 2)
+    )
     recording = tv.Recording(ramps, 80 * ramps + random.normal(size=30_000), 1000.0)
     assert not found(recording)
     assert not found(in_steps(recording, 12))
@@ -143,7 +161,9 @@ def test_a_rest_in_coarse_steps_and_a_clipped_torque_are_no_gaps(noise):
 def test_real_records_have_neither(recordings):
     for recording, _ in recordings.values():
         assert not found(recording)
-        assert found(faults.humming(faults.gapped(recording), 60.03)) == {"mains"}  # hum moves in gaps too
+        assert found(faults.humming(faults.gapped(recording), 60.03)) == {
+            "mains"
+        }  # hum moves in gaps too
         assert found(faults.gapped(faults.humming(recording))) == {"gaps", "mains"}
 
 

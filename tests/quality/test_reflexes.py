@@ -24,12 +24,16 @@ def judged(recording, period=2.0, context=0.5):
 
 
 def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1):
-    system = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction))
+    system = tv.simulate.ReflexJoint(
+        tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction)
+    )
     kind = tv.simulate.PERTURBATIONS[perturbation]
     return system.simulate(duration, perturbation=kind, snr_db=10, seed=seed).recording
 
 
-@pytest.mark.parametrize(("gain", "duration", "direction"), [(1.0, 150.0, 1), (2.0, 40.0, 1), (2.0, 40.0, -1)])
+@pytest.mark.parametrize(
+    ("gain", "duration", "direction"), [(1.0, 150.0, 1), (2.0, 40.0, 1), (2.0, 40.0, -1)]
+)
 def test_a_weak_reflex_is_shown_with_its_direction(gain, duration, direction):
     test = judged(recorded(gain, duration, direction=direction))
     assert test.shown
@@ -59,7 +63,10 @@ def test_a_linear_late_answer_is_no_reflex():
 
 
 @pytest.mark.parametrize(
-    ("record", "stiffness"),  # the intrinsic one, of other separations: 50 to 73, 72 to 81, 49 to 54
+    (
+        "record",
+        "stiffness",
+    ),  # the intrinsic one, of other separations: 50 to 73, 72 to 81, 49 to 54
     [("plantarflexor", (55, 75)), ("dorsiflexor", (72, 83)), ("dorsiflexor_2", (47, 55))],
 )
 @pytest.mark.parametrize("context", [0.0, 0.5])
@@ -76,7 +83,9 @@ def test_real_ankles_in_contraction_have_a_reflex(recordings, record, stiffness,
 def test_a_joint_that_changes_is_told_from_one_that_does_not(gain):
     for profile, changing in ((tv.simulate.SineWave(), True), (tv.simulate.Constant(100.0), False)):
         system = tv.simulate.ReflexJoint(profile, reflex_gain=gain)
-        recording = system.simulate(40.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1).recording
+        recording = system.simulate(
+            40.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
+        ).recording
         ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
         assert reflexes.changes(ensemble) == changing
 
@@ -97,9 +106,14 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
     def rows(number, late):
         motion = [angle[number, times - lag] for lag in range(-4, 5)]
         varying = [
-            each[number, times] * wave for each in (angle, sum(drives)) for wave in (np.cos(turns), np.sin(turns))
+            each[number, times] * wave
+            for each in (angle, sum(drives))
+            for wave in (np.cos(turns), np.sin(turns))
         ]
-        answers = [sum(response[lag - 4] * drive[number, times - lag] for lag in range(4, 34)) for drive in late]
+        answers = [
+            sum(response[lag - 4] * drive[number, times - lag] for lag in range(4, 34))
+            for drive in late
+        ]
         return np.stack([*motion, *varying, *answers], axis=1)
 
     def predicted(*late):
@@ -107,11 +121,15 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
         for number in range(12):
             others = [other for other in range(12) if other // 4 != number // 4]
             design = np.concatenate([rows(other, late) for other in others])
-            weights = np.linalg.lstsq(design, np.concatenate([torque[other, times] for other in others]), rcond=None)[0]
+            weights = np.linalg.lstsq(
+                design, np.concatenate([torque[other, times] for other in others]), rcond=None
+            )[0]
             answers.append(rows(number, late) @ weights)
         return np.array(answers)
 
-    none, linear, both, *directed = (predicted(*late) for late in ((), (sum(drives),), drives, drives[:1], drives[1:]))
+    none, linear, both, *directed = (
+        predicted(*late) for late in ((), (sum(drives),), drives, drives[:1], drives[1:])
+    )
     measured = torque[:, times]
     ratio = [np.sum((measured - each) ** 2, axis=1) for each in directed]
     assert found.direction == np.sign(np.sum(np.log(ratio[1] / ratio[0])))
@@ -121,7 +139,10 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
         scores = np.sum(left * (further - simple), axis=1) / np.sum(left**2, axis=1)
         return scores.mean(), scores.std(ddof=1) / np.sqrt(12)
 
-    (over_none, error), (over_linear, other_error) = added(none, directed[found.direction < 0]), added(linear, both)
+    (over_none, error), (over_linear, other_error) = (
+        added(none, directed[found.direction < 0]),
+        added(linear, both),
+    )
     assert found.over_none == pytest.approx(min(1, 2 * stdtr(11, -over_none / error)), rel=1e-5)
     assert found.over_linear == pytest.approx(stdtr(11, -over_linear / other_error), rel=1e-5)
     least = min(over_none - 1.79588 * error, over_linear - 1.79588 * other_error)
@@ -130,7 +151,9 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
 
 def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
     angle, torque, positive, negative = random.normal(size=(4, 12, 50))
-    with pytest.raises(tv.InputError, match=r"0.33 s before is known at 13 samples .*takes 20; give longer"):
+    with pytest.raises(
+        tv.InputError, match=r"0.33 s before is known at 13 samples .*takes 20; give longer"
+    ):
         reflex_test(angle, torque, (positive, negative), slice(0, 50), 100.0)
     still = np.zeros((12, 120))
     for motion in (angle[:, :1] + still, still):
@@ -141,7 +164,9 @@ def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
 
 def test_a_reflex_is_found_under_slow_voluntary_torque():
     joint = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=8.0)
-    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3).recording
+    recording = joint.simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
+    ).recording
     slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
     drifting = replace(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(drifting, 100), 2.0)

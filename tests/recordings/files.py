@@ -19,13 +19,19 @@ def write_mat(file, angle, torque):
 def write_mat_73(file, angle, torque):
     """As MATLAB writes it: a header of 512 bytes, columns stored as HDF5's rows, characters as numbers."""
     with h5py.File(file, "w", userblock_size=512) as root:
-        for name, values in {"pos": angle[None, :], "tq": torque[:, None], "fs": np.full((1, 1), 200.0)}.items():
+        for name, values in {
+            "pos": angle[None, :],
+            "tq": torque[:, None],
+            "fs": np.full((1, 1), 200.0),
+        }.items():
             root.create_dataset(name, data=values).attrs["MATLAB_class"] = np.bytes_("double")
         note = root.create_dataset("note", data=np.array([[104], [105]], dtype=np.uint16))
         note.attrs["MATLAB_class"] = np.bytes_("char")
         run = root.create_group("run")
         run.attrs["MATLAB_class"] = np.bytes_("struct")
-        run.create_dataset("pos", data=np.stack([angle, -angle])).attrs["MATLAB_class"] = np.bytes_("double")
+        run.create_dataset("pos", data=np.stack([angle, -angle])).attrs["MATLAB_class"] = np.bytes_(
+            "double"
+        )
         root.create_group("#refs#").create_dataset("a", data=[1.0])
     with file.open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
@@ -52,13 +58,17 @@ def write_netcdf(file, angle, torque):
     signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
     # From 2 bytes and a factor, as loggers store it, to the values that it stands for.
     encoding = {"coarse": {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -32768}}
-    dataset = xr.Dataset({**signals, "coarse": ("time", np.round(angle, 3))}, attrs={"sampling_rate": 200.0})
+    dataset = xr.Dataset(
+        {**signals, "coarse": ("time", np.round(angle, 3))}, attrs={"sampling_rate": 200.0}
+    )
     dataset.to_netcdf(file, engine="h5netcdf", encoding=encoding)
 
 
 def write_netcdf_3(file, angle, torque):
     signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
-    xr.Dataset(signals, attrs={"sampling_rate": 200.0}).to_netcdf(file, engine="scipy", format="NETCDF3_CLASSIC")
+    xr.Dataset(signals, attrs={"sampling_rate": 200.0}).to_netcdf(
+        file, engine="scipy", format="NETCDF3_CLASSIC"
+    )
 
 
 def write_parquet(file, angle, torque):
@@ -66,7 +76,8 @@ def write_parquet(file, angle, torque):
     from pyarrow import parquet
 
     columns = [
-        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit}) for name, unit in (("pos", "rad"), ("tq", "Nm"))
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit})
+        for name, unit in (("pos", "rad"), ("tq", "Nm"))
     ]
     schema = pyarrow.schema(columns, metadata={"sampling_rate": "200"})
     parquet.write_table(pyarrow.table([angle, torque], schema=schema), file)
@@ -92,7 +103,9 @@ def write_series(root, path, values, unit, rate=200.0, timestamps=None, **attrib
         {"unit": unit, "conversion": 1.0, "offset": 0.0} | attributes
     )
     if timestamps is None:
-        group.create_dataset("starting_time", data=0.0).attrs.update({"rate": rate, "unit": "seconds"})
+        group.create_dataset("starting_time", data=0.0).attrs.update(
+            {"rate": rate, "unit": "seconds"}
+        )
     else:
         group["timestamps"] = timestamps
 
@@ -117,7 +130,9 @@ def write_edf(file, angle, torque):
     bdf = file.suffix == ".bdf"
     signal, recording = (edfio.BdfSignal, edfio.Bdf) if bdf else (edfio.EdfSignal, edfio.Edf)
     kinds = (("pos", "rad", angle), ("tq", "Nm", torque))
-    signals = [signal(each, 200.0, label=name, physical_dimension=unit) for name, unit, each in kinds]
+    signals = [
+        signal(each, 200.0, label=name, physical_dimension=unit) for name, unit, each in kinds
+    ]
     recording(signals, data_record_duration=0.1).write(file)
 
 
@@ -150,7 +165,11 @@ def write_object(file, values, age):
         import matio
         from matio.utils import MatlabOpaque
 
-        matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
+        matio.save_to_mat(
+            str(file),
+            {"io": MatlabOpaque(values, "nldat")},
+            version="v7" if age == "v7" else "v7.3",
+        )
 
 
 def write_gait(file, angle, torque):
@@ -181,14 +200,20 @@ def parameters(**values):
     for number, (name, value) in enumerate(values.items()):
         box = np.empty((1, 1), dtype=object)
         box[0, 0] = np.array([[np.nan]]) if value is None else np.atleast_2d(value).astype(float)
-        about = {"paramName": np.array([name]), "paramValue": box, "paramDefault": np.array([[1.0]])}
+        about = {
+            "paramName": np.array([name]),
+            "paramValue": box,
+            "paramDefault": np.array([[1.0]]),
+        }
         items[0, number] = MatlabOpaque(about, "param")
     return items
 
 
 def write_segdat(file, signals, kind, onsets, lengths):
     if kind == "struct":
-        savemat(file, {"io": nldat(signals, onsetPointer=np.array(onsets), segLength=np.array(lengths))})
+        savemat(
+            file, {"io": nldat(signals, onsetPointer=np.array(onsets), segLength=np.array(lengths))}
+        )
         return
     import matio
     from matio.utils import MatlabOpaque

@@ -37,9 +37,18 @@ MOST = 4 * GIB  # of memory that a process takes before it is ended
 
 def write_mat_5(file, angle, torque, **settings):
     """Every kind of variable that SciPy writes."""
-    others = {"note": "ankle", "flag": torque > 0, "coarse": (1000 * angle).astype("i2"), "cell": files.cells("a", "b")}
+    others = {
+        "note": "ankle",
+        "flag": torque > 0,
+        "coarse": (1000 * angle).astype("i2"),
+        "cell": files.cells("a", "b"),
+    }
     others |= {"sparse": csc_array(np.eye(3)), "complex": angle * 1j}
-    savemat(file, {"pos": angle, "run": {"pos": angle[:, None], "tq": torque}, "tq": torque} | others, **settings)
+    savemat(
+        file,
+        {"pos": angle, "run": {"pos": angle[:, None], "tq": torque}, "tq": torque} | others,
+        **settings,
+    )
     undated(file)
 
 
@@ -76,7 +85,9 @@ def write_hdf5(file, angle, torque):
 
 def write_parquet(file, angle, torque):
     """Every kind of column."""
-    table = pd.DataFrame({"pos": angle, "tq": torque, "side": pd.Categorical(["left", "right"] * 30)})
+    table = pd.DataFrame(
+        {"pos": angle, "tq": torque, "side": pd.Categorical(["left", "right"] * 30)}
+    )
     table["day"], table["note"] = pd.Timestamp("2026-01-01"), "ankle"
     table["gaps"] = pd.array([1, None] * 30, dtype="Int16")
     table["list"] = [[1.0]] * 60
@@ -86,7 +97,9 @@ def write_parquet(file, angle, torque):
 def write_own(file, angle, torque):
     """As tvsysid writes them; `reading.py` also loads them."""
     if file.stem == "recording":
-        write_recording(file, Recording(angle, torque, 200.0, channels={"emg": angle}, trial_starts=(0, 30)))
+        write_recording(
+            file, Recording(angle, torque, 200.0, channels={"emg": angle}, trial_starts=(0, 30))
+        )
     else:
         write_ensemble(file, Ensemble(angle.reshape(6, 10), torque.reshape(6, 10), 200.0))
     if file.suffix == ".mat":
@@ -97,8 +110,12 @@ def write_nwb(file, angle, torque):
     """Every way to say what numbers and times mean."""
     times = np.arange(len(angle)) / 200
     with h5py.File(file, "w", track_order=True) as root:
-        files.write_series(root, "acquisition/pos", (1000 * angle).astype("i2"), "rad", conversion=1e-3, offset=0.5)
-        files.write_series(root, "processing/motor/tq", np.stack([torque, angle], axis=1), "N m", timestamps=times)
+        files.write_series(
+            root, "acquisition/pos", (1000 * angle).astype("i2"), "rad", conversion=1e-3, offset=0.5
+        )
+        files.write_series(
+            root, "processing/motor/tq", np.stack([torque, angle], axis=1), "N m", timestamps=times
+        )
         root["processing/motor/tq/channel_conversion"] = [1.0, 2.0]
         linked = h5py.SoftLink("/processing/motor/tq/timestamps")
         files.write_series(root, "stimulus/presentation/command", angle, "rad", timestamps=linked)
@@ -127,7 +144,10 @@ SEEDS = {
     "segments.mat": write_segdat,
 } | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
 SEEDS |= dict.fromkeys(OWN, write_own)
-MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")  # which are damaged as well
+MOTION, DESCRIPTIONS = (
+    "sub-1_motion.tsv",
+    ("sub-1_channels.tsv", "sub-1_motion.json"),
+)  # which are damaged as well
 INSIDE = {
     "version7.mat": mutations.inside_mat,
     "recording.mat": mutations.inside_mat,
@@ -183,7 +203,9 @@ class Reader:
         self.errors, self.warm, self.process = folder / "errors.txt", warm, None
 
     def start(self):
-        place = os.pathsep.join([str(Path(tvsysid.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+        place = os.pathsep.join(
+            [str(Path(tvsysid.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        )
         with self.errors.open("a+") as errors:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "tests.recordings.reading", *self.warm],
@@ -249,7 +271,10 @@ def attack(folder, sound, reader, seed, numbers):
         file = folder / f"mutant-{name}"
         file.write_bytes(content)
         yield Outcome(
-            name, number, content, **reader.read(file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file)
+            name,
+            number,
+            content,
+            **reader.read(file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file),
         )
 
 
@@ -258,7 +283,9 @@ def main():
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("findings"), help="folder for what was found")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("findings"), help="folder for what was found"
+    )
     options = parser.parse_args()
     read, refused, found = Counter(), Counter(), Counter()
     slowest, most = Counter(), Counter()
@@ -267,10 +294,15 @@ def main():
         for outcome in attack(Path(folder), sound, reader, options.seed, numbers):
             name = outcome.name
             (found if outcome.wrong else read if outcome.read else refused)[name] += 1
-            slowest[name], most[name] = max(slowest[name], outcome.seconds), max(most[name], outcome.bytes)
+            slowest[name], most[name] = (
+                max(slowest[name], outcome.seconds),
+                max(most[name], outcome.bytes),
+            )
             if outcome.wrong:
                 keep(options, outcome)
-    print(f"{'format':15}{'read':>8}{'refused':>8}{'findings':>9}{'longest':>10}{'most memory':>13}")
+    print(
+        f"{'format':15}{'read':>8}{'refused':>8}{'findings':>9}{'longest':>10}{'most memory':>13}"
+    )
     for name in SEEDS:
         print(
             f"{name:15}{read[name]:8}{refused[name]:8}{found[name]:9}{slowest[name]:8.2f} s{most[name] / 1e6:10.0f} MB"

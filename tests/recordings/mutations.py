@@ -8,7 +8,21 @@ import zlib
 
 import h5py
 
-TOKENS = [b"nan", b"-inf", b"1e999", b"-1e308", b"9" * 400, b"0x7f", b"True", b'"', b"'", b"\0", b"\0\0\0\0", b"", b"/"]
+TOKENS = [
+    b"nan",
+    b"-inf",
+    b"1e999",
+    b"-1e308",
+    b"9" * 400,
+    b"0x7f",
+    b"True",
+    b'"',
+    b"'",
+    b"\0",
+    b"\0\0\0\0",
+    b"",
+    b"/",
+]
 TOKENS += [
     "°µ𝛼".encode(),
     b"\xff\xfe",
@@ -22,7 +36,24 @@ TOKENS += [
     b"\x1b[2J",
     b"$x$",
 ]
-EXTREMES = (0, 1, 2, 3, 7, 8, 127, 255, 2**15 - 1, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**62, 2**63 - 1)
+EXTREMES = (
+    0,
+    1,
+    2,
+    3,
+    7,
+    8,
+    127,
+    255,
+    2**15 - 1,
+    2**15,
+    2**16 - 1,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**62,
+    2**63 - 1,
+)
 EXTREMES += (2**63, 2**64 - 8, 2**64 - 1)
 
 
@@ -68,7 +99,11 @@ def set_integer(random, content):
     place = int(random.integers(len(content) - width + 1))
     place -= place % width if random.random() < 0.8 else 0
     was = struct.unpack_from(form, content, place)[0]
-    value = was + int(random.integers(-9, 10)) if random.random() < 0.2 else EXTREMES[random.integers(len(EXTREMES))]
+    value = (
+        was + int(random.integers(-9, 10))
+        if random.random() < 0.2
+        else EXTREMES[random.integers(len(EXTREMES))]
+    )
     return content[:place] + struct.pack(form, value % 256**width) + content[place + width :]
 
 
@@ -88,12 +123,25 @@ def block(random, content):
     """Where a block begins and ends: of a few bytes, of 512, or of any length."""
     first = int(random.integers(len(content)))
     length = int(
-        random.choice([random.integers(1, 17), 512, random.integers(1, len(content) + 1)], p=[0.7, 0.15, 0.15])
+        random.choice(
+            [random.integers(1, 17), 512, random.integers(1, len(content) + 1)], p=[0.7, 0.15, 0.15]
+        )
     )
     return first, min(first + length, len(content))
 
 
-PLAIN = (flip_bits, blank, cut, repeat, remove, swap, set_integer, set_integer, set_integer, replace_token)
+PLAIN = (
+    flip_bits,
+    blank,
+    cut,
+    repeat,
+    remove,
+    swap,
+    set_integer,
+    set_integer,
+    set_integer,
+    replace_token,
+)
 
 
 def damaged(random, content):
@@ -118,8 +166,13 @@ def inside_mat(random, content):
         place += 8 + size
     chosen = int(random.integers(len(elements)))
     kind, data = elements[chosen]
-    elements[chosen] = (15, zlib.compress(damaged(random, zlib.decompress(data))) if kind == 15 else data)
-    return content[:128] + b"".join(struct.pack("<II", kind, len(data)) + data for kind, data in elements)
+    elements[chosen] = (
+        15,
+        zlib.compress(damaged(random, zlib.decompress(data))) if kind == 15 else data,
+    )
+    return content[:128] + b"".join(
+        struct.pack("<II", kind, len(data)) + data for kind, data in elements
+    )
 
 
 def inside_zip(random, content):
@@ -138,11 +191,17 @@ def inside_chunk(random, content):
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as root:
         chunked = []
-        root.visititems(lambda _, item: chunked.append(item) if getattr(item, "compression", None) == "gzip" else None)
+        root.visititems(
+            lambda _, item: (
+                chunked.append(item) if getattr(item, "compression", None) == "gzip" else None
+            )
+        )
         data = chunked[random.integers(len(chunked))].id
         place = data.get_chunk_info(0).chunk_offset
         mask, values = data.read_direct_chunk(place)
-        data.write_direct_chunk(place, zlib.compress(damaged(random, zlib.decompress(values))), mask)
+        data.write_direct_chunk(
+            place, zlib.compress(damaged(random, zlib.decompress(values))), mask
+        )
     return stream.getvalue()
 
 
@@ -154,10 +213,22 @@ def with_checksums(content):
         flags, start = found[1][0], found.start() + 6
         start += 16 * bool(flags & 32) + 4 * bool(flags & 16)
         width = 1 << (flags & 3)
-        blocks.append((found.start(), start + width + int.from_bytes(content[start : start + width], "little")))
-    for found in re.finditer(rb"OCHK", content):  # a header's continuation: place and length stand in the header
+        blocks.append(
+            (
+                found.start(),
+                start + width + int.from_bytes(content[start : start + width], "little"),
+            )
+        )
+    for found in re.finditer(
+        rb"OCHK", content
+    ):  # a header's continuation: place and length stand in the header
         stated = content.find(struct.pack("<Q", found.start())) + 8
-        blocks.append((found.start(), found.start() + int.from_bytes(content[stated : stated + 8], "little") - 4))
+        blocks.append(
+            (
+                found.start(),
+                found.start() + int.from_bytes(content[stated : stated + 8], "little") - 4,
+            )
+        )
     for first, end in blocks:
         if first < end and end + 4 <= len(content):
             fixed[end : end + 4] = struct.pack("<I", lookup3(bytes(fixed[first:end])))
@@ -168,9 +239,14 @@ def lookup3(data):
     """Bob Jenkins' hash, which HDF5 uses as its checksum."""
     a = b = c = (0xDEADBEEF + len(data)) & 0xFFFFFFFF
     turn = lambda value, bits: (value << bits | value >> (32 - bits)) & 0xFFFFFFFF  # noqa: E731
-    words = struct.unpack(f"<{-(-len(data) // 12) * 3}I", data.ljust(-(-len(data) // 12) * 12, b"\0"))
+    words = struct.unpack(
+        f"<{-(-len(data) // 12) * 3}I", data.ljust(-(-len(data) // 12) * 12, b"\0")
+    )
     for first in range(0, len(words), 3):
-        a, b, c = ((old + new) & 0xFFFFFFFF for old, new in zip((a, b, c), words[first : first + 3], strict=True))
+        a, b, c = (
+            (old + new) & 0xFFFFFFFF
+            for old, new in zip((a, b, c), words[first : first + 3], strict=True)
+        )
         if first + 3 < len(words):
             for bits in (4, 6, 8, 16, 19, 4):
                 a = ((a - c) & 0xFFFFFFFF) ^ turn(c, bits)

@@ -17,7 +17,9 @@ from tvsysid import InputError
 from tvsysid.recordings import describe_file, load_ensemble, load_recording, process
 
 GIB = 2**30
-ADDRESSES = 16 * GIB  # a net below: memory that is taken is what is judged, and what is refused far sooner
+ADDRESSES = (
+    16 * GIB
+)  # a net below: memory that is taken is what is judged, and what is refused far sooner
 SECONDS = 20  # of processor time that a file may take
 SOON = "import tvsysid.recordings.limits as limits; limits.SECONDS = 1.5; "  # so small a file need not wait for its end
 LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
@@ -27,7 +29,9 @@ def memory(what, process="self"):
     """Bytes that a process and those that it started take (``VmRSS``) or took at most (``VmHWM``)."""
     with contextlib.suppress(OSError, TypeError):  # it ends
         told = Path(f"/proc/{process}/status").read_text(encoding="utf-8", errors="replace")
-        return 1024 * int(re.search(rf"{what}:\s+(\d+)", told)[1]) + sum(memory(what, pid) for pid in children(process))
+        return 1024 * int(re.search(rf"{what}:\s+(\d+)", told)[1]) + sum(
+            memory(what, pid) for pid in children(process)
+        )
     return 0
 
 
@@ -70,10 +74,14 @@ def attempt(file):
 
 def used():
     """Seconds of the processor, of this process and those that it started."""
-    ended = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) + sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+    ended = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) + sum(
+        resource.getrusage(resource.RUSAGE_SELF)[:2]
+    )
     with contextlib.suppress(OSError):
         for pid in children():
-            fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            fields = (
+                Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            )
             ended += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
     return ended
 
@@ -82,11 +90,19 @@ def report(file):
     """What happened, and what it took: seconds of the processor, and bytes beyond those that were taken before."""
     for pid in ("self", *children()):
         with contextlib.suppress(OSError):  # it has ended
-            Path(f"/proc/{pid}/clear_refs").write_text("5", encoding="ascii")  # the peak begins anew
-    before, started, largest = memory("VmRSS"), used(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+            Path(f"/proc/{pid}/clear_refs").write_text(
+                "5", encoding="ascii"
+            )  # the peak begins anew
+    before, started, largest = (
+        memory("VmRSS"),
+        used(),
+        resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss,
+    )
     wrong, count, size = attempt(file)
     peak, seconds = max(0, memory("VmHWM") - before), used() - started
-    if (ended := resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) > largest:  # of those that have ended
+    if (
+        ended := resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    ) > largest:  # of those that have ended
         peak = max(peak, 1024 * ended)
     gc.collect()  # what objects complain of when they go
     if printed := os.pread(2, 1000, 0).decode("utf-8", "replace"):

@@ -45,8 +45,14 @@ def read(file, sampling_rate=200.0, **settings):
 
 def test_every_format_gives_the_same_recording(file, signals):
     recording = read(file)
-    exact = {".c3d": {"rtol": 1e-6, "atol": 1e-8}, ".csv": {"rtol": 1e-15}, ".edf": {"rtol": 0, "atol": 1e-4}}
-    exact = exact.get(file.suffix, {"rtol": 0, "atol": 1e-6 if file.suffix == ".bdf" else 0})  # of 16 and 24 bits
+    exact = {
+        ".c3d": {"rtol": 1e-6, "atol": 1e-8},
+        ".csv": {"rtol": 1e-15},
+        ".edf": {"rtol": 0, "atol": 1e-4},
+    }
+    exact = exact.get(
+        file.suffix, {"rtol": 0, "atol": 1e-6 if file.suffix == ".bdf" else 0}
+    )  # of 16 and 24 bits
     np.testing.assert_allclose(recording.angle, signals[0], **exact)
     np.testing.assert_allclose(recording.torque, signals[1], **exact)
 
@@ -60,16 +66,23 @@ def test_what_is_stated_is_described_and_contradictions_warn(file):
         read(file, 500.0)
         return
     assert described["pos"].sampling_rate == 200.0
-    with pytest.warns(tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, you gave 500 Hz"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, you gave 500 Hz"
+    ):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
         assert described["pos"].unit == "rad"
-        with pytest.warns(tv.DataQualityWarning, match="the file states the unit 'rad' for pos, and is read in deg"):
+        with pytest.warns(
+            tv.DataQualityWarning,
+            match="the file states the unit 'rad' for pos, and is read in deg",
+        ):
             read(file, angle_unit="deg")
 
 
 def test_a_wrong_name_gets_those_that_are_there(file):
-    with pytest.raises(tv.InputError, match=r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"):
+    with pytest.raises(
+        tv.InputError, match=r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"
+    ):
         read(file, angle="ang")
 
 
@@ -85,7 +98,9 @@ def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
 
 def test_damage_never_ends_in_another_error(file, random):
     if file.suffix in (".h5", ".hdf5", ".nwb", ".c3d"):
-        pytest.skip("some of these take the five seconds that a file may take; the fuzzer tries them")
+        pytest.skip(
+            "some of these take the five seconds that a file may take; the fuzzer tries them"
+        )
     content = file.read_bytes()
     for _ in range(25):
         damaged = bytearray(content)
@@ -103,15 +118,39 @@ def test_damage_never_ends_in_another_error(file, random):
 @pytest.mark.parametrize("other", [".mat", ".csv", ".npz", ".h5", ".nc", ".parquet", ".c3d"])
 def test_a_renamed_file_is_told_what_it_is(file, other):
     renamed = file.rename(file.with_suffix(other))
-    kinds = {"ankle.hdf5": "an HDF5", "ankle.h5": "an HDF5", "ankle.nc": "an HDF5", "classic.nc": "a NetCDF"}
-    kinds |= {"v5.mat": "a MAT file of version 5", "v73.mat": "a MAT file of version 7.3", "ankle.c3d": "a C3D"}
-    kinds |= {"ankle.nwb": "an HDF5", "sub-1_motion.tsv": "text", "ankle.edf": "an EDF", "ankle.bdf": "a BDF"}
-    kinds |= {"ankle.npz": "a ZIP", "ankle.parquet": "a Parquet", "ankle.csv": "text", "ankle.tsv": "text"}
+    kinds = {
+        "ankle.hdf5": "an HDF5",
+        "ankle.h5": "an HDF5",
+        "ankle.nc": "an HDF5",
+        "classic.nc": "a NetCDF",
+    }
+    kinds |= {
+        "v5.mat": "a MAT file of version 5",
+        "v73.mat": "a MAT file of version 7.3",
+        "ankle.c3d": "a C3D",
+    }
+    kinds |= {
+        "ankle.nwb": "an HDF5",
+        "sub-1_motion.tsv": "text",
+        "ankle.edf": "an EDF",
+        "ankle.bdf": "a BDF",
+    }
+    kinds |= {
+        "ankle.npz": "a ZIP",
+        "ankle.parquet": "a Parquet",
+        "ankle.csv": "text",
+        "ankle.tsv": "text",
+    }
     kind = kinds[file.name]
-    own = {"an HDF5": (".h5", ".hdf5", ".nc", ".nwb"), "text": (".csv", ".tsv")}.get(kind, (file.suffix,))
+    own = {"an HDF5": (".h5", ".hdf5", ".nc", ".nwb"), "text": (".csv", ".tsv")}.get(
+        kind, (file.suffix,)
+    )
     if other in own:
         return
-    with pytest.raises(tv.InputError, match=rf"{renamed.name}: not a .* that can be read: by its content it is {kind}"):
+    with pytest.raises(
+        tv.InputError,
+        match=rf"{renamed.name}: not a .* that can be read: by its content it is {kind}",
+    ):
         describe_file(renamed)
 
 
@@ -120,7 +159,9 @@ def test_a_file_that_may_not_be_opened_is_told(file, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(type(file), "open", refuse)
-    with pytest.raises(tv.InputError, match=r"cannot be opened \(Permission denied\); close it in other programs"):
+    with pytest.raises(
+        tv.InputError, match=r"cannot be opened \(Permission denied\); close it in other programs"
+    ):
         channels_of(file)
 
 
@@ -136,7 +177,9 @@ def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
 
 def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
     monkeypatch.setattr(limits, "available", lambda: 10_000)
-    with pytest.raises(tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"):
+    with pytest.raises(
+        tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"
+    ):
         read(file)
 
 
@@ -149,7 +192,9 @@ def test_an_enormous_file_is_read_in_part(tmp_path, signals, name):
     else:
         with h5py.File(file, "r+") as root:
             for key in ("big", "vast"):  # a terabyte each, which takes no place on disk
-                big = root.create_dataset(key, shape=(1000, 125_000_000), chunks=(1, 1_000_000), dtype="f8")
+                big = root.create_dataset(
+                    key, shape=(1000, 125_000_000), chunks=(1, 1_000_000), dtype="f8"
+                )
                 big.attrs["MATLAB_class"] = np.bytes_("double")
     tracemalloc.start()
     np.testing.assert_array_equal(read(file).angle, signals[0])
@@ -195,7 +240,9 @@ def test_toolbox_objects(tmp_path, signals, age):
 
 def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
     three = np.stack([np.stack(signals, axis=1), np.stack(signals[::-1], axis=1)], axis=2)
-    unnamed = nldat(signals, dataSet=three, chanNames=cells("x", "x"), domainName=np.array(["Frequency (Hz)"]))
+    unnamed = nldat(
+        signals, dataSet=three, chanNames=cells("x", "x"), domainName=np.array(["Frequency (Hz)"])
+    )
     write_object(tmp_path / "ankle.mat", unnamed, "old")
     with pytest.warns(tv.DataQualityWarning, match="has an RMS|states the unit 'deg'"):
         recording = read(tmp_path / "ankle.mat", angle="io.1", torque="io.2", columns="trials")
@@ -207,7 +254,9 @@ def test_objects_of_other_classes_are_named(tmp_path):
     record = np.empty((1, 1), dtype=[("data", object)])
     record["data"][0, 0] = np.ones((3, 1))
     savemat(tmp_path / "ankle.mat", {"io": MatlabObject(record, "timeseries"), "x": np.ones(3)})
-    with pytest.raises(tv.InputError, match="io: expected real numbers, got an object of class timeseries"):
+    with pytest.raises(
+        tv.InputError, match="io: expected real numbers, got an object of class timeseries"
+    ):
         read(tmp_path / "ankle.mat", angle="io", torque="x")
 
 
@@ -228,7 +277,9 @@ def test_groups_and_dimensions_of_netcdf(tmp_path, signals):
 
 def test_packed_netcdf_is_unpacked(tmp_path, signals):
     WRITERS["ankle.nc"](tmp_path / "ankle.nc", *signals)
-    np.testing.assert_allclose(read(tmp_path / "ankle.nc", angle="coarse").angle, np.round(signals[0], 3), atol=1e-7)
+    np.testing.assert_allclose(
+        read(tmp_path / "ankle.nc", angle="coarse").angle, np.round(signals[0], 3), atol=1e-7
+    )
 
 
 def test_labels_that_c3d_channels_share_are_numbered(tmp_path, signals, monkeypatch):
@@ -246,7 +297,10 @@ def test_labels_that_c3d_channels_share_are_numbered(tmp_path, signals, monkeypa
         (np.ones(600) + 1j, "expected real numbers, got values of type complex128"),
         (np.array(["a"] * 600), "expected real numbers, got text"),
         (np.array([[1.0], [1.0, 2.0]], dtype=object), "pickled objects, which are never read"),
-        (np.ones(599), "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled together"),
+        (
+            np.ones(599),
+            "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled together",
+        ),
         (np.ones((10, 20, 3)), "different lengths"),
         (np.zeros(0), "different lengths: other 0 x 1"),
         (np.full(600, np.nan), "600 of 600 values are NaN"),
@@ -269,7 +323,9 @@ def test_nothing_in_an_npz_is_unpickled(tmp_path):
     with pytest.raises(tv.InputError, match="pos: expected real numbers, got pickled objects"):
         read(tmp_path / "trap.npz")
     (tmp_path / "trap.mat").write_bytes(pickle.dumps(Trap()))
-    with pytest.raises(tv.InputError, match="by its content it is a Python pickle, which is never read"):
+    with pytest.raises(
+        tv.InputError, match="by its content it is a Python pickle, which is never read"
+    ):
         read(tmp_path / "trap.mat")
 
 
@@ -321,7 +377,10 @@ def test_groups_within_groups_are_read_up_to_a_limit(tmp_path):
 
 
 def test_names_that_occur_twice_are_refused(tmp_path, signals):
-    for name, text in {"a.csv": "pos, tq ,pos\n1,2,3\n", "a.tsv": "pos\ttq\t tq\n1\t2\t3\n"}.items():
+    for name, text in {
+        "a.csv": "pos, tq ,pos\n1,2,3\n",
+        "a.tsv": "pos\ttq\t tq\n1\t2\t3\n",
+    }.items():
         (tmp_path / name).write_text(text)
     np.savez(tmp_path / "a.npz", pos=signals[0], tqq=signals[1], tq1=signals[0])
     content = (tmp_path / "a.npz").read_bytes()
@@ -332,34 +391,50 @@ def test_names_that_occur_twice_are_refused(tmp_path, signals):
         (tmp_path / "first.mat").read_bytes() + (tmp_path / "second.mat").read_bytes()[128:]
     )
     for name in ("a.csv", "a.tsv", "a.npz", "a.mat"):
-        with pytest.raises(tv.InputError, match=rf"{name}: .* (called|name) .*(tq|pos).*give each a name of its own"):
+        with pytest.raises(
+            tv.InputError,
+            match=rf"{name}: .* (called|name) .*(tq|pos).*give each a name of its own",
+        ):
             describe_file(tmp_path / name)
 
 
 def test_columns_without_a_name_are_no_duplicates(tmp_path):
     (tmp_path / "a.csv").write_text("\npos,,tq,\n1,,2,\n2,,3,\n")
-    assert [name for name in describe_file(tmp_path / "a.csv") if not name.startswith("Unnamed")] == ["pos", "tq"]
+    assert [
+        name for name in describe_file(tmp_path / "a.csv") if not name.startswith("Unnamed")
+    ] == ["pos", "tq"]
 
 
 @pytest.mark.parametrize("columns", [10_001, 2_000_000])
 def test_more_columns_than_anyone_has_are_refused(tmp_path, columns):
-    (tmp_path / "wide.csv").write_text(",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns)
-    with pytest.raises(tv.InputError, match=r"the first line has \d+ columns or more; expected 10000 at most"):
+    (tmp_path / "wide.csv").write_text(
+        ",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns
+    )
+    with pytest.raises(
+        tv.InputError, match=r"the first line has \d+ columns or more; expected 10000 at most"
+    ):
         describe_file(tmp_path / "wide.csv")
 
 
 def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
     np.savetxt(tmp_path / "bare.csv", np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
-    with pytest.raises(tv.InputError, match=r"bare.csv: the first line is all numbers, .* say --no-header"):
+    with pytest.raises(
+        tv.InputError, match=r"bare.csv: the first line is all numbers, .* say --no-header"
+    ):
         read(tmp_path / "bare.csv", angle="1", torque="2")
     recording = read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
     np.testing.assert_array_equal(recording.angle, signals[0])
     np.testing.assert_array_equal(recording.torque, signals[1])
     WRITERS["ankle.csv"](tmp_path / "ankle.csv", *signals)
-    with pytest.raises(tv.InputError, match=r"the first line has names, such as \['pos'\]; read it without"):
+    with pytest.raises(
+        tv.InputError, match=r"the first line has names, such as \['pos'\]; read it without"
+    ):
         read(tmp_path / "ankle.csv", header=False)
     WRITERS["ankle.npz"](tmp_path / "ankle.npz", *signals)
-    with pytest.raises(tv.InputError, match=r"--no-header \(header=False\) is for text tables; leave it out for a NPZ"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"--no-header \(header=False\) is for text tables; leave it out for a NPZ",
+    ):
         read(tmp_path / "ankle.npz", header=False)
 
 
@@ -381,7 +456,11 @@ def test_time_series_of_nwb(tmp_path, signals):
         write_series(root, "acquisition/lost", signals[0], "rad", timestamps=uneven)
         write_series(root, "acquisition/short", signals[0], "rad", timestamps=uneven[1:])
         write_series(
-            root, "acquisition/shared", signals[0], "rad", timestamps=h5py.SoftLink("/acquisition/lost/timestamps")
+            root,
+            "acquisition/shared",
+            signals[0],
+            "rad",
+            timestamps=h5py.SoftLink("/acquisition/lost/timestamps"),
         )
         write_series(root, "acquisition/away", signals[0], "rad")
         del root["acquisition/away/data"]
@@ -406,25 +485,36 @@ def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
     file = tmp_path / "sub-1" / "motion" / "sub-1_task-a_run-2_motion.tsv"
     file.parent.mkdir(parents=True)
     WRITERS["sub-1_motion.tsv"](file, *signals)
-    described = file.with_name("sub-1_task-a_run-2_channels.tsv").rename(tmp_path / "task-a_channels.tsv")
+    described = file.with_name("sub-1_task-a_run-2_channels.tsv").rename(
+        tmp_path / "task-a_channels.tsv"
+    )
     rate = file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
-    file.with_name("sub-1_task-b_motion.json").write_text('{"SamplingFrequency": 7}')  # of another task
+    file.with_name("sub-1_task-b_motion.json").write_text(
+        '{"SamplingFrequency": 7}'
+    )  # of another task
     np.testing.assert_array_equal(read(file).torque, signals[1])
     assert describe_file(file)["tq"].sampling_rate == 200
     rate.write_text("{}")
     assert describe_file(file)["tq"].sampling_rate is None
     rows = described.read_text()
     described.write_text(rows.replace("MISC", "LATENCY"))  # whose times are not evenly spaced
-    with pytest.raises(tv.InputError, match="pos: expected real numbers, got values at times that are not evenly"):
+    with pytest.raises(
+        tv.InputError, match="pos: expected real numbers, got values at times that are not evenly"
+    ):
         read(file)
     described.write_text(rows + "\nemg\tEMG\tV")
-    with pytest.raises(tv.InputError, match=r"it has 2 columns, and its _channels\.tsv describes 3"):
+    with pytest.raises(
+        tv.InputError, match=r"it has 2 columns, and its _channels\.tsv describes 3"
+    ):
         read(file)
     described.write_text("name\n")
     with pytest.raises(tv.InputError, match=r"task-a_channels\.tsv lacks rows with name and type"):
         read(file)
     described.unlink()
-    with pytest.raises(tv.InputError, match=r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns",
+    ):
         read(file)
 
 
@@ -432,7 +522,9 @@ def test_motion_bids_has_no_names_in_it(tmp_path, signals):
     file = tmp_path / "sub-1_motion.tsv"
     WRITERS[file.name](file, *signals)
     file.write_text("pos\ttq\n" + file.read_text())
-    with pytest.raises(tv.InputError, match=r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
+    with pytest.raises(
+        tv.InputError, match=r"expected numbers in the first line, .* got \['pos', 'tq'\]"
+    ):
         read(file)
 
 
@@ -444,17 +536,23 @@ def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
     np.testing.assert_allclose(recording.angle, signals[0], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(recording.torque, signals[1], rtol=1e-6, atol=1e-9)
     described = describe_file(file)
-    assert [*described] == [f"{label}.{axis}" for label in ("LAnkleAngles", "LAnkleMoment", "LANK") for axis in "xyz"]
+    assert [*described] == [
+        f"{label}.{axis}" for label in ("LAnkleAngles", "LAnkleMoment", "LANK") for axis in "xyz"
+    ]
     assert [described[name].unit for name in (*names.values(), "LANK.y")] == ["deg", "Nmm", "mm"]
     with pytest.warns(
-        tv.DataQualityWarning, match=r"unit 'Nmm' for LAnkleMoment\.z, and is read in Nm|has an RMS|'deg'"
+        tv.DataQualityWarning,
+        match=r"unit 'Nmm' for LAnkleMoment\.z, and is read in Nm|has an RMS|'deg'",
     ):
         read(file, **names)
 
 
 def test_edf_of_several_rates_is_refused_with_the_rates(tmp_path, signals):
     edfio = pytest.importorskip("edfio", reason="edfio is not installed")
-    made = [edfio.EdfSignal(signals[0][:400], 200.0, label="pos"), edfio.EdfSignal(signals[0][:200], 100.0, label="tq")]
+    made = [
+        edfio.EdfSignal(signals[0][:400], 200.0, label="pos"),
+        edfio.EdfSignal(signals[0][:200], 100.0, label="tq"),
+    ]
     edfio.Edf(made).write(tmp_path / "a.edf")
     expected = r"pos 400 x 1, tq 200 x 1 \(sampled at pos 200 Hz, tq 100 Hz\); .* resample them to one rate before"
     with pytest.raises(tv.InputError, match=expected):
@@ -466,11 +564,16 @@ def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
     file = tmp_path / "ankle.edf"
     same = [edfio.EdfSignal(each, 200.0, label="V", physical_dimension="mV") for each in signals]
     edfio.Edf(same, annotations=[edfio.EdfAnnotation(0, None, "start")]).write(file)
-    assert {name: item.unit for name, item in describe_file(file).items()} == {"V (1)": "mV", "V (2)": "mV"}
+    assert {name: item.unit for name, item in describe_file(file).items()} == {
+        "V (1)": "mV",
+        "V (2)": "mV",
+    }
     content = file.read_bytes()
     assert content.count(b"EDF+C") == 1
     assert content.count(b"+1\x14\x14") == 1
-    file.write_bytes(content.replace(b"EDF+C", b"EDF+D"))  # which says that there may be gaps, and there is none
+    file.write_bytes(
+        content.replace(b"EDF+C", b"EDF+D")
+    )  # which says that there may be gaps, and there is none
     assert len(describe_file(file)) == 2
     file.write_bytes(content.replace(b"EDF+C", b"EDF+D").replace(b"+1\x14\x14", b"+7\x14\x14"))
     with pytest.raises(tv.InputError, match=r"the recording was interrupted \(EDF\+D\)"):
@@ -480,7 +583,9 @@ def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
 def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / "a.edf").write_bytes(b"0       ")
     monkeypatch.setitem(sys.modules, "edfio", None)
-    with pytest.raises(tv.InputError, match=r"EDF and BDF files need edfio: pip install 'tvsysid\[edf\]'"):
+    with pytest.raises(
+        tv.InputError, match=r"EDF and BDF files need edfio: pip install 'tvsysid\[edf\]'"
+    ):
         channels_of(tmp_path / "a.edf")
 
 
@@ -489,28 +594,45 @@ ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]
 
 @pytest.mark.filterwarnings("ignore:.*future.infer_string")
 @pytest.mark.parametrize(
-    ("kind", "turn"), [("struct", np.ravel), ("struct", np.transpose), ("v7", np.ravel), ("v7.3", np.ravel)]
+    ("kind", "turn"),
+    [("struct", np.ravel), ("struct", np.transpose), ("v7", np.ravel), ("v7.3", np.ravel)],
 )
 def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, turn):
     file = tmp_path / "ankle.mat"
-    tables = [turn(np.stack([each, each])) if turn is np.transpose else np.array(each) for each in (ONSETS, LENGTHS)]
+    tables = [
+        turn(np.stack([each, each])) if turn is np.transpose else np.array(each)
+        for each in (ONSETS, LENGTHS)
+    ]
     write_segdat(file, signals, kind, *tables)
     names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
     recording = read(file, **names)
-    parts = [slice(first - 1, first - 1 + length) for first, length in zip(ONSETS, LENGTHS, strict=True)]
-    np.testing.assert_array_equal(recording.torque, np.concatenate([signals[1][part] for part in parts]))
+    parts = [
+        slice(first - 1, first - 1 + length) for first, length in zip(ONSETS, LENGTHS, strict=True)
+    ]
+    np.testing.assert_array_equal(
+        recording.torque, np.concatenate([signals[1][part] for part in parts])
+    )
     assert recording.trial_starts == (0, 200, 300)
     usable = tv.recordings.read_usable_trials({"P1": file}, 0.6, **names, sampling_rate=200.0)
     assert usable.names == ("P1, trial 1", "P1, trial 3")
     np.testing.assert_array_equal(usable.recording.torque[200:], signals[1][parts[2]])
-    with pytest.raises(tv.InputError, match=r"3 segments with gaps between them; read each as a trial \(--columns tri"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"3 segments with gaps between them; read each as a trial \(--columns tri",
+    ):
         read(file, **names | {"columns": "contiguous"})
 
 
-@pytest.mark.parametrize(("onsets", "lengths", "count"), [([1, 301], [100, 100], 2), ([1, 1], [600, 600], 1)])
-def test_as_many_segments_as_channels_are_told_from_columns_of_channels(tmp_path, signals, onsets, lengths, count):
+@pytest.mark.parametrize(
+    ("onsets", "lengths", "count"), [([1, 301], [100, 100], 2), ([1, 1], [600, 600], 1)]
+)
+def test_as_many_segments_as_channels_are_told_from_columns_of_channels(
+    tmp_path, signals, onsets, lengths, count
+):
     write_segdat(tmp_path / "ankle.mat", signals, "struct", onsets, lengths)
-    recording = read(tmp_path / "ankle.mat", angle="io.pos", torque="io.tq", angle_unit="deg", columns="trials")
+    recording = read(
+        tmp_path / "ankle.mat", angle="io.pos", torque="io.tq", angle_unit="deg", columns="trials"
+    )
     assert (len(recording.trial_starts), len(recording)) == (count, 200 if count == 2 else 600)
 
 
@@ -520,9 +642,24 @@ def test_as_many_segments_as_channels_are_told_from_columns_of_channels(tmp_path
     [
         ("struct", [1, 501], [100, 101], "a segdat with segments that its samples do not have"),
         ("struct", [0, 301], [100, 100], "a segdat with segments that its samples do not have"),
-        ("struct", [1, 301], [100], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
-        ("struct", [1, np.nan], [100, 1], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
-        ("struct", [[1, 1], [301, 301]], [100, 100], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+        (
+            "struct",
+            [1, 301],
+            [100],
+            "a segdat whose segments cannot be read; in MATLAB: s = struct",
+        ),
+        (
+            "struct",
+            [1, np.nan],
+            [100, 1],
+            "a segdat whose segments cannot be read; in MATLAB: s = struct",
+        ),
+        (
+            "struct",
+            [[1, 1], [301, 301]],
+            [100, 100],
+            "a segdat whose segments cannot be read; in MATLAB: s = struct",
+        ),
         ("v7", None, [600, 1], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
     ],
 )

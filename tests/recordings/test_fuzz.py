@@ -10,7 +10,9 @@ from tests.recordings.mutations import lookup3, with_checksums
 
 SEED, COUNT = 5, 300
 FOUND = sorted(Path(__file__).with_name("found").iterdir())  # mutants that did what their names say
-limited = pytest.mark.skipif(sys.platform != "linux", reason="limits and peaks of memory are read as Linux tells them")
+limited = pytest.mark.skipif(
+    sys.platform != "linux", reason="limits and peaks of memory are read as Linux tells them"
+)
 
 
 def test_mutants_follow_from_their_number(tmp_path):
@@ -26,7 +28,10 @@ def test_checksums_are_those_of_hdf5(tmp_path):
         assert with_checksums(content) == content, name
     content = (tmp_path / "ankle.nc").read_bytes().replace(b"coarse", b"roughs")
     (tmp_path / "wrong.h5").write_bytes(content)
-    with h5py.File(tmp_path / "wrong.h5") as root, pytest.raises(Exception, match="incorrect metadata checksum"):
+    with (
+        h5py.File(tmp_path / "wrong.h5") as root,
+        pytest.raises(Exception, match="incorrect metadata checksum"),
+    ):
         list(root)
     (tmp_path / "right.h5").write_bytes(with_checksums(content))
     with h5py.File(tmp_path / "right.h5") as root:
@@ -46,11 +51,17 @@ def test_damage_is_read_or_refused(tmp_path, sound_and_reader):
     assert len(outcomes) == COUNT
     assert {outcome.name for outcome in outcomes if outcome.read} == set(sound_and_reader[0])
     assert {outcome.name for outcome in outcomes if not outcome.read} == set(sound_and_reader[0])
-    assert {f"{item.name}, seed {SEED}, number {item.number}": item.wrong for item in outcomes if item.wrong} == {}
+    assert {
+        f"{item.name}, seed {SEED}, number {item.number}": item.wrong
+        for item in outcomes
+        if item.wrong
+    } == {}
 
 
 @limited
 @pytest.mark.slow
 def test_what_once_did_harm_is_read_or_refused(sound_and_reader):
     _, reader = sound_and_reader
-    assert {file.name: reader.read(file)["wrong"] for file in FOUND} == {file.name: [] for file in FOUND}
+    assert {file.name: reader.read(file)["wrong"] for file in FOUND} == {
+        file.name: [] for file in FOUND
+    }

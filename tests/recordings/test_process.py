@@ -29,12 +29,16 @@ MESSAGES = {
     "crash-structure.mat": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it is damaged",
     "bus-error.mat": "crashed|is it whole",
 }
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the limits and signals are those of Linux")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="the limits and signals are those of Linux"
+)
 
 
 @pytest.fixture
 def sound(tmp_path):
-    np.savez(tmp_path / "sound.npz", pos=np.arange(6.0).reshape(2, 3), tq=np.arange(6.0).reshape(3, 2).T)
+    np.savez(
+        tmp_path / "sound.npz", pos=np.arange(6.0).reshape(2, 3), tq=np.arange(6.0).reshape(3, 2).T
+    )
     return tmp_path / "sound.npz"
 
 
@@ -53,7 +57,9 @@ def processor_seconds(pid):
 def test_a_file_that_kills_its_library_is_an_error_and_the_next_is_read(sound):
     assert_sound(sound)
     first = process._reader.process.pid
-    with pytest.raises(tv.InputError, match=rf"crash-structure\.mat: {MESSAGES['crash-structure.mat']}"):
+    with pytest.raises(
+        tv.InputError, match=rf"crash-structure\.mat: {MESSAGES['crash-structure.mat']}"
+    ):
         describe_file(DAMAGED / "crash-structure.mat")
     assert_sound(sound)
     assert process._reader.process.pid != first
@@ -77,7 +83,9 @@ used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(1024 * used.ru_maxrss, used.ru_utime + used.ru_stime)
 """
     files = [str(DAMAGED / name) for name in MESSAGES]
-    ended = subprocess.run([sys.executable, "-c", program, *files], capture_output=True, text=True, check=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", program, *files], capture_output=True, text=True, check=True
+    )
     *told, used = ended.stdout.splitlines()
     for name, text in zip(MESSAGES, told, strict=True):
         assert re.search(rf"{name}: .*({MESSAGES[name]})", text)
@@ -91,7 +99,9 @@ def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
     pytest.importorskip("ezc3d", reason="ezc3d is not installed")
     assert_sound(sound)
     child = process._reader.process
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background begins without
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a job in the background begins without
     begun = processor_seconds(child.pid)
 
     def interrupt():
@@ -144,7 +154,9 @@ def test_a_wedged_process_is_ended_by_the_clock(sound, monkeypatch):
     assert_sound(sound)
     os.kill(process._reader.process.pid, signal.SIGSTOP)
     monkeypatch.setattr(process, "PATIENCE", 0.02)
-    with pytest.raises(tv.InputError, match=r"sound\.npz: reading it took too long, and was stopped"):
+    with pytest.raises(
+        tv.InputError, match=r"sound\.npz: reading it took too long, and was stopped"
+    ):
         describe_file(sound)
 
 
@@ -170,9 +182,16 @@ def test_what_inflates_beyond_its_header_is_refused(tmp_path):
     savemat(tmp_path / "a.mat", {"pos": np.ones(10)})
     content = (tmp_path / "a.mat").read_bytes()
     tag = struct.pack("<II", 9, 80)
-    element = zlib.compress(content[128:].replace(tag, struct.pack("<II", 9, 2**31)) + bytes(10_000_000))
-    (tmp_path / "bomb.mat").write_bytes(content[:128] + struct.pack("<II", 15, len(element)) + element)
-    with pytest.raises(tv.InputError, match=r"bomb\.mat: reading this file of .* MB takes more memory than there is"):
+    element = zlib.compress(
+        content[128:].replace(tag, struct.pack("<II", 9, 2**31)) + bytes(10_000_000)
+    )
+    (tmp_path / "bomb.mat").write_bytes(
+        content[:128] + struct.pack("<II", 15, len(element)) + element
+    )
+    with pytest.raises(
+        tv.InputError,
+        match=r"bomb\.mat: reading this file of .* MB takes more memory than there is",
+    ):
         describe_file(tmp_path / "bomb.mat")
 
 
@@ -188,7 +207,11 @@ def test_memory_is_that_of_the_strictest(tmp_path, monkeypatch):
     assert list(limits._control_groups(tmp_path / "v2", tmp_path / "own")) == [700_000]
     old = tmp_path / "v1" / "memory" / "job"
     old.mkdir(parents=True)
-    for name, text in {"limit_in_bytes": "900", "usage_in_bytes": "500", "stat": "total_inactive_file 20"}.items():
+    for name, text in {
+        "limit_in_bytes": "900",
+        "usage_in_bytes": "500",
+        "stat": "total_inactive_file 20",
+    }.items():
         (old / f"memory.{name}").write_text(text)
     (tmp_path / "own").write_text("3:cpu,cpuacct:/job\n2:memory:/job\n")
     assert list(limits._control_groups(tmp_path / "v1", tmp_path / "own")) == [420]

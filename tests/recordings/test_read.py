@@ -22,7 +22,9 @@ def mat(tmp_path, signals):
 
 
 def read(file, angle="pos", torque="tq", **settings):
-    return tv.read_recording(file, angle=angle, torque=torque, **({"sampling_rate": 100.0} | settings))
+    return tv.read_recording(
+        file, angle=angle, torque=torque, **({"sampling_rate": 100.0} | settings)
+    )
 
 
 @pytest.mark.parametrize("compress", [False, True])
@@ -113,9 +115,17 @@ def file_with(folder, name, content):
     [
         ("empty.mat", b"", "the file is empty"),
         ("empty.csv", b"", "the file is empty"),
-        ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "by its content it is text; give it the ending .csv or .tsv"),
+        (
+            "text.mat",
+            b"pos,tq\n1,2\n3,4\n" * 40,
+            "by its content it is text; give it the ending .csv or .tsv",
+        ),
         ("noise.mat", bytes(range(256)) * 20, "not a MAT file that can be read"),
-        ("hdf.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200, "not a MAT file that can be read"),
+        (
+            "hdf.mat",
+            b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200,
+            "not a MAT file that can be read",
+        ),
         (
             "hdf5.mat",
             b"\x89HDF\r\n\x1a\n" + b" " * 200,
@@ -124,10 +134,18 @@ def file_with(folder, name, content):
         ("binary.csv", bytes(range(128, 256)) * 20, "not a text table with a header line"),
         ("header.csv", b"pos,tq\n", "got an empty array"),
         ("words.csv", b"pos,tq\n1,2\nhigh,4\n", "words.csv: pos: expected real numbers"),
-        ("gap.csv", b"pos,tq\n1,2\n,4\n5,6\n", "1 of 3 values are NaN or infinite, the first at time 1"),
+        (
+            "gap.csv",
+            b"pos,tq\n1,2\n,4\n5,6\n",
+            "1 of 3 values are NaN or infinite, the first at time 1",
+        ),
         ("longer.csv", b"pos,tq\n1,2,3\n3,4,5\n", "not a text table with a header line"),
         ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "not a text table with a header line"),
-        ("other.xls", b"pos,tq\n", r"unknown ending '.xls'; files that can be read end in .mat, .csv, .tsv"),
+        (
+            "other.xls",
+            b"pos,tq\n",
+            r"unknown ending '.xls'; files that can be read end in .mat, .csv, .tsv",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, content, message):
@@ -168,7 +186,9 @@ def days(tmp_path, random):
     files = []
     for day, length in enumerate((200, 300)):
         files.append(tmp_path / f"day{day}.csv")
-        table = pd.DataFrame(random.normal(scale=0.1, size=(length, 3)), columns=["pos", "tq", "emg"])
+        table = pd.DataFrame(
+            random.normal(scale=0.1, size=(length, 3)), columns=["pos", "tq", "emg"]
+        )
         table.to_csv(files[-1], index=False)
     return files
 
@@ -193,13 +213,18 @@ def test_files_of_several_trials_each(mat):
 
 
 def test_trials_that_cannot_be_joined_are_refused(days, random):
-    with pytest.raises(tv.InputError, match=r"expected several files, got .*day0\.csv'; give a list"):
+    with pytest.raises(
+        tv.InputError, match=r"expected several files, got .*day0\.csv'; give a list"
+    ):
         read_days(days[0])
     with pytest.raises(tv.InputError, match="expected recordings, got none"):
         read_days([])
     one, two = random.normal(size=(2, 50))
     other = tv.Recording(one, two, 50.0)
-    with pytest.raises(tv.InputError, match=r"recording 1 and the first differ in sampling rate: 50\.0 instead of 100"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"recording 1 and the first differ in sampling rate: 50\.0 instead of 100",
+    ):
         join_trials([tv.Recording(one, two, 100.0), other])
     with pytest.raises(tv.InputError, match=r"differ in channels: \[\] instead of \['emg'\]"):
         join_trials([tv.Recording(one, two, 50.0, channels={"emg": one}), other])
@@ -231,13 +256,18 @@ def test_a_perturbation_between_two_levels_is_no_doubt_but_a_third_is(tmp_path, 
     read(tmp_path / "ankle.mat")
     angle[400:450] = 0.0
     savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
-    with pytest.warns(tv.DataQualityWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"):
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"
+    ):
         read(tmp_path / "ankle.mat")
 
 
 def test_a_constant_channel_is_told(tmp_path, random):
     savemat(
-        tmp_path / "ankle.mat", {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)}
+        tmp_path / "ankle.mat",
+        {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)},
     )
-    with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this the right channel"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this the right channel"
+    ):
         read(tmp_path / "ankle.mat", channels={"emg": "emg"})

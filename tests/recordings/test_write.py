@@ -44,19 +44,27 @@ def test_an_unknown_ending_is_refused(tmp_path):
         write_simulation(tmp_path / "joint.xlsx", {"angle": np.zeros(3)}, 100.0)
 
 
-@pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")  # of few realizations, and no reflex
+@pytest.mark.filterwarnings(
+    "ignore::tvsysid.errors.DataQualityWarning"
+)  # of few realizations, and no reflex
 @pytest.mark.slow
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(duration=20.0)
     rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
     ensemble = dataclasses.replace(ensemble, channels={"scheduling": rising})
-    methods = {key: tv.methods.create(key) for key, kind in tv.methods.METHODS.items() if not kind.perturbation}
+    methods = {
+        key: tv.methods.create(key)
+        for key, kind in tv.methods.METHODS.items()
+        if not kind.perturbation
+    }
     models = {key: method.identify(ensemble) for key, method in methods.items()}
     write_models(tmp_path / "models.nc", models, ensemble)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(models)
         for key, model in models.items():
-            np.testing.assert_array_equal(tree[key].stiffness.values, model.estimates["stiffness"].values)
+            np.testing.assert_array_equal(
+                tree[key].stiffness.values, model.estimates["stiffness"].values
+            )
             assert tree[key].stiffness.attrs["units"] == "N m/rad"
             assert tree[key].attrs["method"] == model.method
             for quantity, estimate in model.estimates.items():
@@ -71,14 +79,22 @@ def test_models_are_read_back(tmp_path, ensemble_of):
             for pathway, torque in model.pathways(ensemble).items():
                 np.testing.assert_array_equal(tree[key][f"torque_{pathway}"].values, torque)
                 assert tree[key][f"torque_{pathway}"].attrs["units"] == "N m"
-        response = tree["esm"].frequency_response_real.values + 1j * tree["esm"].frequency_response_imag.values
+        response = (
+            tree["esm"].frequency_response_real.values
+            + 1j * tree["esm"].frequency_response_imag.values
+        )
         np.testing.assert_array_equal(response, models["esm"].frequency_response)
-        np.testing.assert_array_equal(tree["sds"].impulse_response.values, models["sds"].impulse_response)
+        np.testing.assert_array_equal(
+            tree["sds"].impulse_response.values, models["sds"].impulse_response
+        )
         np.testing.assert_array_equal(tree["birf"].covariance.values, models["birf"].covariance)
 
 
 def test_a_table_has_nothing_where_a_row_has_no_number(tmp_path):
-    write_table(tmp_path / "table.csv", [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}])
+    write_table(
+        tmp_path / "table.csv",
+        [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}],
+    )
     assert (tmp_path / "table.csv").read_text() == 'method,value,gain\n"a,b",0.333333,\nsds,,\n'
 
 
@@ -113,9 +129,13 @@ USUAL = st.floats(-1e30, 1e30)  # ensembles take no others
 
 def signals(shape, numbers=NUMBERS):
     moving = arrays.arrays(float, shape, elements=numbers).filter(
-        lambda values: values.min() < values.max() and (numbers is NUMBERS or abs(values).max() >= 1e-30)
+        lambda values: (
+            values.min() < values.max() and (numbers is NUMBERS or abs(values).max() >= 1e-30)
+        )
     )
-    recorded = st.none() | st.integers(1, 3).flatmap(lambda n: arrays.arrays(float, (*shape, n), elements=NUMBERS))
+    recorded = st.none() | st.integers(1, 3).flatmap(
+        lambda n: arrays.arrays(float, (*shape, n), elements=NUMBERS)
+    )
     further = st.dictionaries(NAMES, arrays.arrays(float, shape, elements=NUMBERS), max_size=3)
     return st.tuples(moving, moving, further, recorded)
 
@@ -126,7 +146,9 @@ def recordings(draw):
     angle, torque, channels, recorded = draw(signals((length,)))
     borders = draw(st.sets(st.integers(1, length - 1), max_size=3))
     start = draw(st.floats(-1e6, 1e6))
-    return tv.Recording(angle, torque, draw(RATES), start, channels, (0, *sorted(borders)), recorded_angle=recorded)
+    return tv.Recording(
+        angle, torque, draw(RATES), start, channels, (0, *sorted(borders)), recorded_angle=recorded
+    )
 
 
 @st.composite
@@ -139,7 +161,11 @@ def ensembles(draw):
             "trials": arrays.arrays(np.int64, count, elements=st.integers(0, 2**31)),
         }
     )
-    others = {"left_out": draw(st.integers(0, 99)), "mean_subtracted": draw(st.booleans()), "recorded_angle": recorded}
+    others = {
+        "left_out": draw(st.integers(0, 99)),
+        "mean_subtracted": draw(st.booleans()),
+        "recorded_angle": recorded,
+    }
     context = draw(st.integers(0, (length - 1) // 2))
     others |= draw(st.just({}) | placed)
     return tv.Ensemble(angle, torque, draw(RATES), context, channels=channels, **others)
@@ -153,7 +179,9 @@ def assert_same(one, two):
             for channel in values:
                 np.testing.assert_array_equal(values[channel], two.channels[channel], strict=True)
         else:
-            np.testing.assert_array_equal(values, getattr(two, name), strict=isinstance(values, np.ndarray))
+            np.testing.assert_array_equal(
+                values, getattr(two, name), strict=isinstance(values, np.ndarray)
+            )
 
 
 @pytest.mark.slow
@@ -177,13 +205,23 @@ def test_an_ensemble_is_read_back_unchanged(tmp_path_factory, ending, ensemble):
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
 def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
     angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
-    write_recording(tmp_path / f"ankle{ending}", tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
+    write_recording(
+        tmp_path / f"ankle{ending}", tv.Recording(angle, torque, 100.0, channels={"emg": emg})
+    )
     found = tv.read_recording(
-        tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=100.0, channels={"emg": "emg"}
+        tmp_path / f"ankle{ending}",
+        angle="angle",
+        torque="torque",
+        sampling_rate=100.0,
+        channels={"emg": "emg"},
     )
     np.testing.assert_array_equal(found.channels["emg"], emg)
-    with pytest.warns(tv.DataQualityWarning, match="the file states 100 Hz for angle, torque, you gave 50 Hz"):
-        tv.read_recording(tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=50.0)
+    with pytest.warns(
+        tv.DataQualityWarning, match="the file states 100 Hz for angle, torque, you gave 50 Hz"
+    ):
+        tv.read_recording(
+            tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=50.0
+        )
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
@@ -219,9 +257,15 @@ def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
         "angle": np.full(60, np.nan),
         "channels": "[1]",
     }.items():
-        changed = {key: item for key, item in (whole | {name: values}).items() if item is not None and key[0] != "_"}
+        changed = {
+            key: item
+            for key, item in (whole | {name: values}).items()
+            if item is not None and key[0] != "_"
+        }
         savemat(tmp_path / "damaged.mat", changed)
-        with pytest.raises(tv.InputError, match=r"damaged\.mat: (not as write_recording wrote it|angle: 60 of 60)"):
+        with pytest.raises(
+            tv.InputError, match=r"damaged\.mat: (not as write_recording wrote it|angle: 60 of 60)"
+        ):
             load_recording(tmp_path / "damaged.mat")
 
 
@@ -232,7 +276,11 @@ def test_a_recording_in_nwb_is_read_back(tmp_path, random):
     signals = random.normal(scale=0.01, size=(3, 200))
     recording = tv.Recording(*signals[:2], 100.0, start=-1.0, channels={"emg": signals[2]})
     write_nwb(tmp_path / "ankle.nwb", recording, START, units={"emg": "V"})
-    names = {"angle": "acquisition/angle", "torque": "acquisition/torque", "channels": {"emg": "acquisition/emg"}}
+    names = {
+        "angle": "acquisition/angle",
+        "torque": "acquisition/torque",
+        "channels": {"emg": "acquisition/emg"},
+    }
     back = tv.read_recording(tmp_path / "ankle.nwb", **names, sampling_rate=100.0, start=-1.0)
     for name in ("angle", "torque", "emg"):
         np.testing.assert_array_equal(back.signal(name), recording.signal(name))
@@ -248,9 +296,24 @@ def test_a_recording_in_nwb_is_read_back(tmp_path, random):
     ("change", "name", "start", "message"),
     [
         ({}, "ankle.h5", START, "unknown ending '.h5'; give .nwb"),
-        ({}, "ankle.nwb", START.replace(tzinfo=None), "session_start: 2026-05-04 09:30:00 has no time zone"),
-        ({"trial_starts": (0, 100)}, "ankle.nwb", START, "NWB has one axis of time; write each trial to a file of its"),
-        ({"channels": {"a/b": np.ones(200)}}, "ankle.nwb", START, "a time series cannot be called 'a/b'"),
+        (
+            {},
+            "ankle.nwb",
+            START.replace(tzinfo=None),
+            "session_start: 2026-05-04 09:30:00 has no time zone",
+        ),
+        (
+            {"trial_starts": (0, 100)},
+            "ankle.nwb",
+            START,
+            "NWB has one axis of time; write each trial to a file of its",
+        ),
+        (
+            {"channels": {"a/b": np.ones(200)}},
+            "ankle.nwb",
+            START,
+            "a time series cannot be called 'a/b'",
+        ),
     ],
 )
 def test_what_nwb_cannot_hold_is_refused(tmp_path, random, change, name, start, message):
@@ -261,14 +324,22 @@ def test_what_nwb_cannot_hold_is_refused(tmp_path, random, change, name, start, 
 
 
 def test_a_bids_derivative_describes_its_columns(tmp_path):
-    table = pd.DataFrame({"time_s": [0.0], "method": "sds", "stiffness": 80.0, "stiffness_lower": np.nan, "own": 1.0})
+    table = pd.DataFrame(
+        {"time_s": [0.0], "method": "sds", "stiffness": 80.0, "stiffness_lower": np.nan, "own": 1.0}
+    )
     file = write_bids(tmp_path, "raw/sub-01_ses-2_task-a_tracksys-r_motion.tsv", table)
-    assert file == tmp_path / "sub-01/ses-2/motion/sub-01_ses-2_task-a_tracksys-r_desc-stiffness_timeseries.tsv"
+    assert (
+        file
+        == tmp_path
+        / "sub-01/ses-2/motion/sub-01_ses-2_task-a_tracksys-r_desc-stiffness_timeseries.tsv"
+    )
     pd.testing.assert_frame_equal(pd.read_csv(file, sep="\t"), table, check_dtype=False)
     described = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
     assert described["Sources"] == ["sub-01_ses-2_task-a_tracksys-r_motion.tsv"]
     assert described["stiffness"] == {"Description": "Stiffness", "Units": "N m/rad"}
-    assert described["stiffness_lower"]["Description"] == "Lower limit of the 95 % band of stiffness"
+    assert (
+        described["stiffness_lower"]["Description"] == "Lower limit of the 95 % band of stiffness"
+    )
     assert set(described) == {"Sources", *table.columns}
     about = tmp_path / "dataset_description.json"
     assert json.loads(about.read_text())["DatasetType"] == "derivative"

@@ -25,7 +25,10 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 def pictures(illustrations):
     """The first is drawn, the others are empty axes: it is the page that is looked at."""
     first, *others = illustrations
-    empty = {stem: replace(illustrations[stem], draw=lambda: panels(1, 1, 4.0, 3.0)[0]) for stem in others}
+    empty = {
+        stem: replace(illustrations[stem], draw=lambda: panels(1, 1, 4.0, 3.0)[0])
+        for stem in others
+    }
     return draw_all({first: illustrations[first]} | empty)
 
 
@@ -33,7 +36,9 @@ def pictures(illustrations):
 def study():
     """Results with failures and warnings, and a method whose label is no good."""
     results = results_of(
-        [*SQUARE[:2], ("sine", "noise", 150.0, 10.0)], ("eirf", "sds:window=0.2", "kbr", HOSTILE), trials=3
+        [*SQUARE[:2], ("sine", "noise", 150.0, 10.0)],
+        ("eirf", "sds:window=0.2", "kbr", HOSTILE),
+        trials=3,
     )
     for trial in range(3):
         fail(results, "kbr", trial, "KernelRegression: the record is <too short>")
@@ -69,10 +74,23 @@ ALIGNED = pd.DataFrame(
 def experiment():
     """An experiment with a recording that failed, a method that did so once, warnings, and remarks."""
     made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
-    fail_recording(made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs")
-    fail_recording(made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40")
-    made.results["warnings"].loc[{"analysis": "birf-75"}] = ["few realizations", "", "", "", "noisy", ""]
-    made.results["remarks"].loc[{"recording": "P2-noise"}] = "trial_3.mat left out: <no torque>\nangle is clipped"
+    fail_recording(
+        made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs"
+    )
+    fail_recording(
+        made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40"
+    )
+    made.results["warnings"].loc[{"analysis": "birf-75"}] = [
+        "few realizations",
+        "",
+        "",
+        "",
+        "noisy",
+        "",
+    ]
+    made.results["remarks"].loc[{"recording": "P2-noise"}] = (
+        "trial_3.mat left out: <no torque>\nangle is clipped"
+    )
     made.results["trials_left_out"].loc[{"recording": "P2-noise"}] = 1
     made.summary = experimental_summary(made.results)
     made.exclusions = made.exclusions[made.exclusions.recording != "P3-prbs"]
@@ -83,7 +101,9 @@ def experiment():
 def experiment_page(experiment, tmp_path_factory):
     """Path of an experiment's report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = pictures(experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {}))
+    figures = pictures(
+        experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {})
+    )
     write_experiment_report(
         path,
         experiment.results,
@@ -101,7 +121,9 @@ def experiment_page(experiment, tmp_path_factory):
 @pytest.fixture(scope="session")
 def identified():
     """A joint that switches, by three methods; held-out VAF of the quick ones."""
-    ensemble = replace(tv.preprocess.subtract_mean(ensemble_of(120.0, profile="square")), left_out=2)
+    ensemble = replace(
+        tv.preprocess.subtract_mean(ensemble_of(120.0, profile="square")), left_out=2
+    )
     found = tv.compare(ensemble, ["eirf", "sds", "adaptive"])
     held_out = tv.compare(ensemble, ["eirf", "sds"]).held_out_vaf()
     source = {"file": "<ankle>.mat", "angle": "channel pos, in rad", "torque": "channel tq"}
@@ -137,7 +159,13 @@ def browser(tmp_path_factory):
     profile = tmp_path_factory.mktemp("profile")
 
     def run(*words):
-        options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}")
+        options = (
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--no-first-run",
+            f"--user-data-dir={profile}",
+        )
         command = [found, *options, "--enable-logging=stderr", *map(str, words)]
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
 

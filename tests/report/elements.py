@@ -28,7 +28,11 @@ class Elements(HTMLParser):
             texts.append(data)
 
     def of(self, *tags):
-        return [(attrs, " ".join("".join(texts).split())) for tag, attrs, texts in self.found if tag in tags]
+        return [
+            (attrs, " ".join("".join(texts).split()))
+            for tag, attrs, texts in self.found
+            if tag in tags
+        ]
 
 
 def table(elements, caption):

@@ -114,5 +114,7 @@ def test_it_prints(browser, page, tmp_path):
 
 
 def test_a_sheet_is_one_page_of_paper(browser, sheet_page, tmp_path):
-    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'sheet.pdf'}", sheet_page.as_uri())
+    browser(
+        "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'sheet.pdf'}", sheet_page.as_uri()
+    )
     assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "sheet.pdf").read_bytes())) == 1

@@ -60,17 +60,29 @@ def test_headings_anchors_and_regions(elements):
 
 def test_findings_with_effect_and_remedy(elements):
     found = next(text for _, text in elements.of("table") if "What was found in" in text)
-    for part in (FAULTS["delay"].title, FAULTS["delay"].effect, FAULTS["delay"].remedy, "ms late", "at most 0.75"):
+    for part in (
+        FAULTS["delay"].title,
+        FAULTS["delay"].effect,
+        FAULTS["delay"].remedy,
+        "ms late",
+        "at most 0.75",
+    ):
         assert part in found
 
 
 def test_everything_that_was_looked_at_is_there(elements):
-    tables = [text for _, text in elements.of("table") if text.startswith("All that was looked for")]
+    tables = [
+        text for _, text in elements.of("table") if text.startswith("All that was looked for")
+    ]
     assert len(tables) == 2
     for text in tables:
-        assert all(name in text for name in FAULTS if name not in ("loop-bias", "gaps", "mains"))  # these need more
+        assert all(
+            name in text for name in FAULTS if name not in ("loop-bias", "gaps", "mains")
+        )  # these need more
     assert "not judged not judged" not in " ".join(tables[0].replace("–", " ").split())
-    assert "Not judged: mean-torque, mean-angle (the mean over" in " ".join(text for _, text in elements.of("p"))
+    assert "Not judged: mean-torque, mean-angle (the mean over" in " ".join(
+        text for _, text in elements.of("p")
+    )
     assert "✗ found" in tables[1]
     assert "✗ found" not in tables[0]
 
@@ -79,13 +91,17 @@ def test_pictures_are_inside(elements):
     images = [attrs for attrs, _ in elements.of("img")]
     assert len(images) == 2
     for image in images:
-        assert ElementTree.fromstring(base64.b64decode(image["src"].partition(",")[2])).tag.endswith("svg")
+        assert ElementTree.fromstring(
+            base64.b64decode(image["src"].partition(",")[2])
+        ).tag.endswith("svg")
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
-    assert [text for _, text in elements.of("pre")] == ["tvsysid inspect ankle.mat --diagnose && echo"]
+    assert [text for _, text in elements.of("pre")] == [
+        "tvsysid inspect ankle.mat --diagnose && echo"
+    ]
     write_diagnosis(tmp_path / "page.html", {"clean": diagnoses["clean"]})
     assert "This command made the page" not in (tmp_path / "page.html").read_text()
 

@@ -48,7 +48,13 @@ def test_a_screen_reader_finds_its_way(elements):
 
 def test_figures_are_inside_in_order_with_their_descriptions(elements):
     stems = [attrs["id"] for attrs, _ in elements.of("figure")]
-    assert stems == ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals"]
+    assert stems == [
+        "participants",
+        "participant",
+        "variance-and-spread",
+        "error-against-truth",
+        "recorded-signals",
+    ]
     images = [attrs for attrs, _ in elements.of("img")]
     for image in images:
         kind, _, content = image["src"].partition(",")
@@ -61,14 +67,20 @@ def test_figures_are_inside_in_order_with_their_descriptions(elements):
 
 def test_who_is_virtual_is_told(elements):
     # One recording of P3 failed, but the truth about P3 is known from the other.
-    assert "The participants are virtual: their true stiffness is known." in elements.of("header")[0][1]
+    assert (
+        "The participants are virtual: their true stiffness is known."
+        in elements.of("header")[0][1]
+    )
 
 
 def test_outcome_tells_what_was_kept_and_found(experiment, elements):
     text = section(elements, "outcome")
     assert "6 recordings of 3 participants; 4 methods" in text
     assert "288 identifications in all, of which 54 failed." in text
-    assert "With filtered noise, 260 ± 0 of 300 realizations were kept (the paper: 260 ± 12 of 300)." in text
+    assert (
+        "With filtered noise, 260 ± 0 of 300 realizations were kept (the paper: 260 ± 12 of 300)."
+        in text
+    )
     assert "Of 4 published claims: holds: 1" in text
     rows = experiment.summary[
         (experiment.summary.metric == "random_error") & (experiment.summary.perturbation == "prbs")
@@ -79,7 +91,12 @@ def test_outcome_tells_what_was_kept_and_found(experiment, elements):
 
 def test_metrics_are_means_and_deviations_over_participants(experiment, elements):
     text = table(elements, "Metrics of each method, mean ± standard deviation over participants")
-    for heading in ("mean stiffness (N·m/rad)", "VAF 1–10 Hz (%)", "mean bias (N·m/rad)", "realizations drawn"):
+    for heading in (
+        "mean stiffness (N·m/rad)",
+        "VAF 1–10 Hz (%)",
+        "mean bias (N·m/rad)",
+        "realizations drawn",
+    ):
         assert heading in re.sub("[↕ ]+", " ", text)
     rows = experiment.summary[
         (experiment.summary.metric == "vaf")
@@ -97,7 +114,9 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
 
 def test_each_participant_by_itself(experiment, elements):
     text = table(elements, "Metrics of each method for each participant")
-    rows = experiment.summary[(experiment.summary.metric == "vaf") & (experiment.summary.participant == "P2")]
+    rows = experiment.summary[
+        (experiment.summary.metric == "vaf") & (experiment.summary.participant == "P2")
+    ]
     for value in rows.value:
         assert f" {value:.1f} " in text
     assert text.count("P2") == 16
@@ -106,7 +125,10 @@ def test_each_participant_by_itself(experiment, elements):
 
 def test_what_the_alignment_does_is_told_with_its_size_and_what_to_do(elements):
     text = section(elements, "outcome")
-    assert "changes the stiffness by −12.0 ± 2.5 N·m/rad (−12 %) in the mean of 2 recordings: 86.0 instead of" in text
+    assert (
+        "changes the stiffness by −12.0 ± 2.5 N·m/rad (−12 %) in the mean of 2 recordings: 86.0 instead of"
+        in text
+    )
     assert "reference = false under [preparation]" in text
     text = table(elements, "Mean stiffness over time of the realizations that were kept")
     assert "P1-noise 77.0 97.0 −20.0 ± 3.0 −21" in text
@@ -131,7 +153,9 @@ def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     results["recorded"][:] = 200
     found = recordings(results, exclusions_of(results), COUNTS)
     assert not [row for row in found.rows if row.total]
-    assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0], COUNTS))
+    assert "the paper" not in " ".join(
+        outcome(results, summary_of(results), claims().iloc[:0], COUNTS)
+    )
 
 
 def test_claims_that_were_not_studied_are_folded_away(elements):
@@ -139,7 +163,9 @@ def test_claims_that_were_not_studied_are_folded_away(elements):
     for verdict in ("✓ holds", "✗ does not hold", "? undecided"):
         assert verdict in studied
     assert "not studied" not in studied
-    assert "260 ± 12 realizations are kept." in table(elements, "Claims that these recordings do not bear on.")
+    assert "260 ± 12 realizations are kept." in table(
+        elements, "Claims that these recordings do not bear on."
+    )
     assert "1 claim not studied, and why" in [text for _, text in elements.of("summary")]
 
 
@@ -173,7 +199,10 @@ def test_an_unfinished_study_says_so(tmp_path):
     fail(made.results, "", analysis="esm-150")
     made.results["checksums"].loc[{"analysis": "esm-150"}] = 0
     summary = made.summary[~((made.summary.method == "esm") & (made.summary.realizations == 150))]
-    for name, rows, words in (("some", summary, "of which none failed"), ("none", summary[:0], "There is none yet.")):
+    for name, rows, words in (
+        ("some", summary, "of which none failed"),
+        ("none", summary[:0], "There is none yet."),
+    ):
         figures = pictures(experiment_figures(made.results, rows, {}, {}))
         path = tmp_path / f"{name}.html"
         write_experiment_report(path, made.results, rows, claims(), made.exclusions, figures)
@@ -186,11 +215,20 @@ def test_an_unfinished_study_says_so(tmp_path):
 
 def test_what_was_run_and_how_to_do_it_again(elements):
     text = section(elements, "run")
-    for words in ("max shift 0.25", "reference target", "bootstraps 6", "version of numpy 2.3.1", "54 of 288"):
+    for words in (
+        "max shift 0.25",
+        "reference target",
+        "bootstraps 6",
+        "version of numpy 2.3.1",
+        "54 of 288",
+    ):
         assert words in text
     command, code = ("".join(texts) for tag, _, texts in elements.found if tag == "pre")
     assert command == "tvsysid experiment --virtual 3 && echo"
-    assert 'results.estimate.sel(quantity="stiffness", recording="P1-noise", analysis="eirf-75")' in code
+    assert (
+        'results.estimate.sel(quantity="stiffness", recording="P1-noise", analysis="eirf-75")'
+        in code
+    )
 
 
 def test_hostile_labels_are_only_text(experiment_page, elements):
@@ -206,7 +244,9 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
         target=False,
     )  # fmt: skip
     one.results.attrs = {}
-    write_experiment_report(tmp_path / "report.html", one.results, one.summary, claims().iloc[:0], one.exclusions, {})
+    write_experiment_report(
+        tmp_path / "report.html", one.results, one.summary, claims().iloc[:0], one.exclusions, {}
+    )
     elements = Elements((tmp_path / "report.html").read_text())
     text = elements.of("main")[0][1]
     assert "nan" not in text
@@ -229,7 +269,9 @@ def test_when_everything_failed(tmp_path):
     failed = fail(made.results, "InputError: nothing to read")
     summary = summary_of(failed)
     figures = pictures(experiment_figures(failed, summary, {}, {}))
-    write_experiment_report(tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures)
+    write_experiment_report(
+        tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures
+    )
     text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
     assert "nan" not in text
     assert "144 identifications in all, of which 144 failed" in text
@@ -243,7 +285,12 @@ def test_results_from_a_store_give_the_same_page(tmp_path, experiment):
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for name, each in (("one", experiment.results), ("two", stored)):
             write_experiment_report(
-                tmp_path / f"{name}.html", each, experiment.summary, claims(), experiment.exclusions, {}
+                tmp_path / f"{name}.html",
+                each,
+                experiment.summary,
+                claims(),
+                experiment.exclusions,
+                {},
             )
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
     assert np.isnan(experiment.results.seconds).any()

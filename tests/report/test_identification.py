@@ -63,12 +63,18 @@ def test_methods_stand_side_by_side_with_the_vaf_of_realizations_held_out(elemen
 def test_a_paragraph_is_ready_to_paste(elements, identified):
     told = methods_paragraph(identified)
     assert told in section(elements, "paragraph")
-    turned = methods_paragraph(replace(identified, turned=["the torque's sign was reversed", "degrees became radians"]))
-    assert "When the file was read, the torque's sign was reversed and degrees became radians. " in turned
+    turned = methods_paragraph(
+        replace(identified, turned=["the torque's sign was reversed", "degrees became radians"])
+    )
+    assert (
+        "When the file was read, the torque's sign was reversed and degrees became radians. "
+        in turned
+    )
     assert f"version {tv.__version__}" in told
     assert (
         "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 Hz, were cut into 60 "
-        "realizations of 2 s with 0.5 s of context on either side; 2 realizations too near the ends" in told
+        "realizations of 2 s with 0.5 s of context on either side; 2 realizations too near the ends"
+        in told
     )
     assert (
         "short data segments (sds: max_lag=0.12, window=0.1; Ludvig and Perreault, 2012; van de Ruit et al., 2021)"
@@ -92,18 +98,22 @@ def test_every_method_says_how_its_stiffness_differs_and_cites_what_there_is():
     for key, method in METHODS.items():
         assert method.differs.endswith("."), key
         assert set(method.cites) <= set(REFERENCES), key
-    assert {key for method in METHODS.values() for key in method.cites} | {"tvsysid"} == set(REFERENCES)
+    assert {key for method in METHODS.values() for key in method.cites} | {"tvsysid"} == set(
+        REFERENCES
+    )
 
 
 def test_options_stay_as_they_are_typed_and_numbers_have_one_minus_sign():
-    assert typeset("by -1.5 ± 2, -20 % or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9") == (
-        "by −1.5 ±\u00a02, −20\u00a0% or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9"
-    )
+    assert typeset(
+        "by -1.5 ± 2, -20 % or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9"
+    ) == ("by −1.5 ±\u00a02, −20\u00a0% or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9")
 
 
 @pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")
 def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_path):
-    simulation = tv.simulate.ScheduledJoint().simulate(20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    simulation = tv.simulate.ScheduledJoint().simulate(
+        20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
+    )
     (variable,) = simulation.recording.channels
     recording = replace(simulation.recording, torque=-simulation.recording.torque)
     whole = tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=True), None)
@@ -116,15 +126,23 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     over, along = answer(turned)
     assert over.startswith("lpvkbi: stiffness over scheduling: ")
     assert along.startswith("over time: ")
-    assert 80 < account.held_out_mean("lpvkbi") < 100  # of fifths of the record, which the method left out itself
-    assert "in fifths of the record that it was not identified from, and" in methods_paragraph(turned)
+    assert (
+        80 < account.held_out_mean("lpvkbi") < 100
+    )  # of fifths of the record, which the method left out itself
+    assert "in fifths of the record that it was not identified from, and" in methods_paragraph(
+        turned
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp_path):
-    simulation = tv.simulate.Joint().simulate(80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 1.9)  # of 2 s
+    simulation = tv.simulate.Joint().simulate(
+        80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
+    )
+    ensemble = tv.preprocess.segment(
+        tv.preprocess.decimate(simulation.recording, 100), 1.9
+    )  # of 2 s
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
     (told,) = answer(account)
@@ -132,17 +150,32 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
         "no stiffness is stated. The movement does not repeat with this period: stiffness varies by "
     )
     assert (
-        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness cancel out" in told
+        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness cancel out"
+        in told
     )
     tv.report.write_identification(tmp_path / "report.html", account)
     page = Elements((tmp_path / "report.html").read_text())
-    assert section(page, "outcome").startswith("No stiffness is stated No stiffness is stated. The movement does not")
-    assert table(page, "Not valid, for the reasons above: stiffness, inertia and VAF by each method")
-    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(page, "suited")
-    for claim in ("should lie in the band", "recommended", "What to report", "methods section of a paper"):
+    assert section(page, "outcome").startswith(
+        "No stiffness is stated No stiffness is stated. The movement does not"
+    )
+    assert table(
+        page, "Not valid, for the reasons above: stiffness, inertia and VAF by each method"
+    )
+    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(
+        page, "suited"
+    )
+    for claim in (
+        "should lie in the band",
+        "recommended",
+        "What to report",
+        "methods section of a paper",
+    ):
         assert claim not in (tmp_path / "report.html").read_text()
     assert found.recommendation.suited == ()
-    assert "<p>No stiffness is stated. The movement does not repeat with this period" in found._repr_html_()
+    assert (
+        "<p>No stiffness is stated. The movement does not repeat with this period"
+        in found._repr_html_()
+    )
 
 
 @pytest.mark.slow
@@ -153,9 +186,17 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
     def with_gain(first, shown=1.0):
         values = np.repeat([first, 8.0], [50, len(model.time) - 50])
         error = tv.StandardError(np.ones(len(values)), np.array(100.0))
-        estimates = {**model.estimates, "reflex_gain": tv.Estimate(values, "N m s/rad", error=error)}
-        diagnostics = replace(model.diagnostics, details=model.diagnostics.details | {"reflex_shown": shown})
-        models = {**found.models, "adaptive": replace(model, estimates=estimates, diagnostics=diagnostics)}
+        estimates = {
+            **model.estimates,
+            "reflex_gain": tv.Estimate(values, "N m s/rad", error=error),
+        }
+        diagnostics = replace(
+            model.diagnostics, details=model.diagnostics.details | {"reflex_shown": shown}
+        )
+        models = {
+            **found.models,
+            "adaptive": replace(model, estimates=estimates, diagnostics=diagnostics),
+        }
         return replace(identified, found=replace(found, models=models))
 
     sound, doubtful = with_gain(4.0), with_gain(-4.0)
@@ -168,16 +209,22 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
     )
     tv.report.write_identification(tmp_path / "report.html", doubtful)
     told = Elements((tmp_path / "report.html").read_text())
-    assert "The difference from a method with one pathway (as kbr) is an" in section(told, "outcome")
+    assert "The difference from a method with one pathway (as kbr) is an" in section(
+        told, "outcome"
+    )
     assert "recommended" not in section(told, "outcome")
     paragraph = methods_paragraph(doubtful)
     assert (
-        "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch reflex's is" in paragraph
+        "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch reflex's is"
+        in paragraph
     )
     assert "the intrinsic one" not in paragraph
     unshown = with_gain(-4.0, shown=0.0)
     assert answer(unshown)[0].startswith("recommended (adaptive): ")
-    assert "show no stretch reflex, and this stiffness is that of a joint without one" in methods_paragraph(unshown)
+    assert (
+        "show no stretch reflex, and this stiffness is that of a joint without one"
+        in methods_paragraph(unshown)
+    )
 
 
 @pytest.mark.usefixtures("sketched")
@@ -218,10 +265,17 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     diagnosis = tv.diagnose(ensemble)
     account = tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis)
     captions = [each.description for each in _illustrations(account).values()]
-    assert captions[0].startswith("Stiffness, viscosity, inertia and reflex gain by cascade, with 95 %")
-    assert captions[1].startswith("Each method’s stiffness, viscosity, inertia and reflex gain, with 95 % bands")
+    assert captions[0].startswith(
+        "Stiffness, viscosity, inertia and reflex gain by cascade, with 95 %"
+    )
+    assert captions[1].startswith(
+        "Each method’s stiffness, viscosity, inertia and reflex gain, with 95 % bands"
+    )
     told = methods_paragraph(account)
-    assert "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes" in told
+    assert (
+        "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes"
+        in told
+    )
     assert "A diagnosis of the data found: " in told
     told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["sds"]), diagnosis=diagnosis))
     assert "This stiffness includes a stretch reflex, which the data show." in told

@@ -52,8 +52,13 @@ def test_a_screen_reader_finds_its_way(elements):
     assert len(elements.of("caption")) == len(elements.of("table"))
     assert all(attrs["scope"] in ("row", "col") for attrs, _ in elements.of("th"))
     regions = [attrs for attrs, _ in elements.of("div") if attrs.get("class") == "scroll"]
-    assert len(regions) == len(elements.of("table")) + len(elements.of("img")) + len(elements.of("pre"))
-    assert all(attrs["role"] == "region" and attrs["tabindex"] == "0" and attrs["aria-label"] for attrs in regions)
+    assert len(regions) == len(elements.of("table")) + len(elements.of("img")) + len(
+        elements.of("pre")
+    )
+    assert all(
+        attrs["role"] == "region" and attrs["tabindex"] == "0" and attrs["aria-label"]
+        for attrs in regions
+    )
 
 
 def test_figures_are_inside_with_their_descriptions(elements, study):
@@ -85,7 +90,9 @@ def test_ranking_has_every_method_in_every_scenario(elements, study):
         "time (ms)",
     ):
         assert heading in text
-    row = summary[(summary.scenario == "square-noise-40s-10dB") & (summary.method == "eirf")].set_index("metric")
+    row = summary[
+        (summary.scenario == "square-noise-40s-10dB") & (summary.method == "eirf")
+    ].set_index("metric")
     assert f"{row.value.bias_error:.2f} ± {row.standard_error.bias_error:.2f}" in text
     assert f"{1000 * row.value.seconds:.1f}" in text
 
@@ -127,7 +134,13 @@ def test_no_file_is_shown_that_could_not_name_an_object(tmp_path, study):
         ({"methods": ["Mine"]}, 0),  # an object without a repr of its own
     ):
         settings = json.loads(results.attrs["study"]) | setting
-        write_report(tmp_path / "r.html", results.assign_attrs(study=json.dumps(settings)), summary, claims(), {})
+        write_report(
+            tmp_path / "r.html",
+            results.assign_attrs(study=json.dumps(settings)),
+            summary,
+            claims(),
+            {},
+        )
         assert (tmp_path / "r.html").read_text().count("trials = 3") == shown
 
 
@@ -137,9 +150,14 @@ def test_outcome_says_who_is_best_and_how_surely(study):
     rows = summary[(summary.scenario == label) & (summary.metric == "bias_error")]
     best = rows.loc[rows.value.idxmin()]
     first, second, third = outcome(results, summary, claims())
-    assert f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} N·m/rad)" in first
+    assert (
+        f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} N·m/rad)"
+        in first
+    )
     assert second.startswith("Lowest total error: ")
-    assert third == "Of 4 published claims: holds: 1, does not hold: 1, undecided: 1, not studied: 1."
+    assert (
+        third == "Of 4 published claims: holds: 1, does not hold: 1, undecided: 1, not studied: 1."
+    )
 
 
 def test_small_differences_are_not_called_clear():
@@ -148,7 +166,9 @@ def test_small_differences_are_not_called_clear():
     summary.loc[summary.metric == "vaf", "value"] = [97.1, 97.2]
     summary.loc[summary.metric == "vaf", "standard_error"] = 0.5
     told = outcome(results, summary, claims().iloc[:0])
-    assert told[0].endswith("esm has the highest VAF (97.20 ± 0.50 %), though not clearly higher than sds.")
+    assert told[0].endswith(
+        "esm has the highest VAF (97.20 ± 0.50 %), though not clearly higher than sds."
+    )
 
 
 def test_one_trial_without_claims_figures_command_or_attributes(tmp_path):
@@ -188,7 +208,13 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
     few.to_zarr(tmp_path / "results.zarr", zarr_format=2)
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for name, each in (("one", few), ("two", stored)):
-            write_report(tmp_path / f"{name}.html", each, summary, claims(), pictures(study_figures(each, summary)))
+            write_report(
+                tmp_path / f"{name}.html",
+                each,
+                summary,
+                claims(),
+                pictures(study_figures(each, summary)),
+            )
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
 
 
@@ -196,7 +222,10 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
 @pytest.mark.usefixtures("sketched")
 def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     scenarios = [("square", "noise", 150.0, 10.0)]
-    both = [results_of(scenarios, ("sds", "esm"), 2, viscosity) for viscosity in ("constant", "covarying")]
+    both = [
+        results_of(scenarios, ("sds", "esm"), 2, viscosity)
+        for viscosity in ("constant", "covarying")
+    ]
     results = xr.concat(both, "scenario", combine_attrs="override", data_vars="all")
     summary = summary_of(results)
     figures = study_figures(results, summary)
@@ -215,13 +244,19 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
 def test_numbers_and_settings_as_text():
     cells = number(9.8765, 0.1234, 2), number(1234.5), number(float("nan"))
     assert [cell.text for cell in cells] == ["9.88 ± 0.12", "1230", "–"]
-    assert (in_words([1.0, "eirf", None]), in_words({"alignment": 2})) == ("1, eirf, none", "alignment 2")
+    assert (in_words([1.0, "eirf", None]), in_words({"alignment": 2})) == (
+        "1, eirf, none",
+        "alignment 2",
+    )
 
 
 def test_a_system_that_takes_no_stiffness_has_no_profiles_among_its_settings(tmp_path, study):
     results, summary = study
     own = results.assign_coords(
-        {name: results[name].copy(data=["own"] * results.sizes["scenario"]) for name in ("profile", "viscosity")}
+        {
+            name: results[name].copy(data=["own"] * results.sizes["scenario"])
+            for name in ("profile", "viscosity")
+        }
     )
     for found, there in ((results, True), (own, False)):
         write_report(tmp_path / "r.html", found, summary, claims(), {})

@@ -12,14 +12,21 @@ from tvsysid.report.sheet import facts
 
 def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
     elements = Elements(sheet_page.read_text())
-    assert ("Research use only. Not for diagnosis, and not for decisions about treatment.") in sheet_page.read_text()
+    assert (
+        "Research use only. Not for diagnosis, and not for decisions about treatment."
+    ) in sheet_page.read_text()
     told = table(elements, "Means over time")
     model = identified.found.models["adaptive"]
     lower, upper = model.estimates["stiffness"].band()
     for place in range(1, 7):
         mean = f"{model.stiffness.mean():.1f} ± {(upper - lower).mean() / 2:.1f}"
-        assert f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} at " in told
-    assert told.endswith("–none none")  # the held-out VAF of adaptive is not known here; no fault of the data
+        assert (
+            f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} at "
+            in told
+        )
+    assert told.endswith(
+        "–none none"
+    )  # the held-out VAF of adaptive is not known here; no fault of the data
 
 
 @pytest.mark.slow
@@ -45,18 +52,26 @@ def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identifie
         told = Elements((tmp_path / "sheet.html").read_text())
         box = " ".join(text for _, text in told.of("p"))
         assert "No stiffness is stated. Channel 'command' moves the angle." in box
-        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 5}" in table(told, "Means over time")
+        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 5}" in table(
+            told, "Means over time"
+        )
 
 
 def test_what_identify_did_not_write_is_refused(tmp_path):
     with pytest.raises(tv.InputError, match="expected 1 to 6 folders of tvsysid identify, got 0"):
         tv.report.write_sheet(tmp_path / "sheet.html", [])
-    with pytest.raises(tv.InputError, match=r"there is no models\.nc; give folders that tvsysid identify wrote"):
+    with pytest.raises(
+        tv.InputError, match=r"there is no models\.nc; give folders that tvsysid identify wrote"
+    ):
         tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
     for content in ("text", None):
         if content is None:
-            xr.Dataset({"stiffness": ("time", [1.0])}).to_netcdf(tmp_path / "models.nc", engine="h5netcdf")
+            xr.Dataset({"stiffness": ("time", [1.0])}).to_netcdf(
+                tmp_path / "models.nc", engine="h5netcdf"
+            )
         else:
             (tmp_path / "models.nc").write_text(content)
-        with pytest.raises(tv.InputError, match=r"cannot be read, or an older version wrote it; identify .* again"):
+        with pytest.raises(
+            tv.InputError, match=r"cannot be read, or an older version wrote it; identify .* again"
+        ):
             tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])

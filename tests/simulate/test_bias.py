@@ -21,8 +21,12 @@ def gain(time):
     ids=["reflex", "slow noise in the loop", "wide noise in the loop"],
 )
 def test_stiffness_is_biased_by_what_the_method_does_not_know(system, bandwidth, snr_db, low, high):
-    simulation = system.simulate(300.0, perturbation=FilteredNoise(bandwidth), snr_db=snr_db, seed=1000)
+    simulation = system.simulate(
+        300.0, perturbation=FilteredNoise(bandwidth), snr_db=snr_db, seed=1000
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     ensemble = tv.preprocess.subtract_mean(ensemble)
-    error = tv.BasisIRF().identify(ensemble).stiffness - simulation.truth_of(ensemble)["stiffness"].mean(axis=0)
+    error = tv.BasisIRF().identify(ensemble).stiffness - simulation.truth_of(ensemble)[
+        "stiffness"
+    ].mean(axis=0)
     assert low < error.mean() < high

@@ -7,14 +7,24 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
 import tvsysid as tv
-from tvsysid.simulate import PERTURBATIONS, PRBS, CompliantActuator, Constant, FilteredNoise, Joint, SineWave
+from tvsysid.simulate import (
+    PERTURBATIONS,
+    PRBS,
+    CompliantActuator,
+    Constant,
+    FilteredNoise,
+    Joint,
+    SineWave,
+)
 from tvsysid.simulate.motion import driven_motion
 
 perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS)
 
 
 def simulate(system, duration=10.0, **settings):
-    return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
+    return system.simulate(
+        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
+    )
 
 
 @pytest.mark.slow
@@ -29,19 +39,27 @@ def test_motion_equals_the_differential_equation(random):
         held = [np.interp(t, time, values) for values in (force, damping, stiffness)]
         return [state[1], held[0] - held[1] * state[1] - held[2] * state[0]]
 
-    solution = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-8, atol=1e-12, max_step=2e-3)
+    solution = solve_ivp(
+        slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-8, atol=1e-12, max_step=2e-3
+    )
     for found, expected in zip(motion[:2, 0], solution.y, strict=True):
         assert np.abs(found - expected).max() < 1e-3 * np.std(expected)
-    np.testing.assert_allclose(motion[2, 0], force - damping * motion[1, 0] - stiffness * motion[0, 0])
+    np.testing.assert_allclose(
+        motion[2, 0], force - damping * motion[1, 0] - stiffness * motion[0, 0]
+    )
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(1500.0, 30.0), (900.0, 60.0), (100.0, 90.0)])
-def test_constant_motion_equals_scipy(random, stiffness, damping):  # under-, critically and overdamped
+def test_constant_motion_equals_scipy(
+    random, stiffness, damping
+):  # under-, critically and overdamped
     force = np.cumsum(random.standard_normal(1200))
     force[0] = 0.0
     time = np.arange(1200) / 1000
     full = np.ones(1200)
-    _, _, states = lsim(([[0, 1], [-stiffness, -damping]], [[0], [1]], np.eye(2), np.zeros((2, 1))), force, time)
+    _, _, states = lsim(
+        ([[0, 1], [-stiffness, -damping]], [[0], [1]], np.eye(2), np.zeros((2, 1))), force, time
+    )
     motion = driven_motion(stiffness * full, damping * full, force[None], 1000.0)
     np.testing.assert_allclose(motion[:2, 0], states.T, rtol=1e-7, atol=1e-9 * np.abs(states).max())
 
@@ -54,7 +72,11 @@ def test_the_loop_obeys_both_equations(perturbation):
     recording = simulation.recording
     angle, torque, reference = recording.angle, recording.torque, recording.channels["disturbance"]
     velocity = np.gradient(angle, 1 / 8000)
-    moved = 0.04 * np.gradient(velocity, 1 / 8000) + 1.4 * math.sqrt(150 * 0.04) * velocity + 150 * (angle - reference)
+    moved = (
+        0.04 * np.gradient(velocity, 1 / 8000)
+        + 1.4 * math.sqrt(150 * 0.04) * velocity
+        + 150 * (angle - reference)
+    )
     # The acceleration that a PRBS imposes jumps, which differences smear.
     limit = {"noise": 2e-3, "prbs": 5e-3, "pulses": 5e-3, "multisine": 2e-3}[perturbation]
     assert np.std((moved + torque)[10:-10]) < limit * np.std(torque)
@@ -83,13 +105,16 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
         own = stiffness + (150 if 0.5 <= t < 1.5 else 50)
         return [
             state[1],
-            (now + part * (then - now) - (2.2 + viscosity) * state[1] - own * state[0]) / (0.02 + inertia),
+            (now + part * (then - now) - (2.2 + viscosity) * state[1] - own * state[0])
+            / (0.02 + inertia),
         ]
 
     inside, angle = slice(1000, 3001), recording.angle
     velocity = (angle[998] - 8 * angle[999] + 8 * angle[1001] - angle[1002]) / 12e-3
     # As it steps from sample to sample, it needs no finer tolerance.
-    found = solve_ivp(slope, (0, 2), [angle[1000], velocity], t_eval=time[inside], rtol=1e-6, max_step=1e-3).y[0]
+    found = solve_ivp(
+        slope, (0, 2), [angle[1000], velocity], t_eval=time[inside], rtol=1e-6, max_step=1e-3
+    ).y[0]
     assert np.std(found - angle[inside]) < 1e-3 * np.std(angle)
 
 
@@ -98,9 +123,13 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
 def test_torque_and_angle_belong_together_however_soft_the_actuator(actuator, perturbation):
     # Of a soft actuator the angle is a small part of the reference.
     system = CompliantActuator(Constant(100.0), actuator_stiffness=actuator)
-    recording = simulate(system, 2.0, perturbation=PERTURBATIONS[perturbation], snr_db=np.inf).recording
+    recording = simulate(
+        system, 2.0, perturbation=PERTURBATIONS[perturbation], snr_db=np.inf
+    ).recording
     angle = CubicSpline(recording.time, recording.angle)
-    answer = 100 * recording.angle + 2.2 * angle(recording.time, 1) + 0.02 * angle(recording.time, 2)
+    answer = (
+        100 * recording.angle + 2.2 * angle(recording.time, 1) + 0.02 * angle(recording.time, 2)
+    )
     assert np.std((recording.torque - answer)[10:-10]) < 0.01 * np.std(recording.torque)
 
 
@@ -109,7 +138,9 @@ def test_the_reference_alone_moves_the_angle_by_half_a_degree():
     inside = slice(1000, 41_000)
     assert np.sqrt(np.mean(quiet.recording.angle[inside] ** 2)) == pytest.approx(math.radians(0.5))
     loud = simulate(CompliantActuator(), 40.0, snr_db=0.0)
-    np.testing.assert_array_equal(loud.recording.channels["disturbance"], quiet.recording.channels["disturbance"])
+    np.testing.assert_array_equal(
+        loud.recording.channels["disturbance"], quiet.recording.channels["disturbance"]
+    )
     noise = loud.recording.torque - loud.noiseless.torque
     assert np.std(noise[inside]) == pytest.approx(np.std(quiet.recording.torque[inside]))
 
@@ -117,7 +148,12 @@ def test_the_reference_alone_moves_the_angle_by_half_a_degree():
 # Shares of the angle's power that the noise makes, measured with an independent simulator.
 @pytest.mark.parametrize(
     ("actuator", "bandwidth", "snr_db", "share"),
-    [(30.0, 40.0, 10.0, 0.014), (100.0, 40.0, 10.0, 0.008), (30.0, 5.0, 5.0, 0.20), (100.0, 5.0, 5.0, 0.11)],
+    [
+        (30.0, 40.0, 10.0, 0.014),
+        (100.0, 40.0, 10.0, 0.008),
+        (30.0, 5.0, 5.0, 0.20),
+        (100.0, 5.0, 5.0, 0.11),
+    ],
 )
 def test_noise_moves_soft_actuators_most(actuator, bandwidth, snr_db, share):
     system = CompliantActuator(SineWave(), actuator_stiffness=actuator, noise_bandwidth=bandwidth)
@@ -133,13 +169,20 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
     plain = simulate(Joint(SineWave()), **settings).recording
     errors = []
     for stiffness in (1e7, 1e9):
-        stiff = simulate(CompliantActuator(SineWave(), actuator_stiffness=stiffness), **settings).recording
+        stiff = simulate(
+            CompliantActuator(SineWave(), actuator_stiffness=stiffness), **settings
+        ).recording
         errors.append(
-            [np.std(a - b) / np.std(b) for a, b in ((stiff.angle, plain.angle), (stiff.torque, plain.torque))]
+            [
+                np.std(a - b) / np.std(b)
+                for a, b in ((stiff.angle, plain.angle), (stiff.torque, plain.torque))
+            ]
         )
     assert np.max(errors[0]) < 0.02
     assert np.max(errors[1]) < 0.002
-    np.testing.assert_allclose(stiff.channels["disturbance"], stiff.angle, atol=0.01 * np.std(plain.angle))
+    np.testing.assert_allclose(
+        stiff.channels["disturbance"], stiff.angle, atol=0.01 * np.std(plain.angle)
+    )
 
 
 @pytest.mark.parametrize(
@@ -148,11 +191,20 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
         ({"actuator_stiffness": 0.0}, "actuator_stiffness must be a positive number"),
         ({"actuator_inertia": -1.0}, "actuator_inertia must be a positive number"),
         ({"actuator_viscosity": 0.0}, "actuator_viscosity must be a positive number"),
-        ({"actuator_inertia": -1.0, "disturbance": "torque"}, "actuator_inertia must be a number of zero or more"),
+        (
+            {"actuator_inertia": -1.0, "disturbance": "torque"},
+            "actuator_inertia must be a number of zero or more",
+        ),
         ({"disturbance": "force"}, "disturbance must be 'angle' or 'torque', got 'force'"),
         ({"noise_bandwidth": math.inf}, "noise_bandwidth must be a positive number"),
-        ({"noise_bandwidth": 600.0}, "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz"),
-        ({"stiffness": Constant(-150.0)}, r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together"),
+        (
+            {"noise_bandwidth": 600.0},
+            "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz",
+        ),
+        (
+            {"stiffness": Constant(-150.0)},
+            r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together",
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(settings, message):

@@ -38,7 +38,9 @@ def test_sizes_are_those_asked_for(perturbation):
     assert 10 * np.log10(ratio) == pytest.approx(7.0)
 
 
-@pytest.mark.parametrize(("perturbation", "speed"), [(FilteredNoise(), 0.198), (PRBS(), 0.060), (PRBS(0.109), 0.0815)])
+@pytest.mark.parametrize(
+    ("perturbation", "speed"), [(FilteredNoise(), 0.198), (PRBS(), 0.060), (PRBS(0.109), 0.0815)]
+)
 def test_mean_speed_is_the_published_one(perturbation, speed):
     recording = simulate(300.0, perturbation=perturbation).recording
     assert np.abs(np.diff(recording.angle) * 1000).mean() == pytest.approx(speed, rel=0.03)
@@ -48,7 +50,9 @@ def test_mean_speed_is_the_published_one(perturbation, speed):
 @pytest.mark.parametrize("viscosity", [2.2, SineWave(2.0, 1.0)])
 def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
     # Nothing is known to the test but angle, torque and truth: the derivatives are taken anew.
-    simulation = simulate(30.0, perturbation=perturbation, stiffness=SineWave(), viscosity=viscosity, snr_db=np.inf)
+    simulation = simulate(
+        30.0, perturbation=perturbation, stiffness=SineWave(), viscosity=viscosity, snr_db=np.inf
+    )
     angle = differentiate(simulation.recording.angle, 1000.0, 40)
     middle = slice(40, -40)
     parts = (
@@ -61,7 +65,9 @@ def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
     limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
     assert np.std(rest) < limit * np.std(simulation.pathways["intrinsic"])
     fit = np.linalg.lstsq(
-        np.stack([part for part in parts], axis=1), simulation.pathways["intrinsic"][middle], rcond=None
+        np.stack([part for part in parts], axis=1),
+        simulation.pathways["intrinsic"][middle],
+        rcond=None,
     )[0]
     np.testing.assert_allclose(fit, 1.0, rtol=0.06)
 
@@ -77,11 +83,15 @@ def test_actuator_equals_the_differential_equation():
         u = np.interp(t, np.arange(-1, 60) / rate, padded)
         return [state[1], stiffness * (u - state[0]) - damping * state[1]]
 
-    solution = solve_ivp(slope, (-1 / rate, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4)
+    solution = solve_ivp(
+        slope, (-1 / rate, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4
+    )
     position, velocity, acceleration = Actuator(rate)(drive)
     np.testing.assert_allclose(position, solution.y[0], atol=1e-6)
     np.testing.assert_allclose(velocity, solution.y[1], atol=1e-3)
-    np.testing.assert_allclose(acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0)
+    np.testing.assert_allclose(
+        acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0
+    )
 
 
 def test_blocks_make_no_seam():
@@ -90,7 +100,9 @@ def test_blocks_make_no_seam():
     parts = Actuator(1000.0)
     pieces = [parts(drive[i : i + 137]) for i in range(0, 1000, 137)]
     for index, signal in enumerate(whole):
-        np.testing.assert_allclose(np.concatenate([piece[index] for piece in pieces]), signal, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            np.concatenate([piece[index] for piece in pieces]), signal, rtol=1e-9, atol=1e-9
+        )
 
 
 def test_noise_is_limited_to_40_hz():
@@ -124,11 +136,14 @@ def test_other_rates(rate):
     simulation = simulate(10.0, rate=rate)
     assert simulation.recording.sampling_rate == rate
     assert len(simulation.recording) == 12 * rate
-    np.testing.assert_array_equal(simulation.truth["stiffness"], SquareWave()(simulation.recording.time))
+    np.testing.assert_array_equal(
+        simulation.truth["stiffness"], SquareWave()(simulation.recording.time)
+    )
 
 
 @pytest.mark.parametrize(
-    "profile", [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)]
+    "profile",
+    [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)],
 )
 def test_a_profile_repeated_equals_the_profile_evaluated(profile):
     repeated = simulate(10.0, stiffness=profile)
@@ -175,7 +190,10 @@ def test_prbs_switches_on_its_clock(interval):
 def test_filtered_noise_has_its_cutoff():
     samples = FilteredNoise(8.0).generate(400_000, 1000.0, np.random.default_rng(2))
     frequencies, power = welch(samples, 1000.0, nperseg=4000)
-    at_cutoff = power[np.abs(frequencies - 8) < 0.5].mean() / power[(frequencies > 0.5) & (frequencies < 3)].mean()
+    at_cutoff = (
+        power[np.abs(frequencies - 8) < 0.5].mean()
+        / power[(frequencies > 0.5) & (frequencies < 3)].mean()
+    )
     assert at_cutoff == pytest.approx(0.5, abs=0.06)
 
 

@@ -19,7 +19,9 @@ def test_the_papers_protocol():
         assert len(recording.trials) == 10
         assert {trial.stop - trial.start for trial in recording.trials} == {70 * 1024}
         inside = (recording.time >= 0) & (recording.time < 60)
-        assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(np.radians(0.5), rel=0.01)
+        assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(
+            np.radians(0.5), rel=0.01
+        )
         # The actuator needs a moment to come to rest.
         at_rest = (recording.time < 0) | (recording.time > 60.2)
         assert np.abs(recording.angle[at_rest]).max() < 1e-6
@@ -36,11 +38,15 @@ def test_the_torque_is_the_sum_of_its_parts():
     rate, angle = recording.sampling_rate, recording.angle
     velocity = np.gradient(angle, 1 / rate)
     acceleration = np.gradient(velocity, 1 / rate)
-    intrinsic = truth["inertia"] * acceleration + truth["viscosity"] * velocity + truth["stiffness"] * angle
+    intrinsic = (
+        truth["inertia"] * acceleration + truth["viscosity"] * velocity + truth["stiffness"] * angle
+    )
     error = recording.torque - (intrinsic + pathways["voluntary"] + pathways["reflex"])
     evoked = recording.torque - pathways["voluntary"]
     assert np.std(error) < 0.05 * np.std(evoked)
-    np.testing.assert_allclose(simulation.noiseless.torque, recording.torque, atol=1e-9)  # no noise of the sensor
+    np.testing.assert_allclose(
+        simulation.noiseless.torque, recording.torque, atol=1e-9
+    )  # no noise of the sensor
     assert set(truth["inertia"]) == {0.03}
     assert set(truth["reflex_gain"]) == {5.0}
 
@@ -59,10 +65,14 @@ def test_stiffness_and_viscosity_follow_the_voluntary_torque_not_the_target():
 
 @pytest.mark.slow
 def test_a_reflex_comes_40_ms_after_a_stretch_and_never_pulls():
-    calm, lively = (tv.simulate.Participant(4, perfect(4, reflex_gain=gain)).simulate() for gain in (0.0, 5.0))
+    calm, lively = (
+        tv.simulate.Participant(4, perfect(4, reflex_gain=gain)).simulate() for gain in (0.0, 5.0)
+    )
     assert not calm.pathways["reflex"].any()
     reflex = lively.pathways["reflex"]
-    np.testing.assert_allclose(lively.recording.torque - calm.recording.torque, reflex, atol=1e-9)  # same perturbation
+    np.testing.assert_allclose(
+        lively.recording.torque - calm.recording.torque, reflex, atol=1e-9
+    )  # same perturbation
     moved = np.flatnonzero(np.diff(lively.recording.angle) > 0)[0]
     answered = np.flatnonzero(reflex > 0)[0]
     assert 0.039 < (answered - moved) / 1024 < 0.060
@@ -92,7 +102,9 @@ def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
     for number in (0, 57, len(ensemble) - 1):
         inside = recording.trials[ensemble.trials[number]]
         stiffness = np.interp(
-            ensemble.onsets[number] + ensemble.time, recording.time[inside], simulation.truth["stiffness"][inside]
+            ensemble.onsets[number] + ensemble.time,
+            recording.time[inside],
+            simulation.truth["stiffness"][inside],
         )
         np.testing.assert_allclose(truth["stiffness"][number], stiffness, rtol=1e-9)
 
@@ -102,7 +114,8 @@ def test_anybody_is_plausible(number):
     traits = tv.simulate.Traits.of(number)
     assert 40 < traits.maximal_torque < 80
     lowest, highest = (
-        traits.passive_stiffness + traits.stiffness_per_torque * share * traits.maximal_torque for share in (0.05, 0.5)
+        traits.passive_stiffness + traits.stiffness_per_torque * share * traits.maximal_torque
+        for share in (0.05, 0.5)
     )
     assert 30 < lowest < 70
     assert 90 < highest < 200

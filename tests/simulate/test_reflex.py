@@ -4,22 +4,38 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import Constant, FilteredNoise, Joint, Pulses, ReflexJoint, SineWave, StretchReflex
+from tvsysid.simulate import (
+    Constant,
+    FilteredNoise,
+    Joint,
+    Pulses,
+    ReflexJoint,
+    SineWave,
+    StretchReflex,
+)
 
 
 def simulate(system, duration=10.0, **settings):
-    return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
+    return system.simulate(
+        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
+    )
 
 
 def slowly(reflex, velocity, gain, rate):
     """Reflex torque sample by sample: late, beyond the threshold, through the muscle by the trapezoidal rule."""
     late, state, before, torque = round(reflex.delay * rate), np.zeros(2), 0.0, []
     for sample in range(len(velocity)):
-        frequency = reflex.frequency(sample / rate) if callable(reflex.frequency) else reflex.frequency
+        frequency = (
+            reflex.frequency(sample / rate) if callable(reflex.frequency) else reflex.frequency
+        )
         system = np.array([[0.0, 1.0], [-(frequency**2), -2 * reflex.damping * frequency]])
         entry = np.array([0.0, frequency**2])
         speed = reflex.direction * velocity[sample - late] if sample >= late else 0.0
-        force = reflex.direction * max(speed - reflex.threshold, 0.0) * (1 if reflex.gain_after else gain[sample])
+        force = (
+            reflex.direction
+            * max(speed - reflex.threshold, 0.0)
+            * (1 if reflex.gain_after else gain[sample])
+        )
         known = state + (system @ state + entry * (before + force)) / (2 * rate)
         state = np.linalg.solve(np.eye(2) - system / (2 * rate), known)
         before = force
@@ -40,15 +56,20 @@ def slowly(reflex, velocity, gain, rate):
 def test_reflex_torque_equals_a_plain_loop(random, reflex):
     velocity = np.convolve(random.standard_normal(3000), np.ones(20) / 20, "same")
     gain = 8 + 4 * np.sin(np.arange(3000) / 300)
-    found, expected = (make(velocity, gain, 1000.0) for make in (reflex.torque, partial(slowly, reflex)))
+    found, expected = (
+        make(velocity, gain, 1000.0) for make in (reflex.torque, partial(slowly, reflex))
+    )
     # A muscle that changes is solved exactly, which the trapezoidal rule is not.
-    np.testing.assert_allclose(found, expected, atol=1e-10 if not callable(reflex.frequency) else 5e-4 * found.max())
+    np.testing.assert_allclose(
+        found, expected, atol=1e-10 if not callable(reflex.frequency) else 5e-4 * found.max()
+    )
 
 
 def test_a_muscle_of_constant_frequency_is_the_same_however_it_is_given(random):
     velocity = np.convolve(random.standard_normal(3000), np.ones(20) / 20, "same")
     constant, varying = (
-        StretchReflex(frequency=each).torque(velocity, 8.0, 1e3, -70) for each in (15.6, Constant(15.6))
+        StretchReflex(frequency=each).torque(velocity, 8.0, 1e3, -70)
+        for each in (15.6, Constant(15.6))
     )
     np.testing.assert_allclose(varying, constant, atol=1e-4 * constant.max())
 
@@ -80,11 +101,22 @@ def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
     assert set(samples) == {-1.0, 0.0, 1.0}
     edges = np.flatnonzero(np.diff(samples)) + 1
     lengths, kinds = np.diff(edges) / 1000, samples[edges[:-1]]
-    for mean, own in ((pulses.duration, lengths[kinds != 0]), (pulses.interval - pulses.duration, lengths[kinds == 0])):
+    for mean, own in (
+        (pulses.duration, lengths[kinds != 0]),
+        (pulses.interval - pulses.duration, lengths[kinds == 0]),
+    ):
         assert np.abs(own - mean).max() <= pulses.variation * mean + 0.0011
         assert own.mean() == pytest.approx(mean, rel=0.03)
     assert abs(samples.sum()) < 0.2 * np.abs(samples).sum()
-    assert len({pulses.generate(2000, 1000.0, np.random.default_rng(seed)).tobytes() for seed in range(5)}) == 5
+    assert (
+        len(
+            {
+                pulses.generate(2000, 1000.0, np.random.default_rng(seed)).tobytes()
+                for seed in range(5)
+            }
+        )
+        == 5
+    )
 
 
 def test_the_gain_is_that_of_steady_stretch():
@@ -94,7 +126,10 @@ def test_the_gain_is_that_of_steady_stretch():
 
 
 def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
-    plain, joint = simulate(Joint(SineWave()), snr_db=np.inf), ReflexJoint(SineWave(), reflex_gain=SineWave(8.0, 4.0))
+    plain, joint = (
+        simulate(Joint(SineWave()), snr_db=np.inf),
+        ReflexJoint(SineWave(), reflex_gain=SineWave(8.0, 4.0)),
+    )
     simulation = simulate(joint, snr_db=np.inf)
     np.testing.assert_array_equal(simulation.recording.angle, plain.recording.angle)
     np.testing.assert_array_equal(simulation.pathways["intrinsic"], plain.pathways["intrinsic"])
@@ -121,15 +156,30 @@ def test_without_gain_all_is_as_without_a_reflex():
         (lambda: StretchReflex(delay=-0.01), "delay must be a number of zero or more, got -0.01"),
         (lambda: StretchReflex(threshold=np.nan), "threshold must be a number of zero or more"),
         (lambda: StretchReflex(frequency=0.0), "frequency must be a positive number"),
-        (lambda: StretchReflex(frequency=lambda time: -time).torque(np.ones(9), 1.0, 1e3), "positive at all times"),
+        (
+            lambda: StretchReflex(frequency=lambda time: -time).torque(np.ones(9), 1.0, 1e3),
+            "positive at all times",
+        ),
         (lambda: ReflexJoint(noise_bandwidth=0.0), "noise_bandwidth must be a positive number"),
-        (lambda: simulate(ReflexJoint(noise_bandwidth=600.0)), "ReflexJoint: noise_bandwidth must be below half"),
+        (
+            lambda: simulate(ReflexJoint(noise_bandwidth=600.0)),
+            "ReflexJoint: noise_bandwidth must be below half",
+        ),
         (lambda: Pulses(duration=0.5), "expected a duration below the interval"),
-        (lambda: Pulses(1e-4, 0.5).generate(10, 1e3, np.random.default_rng()), "shorter than a sample"),
+        (
+            lambda: Pulses(1e-4, 0.5).generate(10, 1e3, np.random.default_rng()),
+            "shorter than a sample",
+        ),
         (lambda: StretchReflex(direction=2), "direction must be 1 or -1, got 2"),
-        (lambda: ReflexJoint(reflex_gain="strong"), "reflex_gain must be a finite number or a callable of time"),
+        (
+            lambda: ReflexJoint(reflex_gain="strong"),
+            "reflex_gain must be a finite number or a callable of time",
+        ),
         (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),
-        (lambda: simulate(ReflexJoint(reflex_gain=lambda time: 8.0)), r"ReflexJoint: reflex_gain .* of shape \(\)"),
+        (
+            lambda: simulate(ReflexJoint(reflex_gain=lambda time: 8.0)),
+            r"ReflexJoint: reflex_gain .* of shape \(\)",
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(create, message):

@@ -6,7 +6,9 @@ from tvsysid.simulate import Constant, FilteredNoise, Joint, ScheduledJoint, Sin
 
 
 def simulate(system, duration=20.0, **settings):
-    return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
+    return system.simulate(
+        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
+    )
 
 
 def rooted(activity):
@@ -18,7 +20,9 @@ def test_stiffness_is_the_relation_of_the_channel(stiffness):
     simulation = simulate(ScheduledJoint(stiffness, relation=rooted, variable="activity"))
     (name,) = simulation.recording.channels
     assert name == "activity"
-    np.testing.assert_array_equal(simulation.truth["stiffness"], rooted(simulation.recording.channels[name]))
+    np.testing.assert_array_equal(
+        simulation.truth["stiffness"], rooted(simulation.recording.channels[name])
+    )
     assert simulation.recording.channels[name].min() >= 0
 
 
@@ -28,7 +32,9 @@ def test_the_variable_differs_between_realizations_and_gives_the_profile_on_aver
     stiffness = simulation.truth_of(ensemble)["stiffness"]
     np.testing.assert_allclose(stiffness.mean(axis=0), SineWave()(ensemble.time), rtol=0.03)
     activity = (SineWave()(ensemble.time) - 20) / 200
-    late = (ensemble.time + 1) / 2 % 1  # strengths are drawn at -1, 1, 3, ... s, and linear in between
+    late = (
+        (ensemble.time + 1) / 2 % 1
+    )  # strengths are drawn at -1, 1, 3, ... s, and linear in between
     expected = 200 * 0.3 * activity * np.hypot(late, 1 - late)
     np.testing.assert_allclose(stiffness.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(ensemble.channels["emg"][:, ensemble.core], (stiffness - 20) / 200)
@@ -48,7 +54,10 @@ def test_without_variation_it_is_a_joint():
         ({"relation": lambda activity: 100.0}, "relation must rise from 0 to 1"),
         ({"variation": -0.1}, "variation must be a number of zero or more"),
         ({"interval": -1.0}, "interval must be a positive number"),
-        ({"stiffness": Constant(500.0)}, "stiffness goes from 500 to 500 N·m/rad, but relation gives 20 to 220"),
+        (
+            {"stiffness": Constant(500.0)},
+            "stiffness goes from 500 to 500 N·m/rad, but relation gives 20 to 220",
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(settings, message):

@@ -20,7 +20,11 @@ def simulate(name, duration=10.0, perturbation="noise", **settings):
 def signals(simulation):
     recording = simulation.recording
     parts = (recording.channels, simulation.truth, simulation.pathways)
-    named = {f"{number} {name}": values for number, part in enumerate(parts) for name, values in part.items()}
+    named = {
+        f"{number} {name}": values
+        for number, part in enumerate(parts)
+        for name, values in part.items()
+    }
     return named | {"angle": recording.angle, "torque": recording.torque}
 
 
@@ -33,8 +37,12 @@ def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
         assert np.isfinite(values).all()
     assert not np.array_equal(first.recording.angle, other.recording.angle)
     sequence = np.random.SeedSequence(4)
-    np.testing.assert_array_equal(simulate(name, seed=sequence).recording.torque, first.recording.torque)
-    np.testing.assert_array_equal(simulate(name, seed=sequence).recording.torque, first.recording.torque)
+    np.testing.assert_array_equal(
+        simulate(name, seed=sequence).recording.torque, first.recording.torque
+    )
+    np.testing.assert_array_equal(
+        simulate(name, seed=sequence).recording.torque, first.recording.torque
+    )
 
 
 @systems
@@ -63,7 +71,10 @@ def test_nothing_can_be_changed(name):
 @systems
 def test_the_noise_has_the_size_asked_for(name):
     # In a closed loop the noise is held against the torque that the reference causes, which is a little less.
-    simulation, slack = simulate(name, 60.0, snr_db=7.0), 0.15 if name in ("compliant", "loaded") else 1e-9
+    simulation, slack = (
+        simulate(name, 60.0, snr_db=7.0),
+        0.15 if name in ("compliant", "loaded") else 1e-9,
+    )
     torque = simulation.noiseless.torque[1000:61_000]
     noise = (simulation.recording.torque - simulation.noiseless.torque)[1000:61_000]
     assert 10 * np.log10(np.var(torque) / np.var(noise)) == pytest.approx(7.0, abs=slack)
@@ -74,7 +85,9 @@ def test_the_noise_has_the_size_asked_for(name):
 def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
     # Derivatives are differences of the recorded angle; the acceleration that a PRBS imposes jumps, which they smear.
     system = replace(SYSTEMS[name], stiffness=PROFILES["sine"], inertia=0.002)
-    simulation = system.simulate(10.0, perturbation=PERTURBATIONS[perturbation], snr_db=40.0, seed=1, rate=8000.0)
+    simulation = system.simulate(
+        10.0, perturbation=PERTURBATIONS[perturbation], snr_db=40.0, seed=1, rate=8000.0
+    )
     angle, truth = simulation.recording.angle, simulation.truth
     velocity = np.gradient(angle, 1 / 8000)
     parts = (
@@ -90,7 +103,9 @@ def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
 
 @systems
 def test_a_profile_is_exchanged_by_replacing_it(name):
-    system = replace(SYSTEMS[name], stiffness=tv.simulate.Constant(80.0), viscosity=1.0, inertia=0.03)
+    system = replace(
+        SYSTEMS[name], stiffness=tv.simulate.Constant(80.0), viscosity=1.0, inertia=0.03
+    )
     simulation = system.simulate(10.0, perturbation=PERTURBATIONS["noise"], snr_db=10.0, seed=1)
     assert set(simulation.truth["viscosity"]) == {1.0}
     assert set(simulation.truth["inertia"]) == {0.03}
@@ -118,11 +133,14 @@ def test_the_truth_of_an_ensemble_is_found_by_trial_and_time():
     np.testing.assert_array_equal(simulation.truth_of(chosen)["stiffness"], expected[[6, 1, 1]])
     shifted = replace(ensemble.select([2]), onsets=[5.3])
     np.testing.assert_array_equal(
-        simulation.truth_of(shifted)["stiffness"][0], PROFILES["square"](np.round(5.3 + ensemble.time, 9))
+        simulation.truth_of(shifted)["stiffness"][0],
+        PROFILES["square"](np.round(5.3 + ensemble.time, 9)),
     )
 
 
-@pytest.mark.parametrize("change", [{"trials": [0, 1]}, {"onsets": [0.0, 19.5]}, {"onsets": [-2.0, 0.0]}])
+@pytest.mark.parametrize(
+    "change", [{"trials": [0, 1]}, {"onsets": [0.0, 19.5]}, {"onsets": [-2.0, 0.0]}]
+)
 def test_the_truth_of_a_foreign_ensemble_is_refused(change):
     simulation = simulate("joint", 20.0)
     ensemble = tv.preprocess.segment(simulation.recording, 2.0).select([0, 1])
@@ -133,16 +151,27 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"truth": {"stiffness": np.ones(5)}}, "truth 'stiffness': expected a value for each .* 12000 samples, got 5"),
+        (
+            {"truth": {"stiffness": np.ones(5)}},
+            "truth 'stiffness': expected a value for each .* 12000 samples, got 5",
+        ),
         ({"truth": {"stiffness": 100.0}}, "truth 'stiffness': expected 1 axis"),
-        ({"pathways": {"intrinsic": np.full(12_000, np.nan)}}, "pathways 'intrinsic': 12000 of 12000 values are NaN"),
+        (
+            {"pathways": {"intrinsic": np.full(12_000, np.nan)}},
+            "pathways 'intrinsic': 12000 of 12000 values are NaN",
+        ),
         ({"pathways": {}}, "expected the noiseless torque of one pathway at least"),
     ],
 )
 def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message):
     simulation = simulate("joint")
     with pytest.raises(tv.InputError, match=message):
-        Simulation(**({"recording": simulation.recording, "truth": {}, "pathways": simulation.pathways} | change))
+        Simulation(
+            **(
+                {"recording": simulation.recording, "truth": {}, "pathways": simulation.pathways}
+                | change
+            )
+        )
 
 
 def test_a_simulation_says_what_it_holds():
@@ -153,9 +182,13 @@ def test_a_simulation_says_what_it_holds():
 
 @systems
 def test_what_cannot_be_simulated_names_the_system(name):
-    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: duration must be a positive number"):
+    with pytest.raises(
+        tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: duration must be a positive number"
+    ):
         simulate(name, -1.0)
-    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be a positive number"):
+    with pytest.raises(
+        tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be a positive number"
+    ):
         replace(SYSTEMS[name], inertia=0.0)
 
 

@@ -6,7 +6,15 @@ from tests.synthetic import scores_of
 from tvsysid import studies
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
 from tvsysid.studies.closed_loop.claims import scenario
-from tvsysid.studies.closed_loop.presets import ACTUATORS, CLOSED, IMPOSED, LONG, OPEN, SNR, UNWEIGHTED
+from tvsysid.studies.closed_loop.presets import (
+    ACTUATORS,
+    CLOSED,
+    IMPOSED,
+    LONG,
+    OPEN,
+    SNR,
+    UNWEIGHTED,
+)
 from tvsysid.study import Study, by_full_name, run, score, summarize
 
 METHODS = (*OPEN, *CLOSED, UNWEIGHTED)
@@ -45,7 +53,9 @@ def test_claims_hold_where_figures_are_as_told():
     table = verdicts()
     assert set(table.verdict) == {"holds"}, table[["claim", "verdict", "finding"]].to_string()
     assert set(verdicts(trials=5).verdict) == {"undecided"}
-    assert set(verdicts(scenarios=[SCENARIOS[0]._replace(perturbation="other")]).verdict) == {"not studied"}
+    assert set(verdicts(scenarios=[SCENARIOS[0]._replace(perturbation="other")]).verdict) == {
+        "not studied"
+    }
 
 
 @pytest.mark.parametrize(
@@ -54,7 +64,10 @@ def test_claims_hold_where_figures_are_as_told():
         (changed("sds", "mean_bias", -9.0, SLOW[:1]), "Without a reference slow noise"),
         (changed("birf", "mean_bias", -20.0, SCENARIOS[-1:]), "A longer record does not mend it"),
         (changed("kbr", "mean_bias", -9.0, WIDE), "Noise up to 40 Hz at 10 dB"),
-        (changed(CLOSED[3], "mean_bias", -2.0, SLOW[:1]), "kbr with a reference and weights is off by less"),
+        (
+            changed(CLOSED[3], "mean_bias", -2.0, SLOW[:1]),
+            "kbr with a reference and weights is off by less",
+        ),
         (changed(CLOSED[2], "mean_bias", -3.0, SLOW[:1]), "esm and birf with a reference"),
         (changed(CLOSED[3], "coverage", 70.0, SLOW[:1]), "The bands of kbr with a reference"),
         (changed(CLOSED[1], "coverage", 99.0, WIDE[:1]), "Those of esm and birf"),
@@ -75,7 +88,10 @@ def test_a_study_of_loops_is_drawn_and_held_against_them():
     preset = closed_loop.PRESETS["closed-loop"]
     given = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}
     systems = [each.system for each in (WIDE[0], WIDE[1])]
-    results = run(Study(**given, system=systems, duration_s=20, trials=2, methods=["birf", CLOSED[2]]), workers=1)
+    results = run(
+        Study(**given, system=systems, duration_s=20, trials=2, methods=["birf", CLOSED[2]]),
+        workers=1,
+    )
     assert studies.published(results) is closed_loop.LITERATURE
     assert reflex.published(results) is None
     summary = by_full_name(summarize(score(results)))

@@ -69,23 +69,38 @@ def offer_needy(file):
 
 def test_the_scenarios_of_the_version_are_those_that_were_frozen():
     study = leaderboard.study_of()
-    assert version.digest(study) == "e44ed1031c86ae2b" == version.DIGEST, "give what is changed a new version"
+    assert version.digest(study) == "e44ed1031c86ae2b" == version.DIGEST, (
+        "give what is changed a new version"
+    )
     assert (version.VERSION, len(study.scenarios), study.trials, study.seed) == (1, 13, 10, 1)
     kinds = {type(study.simulated(scenario)[0]) for scenario in study.scenarios}
     assert kinds == {type(system) for system in SYSTEMS.values()}
 
 
 def test_whatever_is_changed_makes_another_digest(monkeypatch):
-    usual = {"system": "joint", "perturbation": "noise", "stiffness": "sine", "viscosity": "constant", "duration_s": 20}
+    usual = {
+        "system": "joint",
+        "perturbation": "noise",
+        "stiffness": "sine",
+        "viscosity": "constant",
+        "duration_s": 20,
+    }
     found = {
         version.digest(leaderboard.study_of(**usual, **changes))
-        for changes in ({"snr_db": 10}, {"snr_db": 9}, {"snr_db": 10, "trials": 3}, {"snr_db": 10, "rate": 50})
+        for changes in (
+            {"snr_db": 10},
+            {"snr_db": 9},
+            {"snr_db": 10, "trials": 3},
+            {"snr_db": 10, "rate": 50},
+        )
     }
     monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint(inertia=0.021))
     found.add(version.digest(leaderboard.study_of(**usual, snr_db=10)))
     monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint())
     monkeypatch.setattr(  # what no setting shows
-        tv.simulate.FilteredNoise, "generate", lambda self, samples, rate, random: random.standard_normal(samples)
+        tv.simulate.FilteredNoise,
+        "generate",
+        lambda self, samples, rate, random: random.standard_normal(samples),
     )
     found.add(version.digest(leaderboard.study_of(**usual, snr_db=10)))
     assert len(found) == 6
@@ -121,9 +136,17 @@ def test_the_score_is_a_geometric_mean_and_its_error_that_of_the_delta_method(ra
     by_scenario = np.sqrt((errors**2).mean(axis=1))
     np.testing.assert_allclose(standing.scores_of(errors)[0], 100 * gmean(by_scenario, axis=0))
     halved = errors * np.array([0.5, 1, 1, 1])[:, None, None]
-    np.testing.assert_allclose(standing.scores_of(halved), standing.scores_of(errors) * 0.5 ** (1 / 4))
+    np.testing.assert_allclose(
+        standing.scores_of(halved), standing.scores_of(errors) * 0.5 ** (1 / 4)
+    )
     replicates = standing.replicates_of(errors)
-    influence = 0.5 * errors**2 / (errors**2).mean(axis=1, keepdims=True) * standing.scores_of(errors)[0] / 4
+    influence = (
+        0.5
+        * errors**2
+        / (errors**2).mean(axis=1, keepdims=True)
+        * standing.scores_of(errors)[0]
+        / 4
+    )
 
     def delta(values):
         return np.sqrt((values.var(axis=1, ddof=1) / 200).sum(axis=0))
@@ -158,14 +181,26 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
 @pytest.fixture
 def tiny(installed, monkeypatch):
     offer_needy(installed)
-    monkeypatch.setattr(leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also))
+    monkeypatch.setattr(
+        leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also)
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("tiny")
 def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid, tmp_path):
     secret = 3**50
-    words = ("leaderboard", "--scenario", "spring", "--seed", secret, "--workers", 1, "--out", "out")
+    words = (
+        "leaderboard",
+        "--scenario",
+        "spring",
+        "--seed",
+        secret,
+        "--workers",
+        1,
+        "--out",
+        "out",
+    )
     code, out, err = tvsysid(*words)
     assert code == 0, out + err
     assert "skipped" not in err
@@ -173,7 +208,11 @@ def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid,
     assert "needy" in err
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv").set_index("entry")
     assert table["rank"].to_dict() == {"sds": 1, "entered": 1, "lpv": 3}
-    assert table.loc["entered", ["behind", "behind_error", "origin"]].tolist() == [0, 0, "mypackage 1.2"]
+    assert table.loc["entered", ["behind", "behind_error", "origin"]].tolist() == [
+        0,
+        0,
+        "mypackage 1.2",
+    ]
     assert table.loc["lpv", ["score", "answered"]].tolist() == [100, 0]
     by_scenario = table[["square-noise-20s-10dB", "own_scenarios_Spring-own-prbs-20s-10dB"]]
     np.testing.assert_allclose(table.score, gmean(by_scenario, axis=1), rtol=1e-5)
@@ -220,9 +259,15 @@ def test_scenarios_that_cannot_be_used(name, said):
 
 def test_installed_methods_take_part_if_they_can(installed):
     offer_needy(installed)
-    with pytest.warns(DataQualityWarning, match="'needy': class Needy needs order; .*; it is left out"):
+    with pytest.warns(
+        DataQualityWarning, match="'needy': class Needy needs order; .*; it is left out"
+    ):
         entries = leaderboard.study_of(["own_scenarios:Needy:order=3"]).methods
-    assert set(METHODS) | {"entered", "own_scenarios:Needy:order=3", "birf:reference=disturbance"} < set(entries)
+    assert set(METHODS) | {
+        "entered",
+        "own_scenarios:Needy:order=3",
+        "birf:reference=disturbance",
+    } < set(entries)
     assert "needy" not in entries
 
 

@@ -34,7 +34,9 @@ def verdicts(told=as_told, scenarios=SCENARIOS, trials=10):
 
 def changed(method, metric, value, where=SCENARIOS):
     def told(scenario, *place):
-        return value if place == (method, metric) and scenario in where else as_told(scenario, *place)
+        return (
+            value if place == (method, metric) and scenario in where else as_told(scenario, *place)
+        )
 
     return told
 
@@ -49,14 +51,29 @@ def test_claims_hold_where_figures_are_as_told():
 @pytest.mark.parametrize(
     ("told", "claim"),
     [
-        (changed("birf", "mean_bias", -3.0, [CONSTANT[4.0]]), "Methods of one pathway take a reflex for stiffness"),
+        (
+            changed("birf", "mean_bias", -3.0, [CONSTANT[4.0]]),
+            "Methods of one pathway take a reflex for stiffness",
+        ),
         (changed("kbr", "mean_bias", 60.0, [CONSTANT[16.0]]), "They do so in proportion"),
         (changed("bpc", "mean_bias", 9.0), "Methods of two pathways are free of it"),
-        (changed("cascade", "reflex_gain total_error", 0.9, [CONSTANT[0.0]]), "Without a reflex cascade finds none"),
-        (changed("tvpc:window=0", "reflex_gain total_error", 1.0, MANY[:1]), "tvpc needs 500 to 800 realizations"),
-        (changed("bpc", "reflex_gain total_error", 3.0, [SINE]), "Forty cycles suffice for bpc: reflex gain"),
+        (
+            changed("cascade", "reflex_gain total_error", 0.9, [CONSTANT[0.0]]),
+            "Without a reflex cascade finds none",
+        ),
+        (
+            changed("tvpc:window=0", "reflex_gain total_error", 1.0, MANY[:1]),
+            "tvpc needs 500 to 800 realizations",
+        ),
+        (
+            changed("bpc", "reflex_gain total_error", 3.0, [SINE]),
+            "Forty cycles suffice for bpc: reflex gain",
+        ),
         (changed("bpc", "total_error", 30.0, [SINE]), "Forty cycles suffice for bpc: stiffness"),
-        (changed("sdss", "total_error", 30.0, [LOUD]), "With much noise (0 dB) sdss is more robust"),
+        (
+            changed("sdss", "total_error", 30.0, [LOUD]),
+            "With much noise (0 dB) sdss is more robust",
+        ),
     ],
 )
 def test_one_figure_speaks_against_each_claim(told, claim):
@@ -66,13 +83,22 @@ def test_one_figure_speaks_against_each_claim(told, claim):
     assert wrong[0].startswith(claim)
 
 
-SETTINGS = {name: reflex.PRESETS["reflex"][name] for name in ("stiffness", "perturbation", "subtract_mean")}
+SETTINGS = {
+    name: reflex.PRESETS["reflex"][name] for name in ("stiffness", "perturbation", "subtract_mean")
+}
 
 
 @pytest.fixture(scope="module")
 def results():
-    systems = ["reflex-sine", "reflex-sine:noise_bandwidth=1", *(CONSTANT[gain].system for gain in (0.0, 4.0, 16.0))]
-    return run(Study(**SETTINGS, system=systems, duration_s=20, trials=2, methods=["birf", Cascade()]), workers=1)
+    systems = [
+        "reflex-sine",
+        "reflex-sine:noise_bandwidth=1",
+        *(CONSTANT[gain].system for gain in (0.0, 4.0, 16.0)),
+    ]
+    return run(
+        Study(**SETTINGS, system=systems, duration_s=20, trials=2, methods=["birf", Cascade()]),
+        workers=1,
+    )
 
 
 @pytest.mark.slow
@@ -108,9 +134,13 @@ def test_both_pathways_are_drawn_with_their_truth(results):
 
 @pytest.mark.slow
 def test_the_error_of_the_gain_is_drawn_against_the_amount_of_data():
-    study = Study(**SETTINGS, system="reflex-sine", duration_s=[8, 10, 14], trials=1, methods=[Cascade()])
+    study = Study(
+        **SETTINGS, system="reflex-sine", duration_s=[8, 10, 14], trials=1, methods=[Cascade()]
+    )
     found = run(study, workers=1)
     summary = by_full_name(summarize(score(found)))
     axes = reflex.reflex_figures(found, summary)["amount-reflex-sine-sine"].draw().axes[0]
     expected = summary[summary.metric == "reflex_gain total_error"].value
-    np.testing.assert_array_equal(axes.containers[0].lines[0].get_xydata(), np.c_[[8, 10, 14], expected])
+    np.testing.assert_array_equal(
+        axes.containers[0].lines[0].get_xydata(), np.c_[[8, 10, 14], expected]
+    )

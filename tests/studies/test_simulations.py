@@ -50,13 +50,21 @@ def verdicts(scores):
     return judge(scores).set_index("claim").verdict
 
 
-BIAS = {(method, "debiased_bias_error"): level for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)}
+BIAS = {
+    (method, "debiased_bias_error"): level
+    for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)
+}
 
 
 def test_only_the_paper_s_joint_rate_and_period_are_judged():
     study = Study(system=["joint", "reflex"], duration_s=[40, 150], trials=10)
-    bias = {name: lambda s, low=low: low if s.system == "joint" else 20 - low for (name, _), low in BIAS.items()}
-    scores = scores_of({(name, "debiased_bias_error"): value for name, value in bias.items()}, study=study)
+    bias = {
+        name: lambda s, low=low: low if s.system == "joint" else 20 - low
+        for (name, _), low in BIAS.items()
+    }
+    scores = scores_of(
+        {(name, "debiased_bias_error"): value for name, value in bias.items()}, study=study
+    )
     assert verdicts(scores)["eirf has the lowest bias"] == "holds"
     assert set(verdicts(scores.assign_attrs(study=Study(period=1.0).to_json()))) == {"not studied"}
 
@@ -106,7 +114,9 @@ def test_sensitivity_to_the_amount_of_data():
 
 
 def test_what_hardly_depends_is_a_matter_of_its_size():
-    claim = "Under most conditions the total error hardly depends on the perturbation (less than 25 %)"
+    claim = (
+        "Under most conditions the total error hardly depends on the perturbation (less than 25 %)"
+    )
     assert verdicts(scores_of({}))[claim] == "holds"
 
     def larger(by):
@@ -125,9 +135,13 @@ def test_viscosity_is_judged_where_it_varies():
     assert verdicts(scores_of({}))[claim] == "not studied"
     study = preset("viscosity", trials=10)
     assert verdicts(scores_of({}, study=study))[claim] == "holds"
-    other = {("kbr", "total_error"): lambda scenario: 2.0 if scenario.viscosity == "covarying" else 1.0}
+    other = {
+        ("kbr", "total_error"): lambda scenario: 2.0 if scenario.viscosity == "covarying" else 1.0
+    }
     assert verdicts(scores_of(other, study=study))[claim] == "does not hold"
-    limit = {("kbr", "total_error"): lambda scenario: 1.25 if scenario.viscosity == "covarying" else 1.0}
+    limit = {
+        ("kbr", "total_error"): lambda scenario: 1.25 if scenario.viscosity == "covarying" else 1.0
+    }
     assert verdicts(scores_of(limit, study=study))[claim] == "undecided"
 
 
@@ -181,7 +195,9 @@ def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
         assert verdict == "does not hold"
 
 
-@pytest.mark.parametrize("trials", [1, *(pytest.param(some, marks=pytest.mark.slow) for some in (2, 9))])
+@pytest.mark.parametrize(
+    "trials", [1, *(pytest.param(some, marks=pytest.mark.slow) for some in (2, 9))]
+)
 def test_few_trials_decide_nothing(trials):
     table = judge(score(run(Study(methods=FIVE, trials=trials, duration_s=40.0), workers=1)))
     assert set(table.verdict) == {"undecided", "not studied"}
@@ -189,7 +205,9 @@ def test_few_trials_decide_nothing(trials):
 
 @pytest.mark.slow
 def test_the_quick_study_judges_what_it_can():
-    table = judge(score(run(Study(methods=FIVE, trials=12, duration_s=60.0), workers=1))).set_index("claim")
+    table = judge(score(run(Study(methods=FIVE, trials=12, duration_s=60.0), workers=1))).set_index(
+        "claim"
+    )
     assert table.loc["eirf has the highest random error"].verdict == "holds"
     assert table.loc["birf has the largest bias"].verdict == "holds"
     assert table.loc["eirf is most sensitive to the amount of data"].verdict == "not studied"

@@ -32,14 +32,21 @@ INDEPENDENT = {
 
 
 def study_figures(trials):
-    table = of_quantity(summarize(score(run(Study(methods=PAPER_METHODS, trials=trials), workers=1))))
+    table = of_quantity(
+        summarize(score(run(Study(methods=PAPER_METHODS, trials=trials), workers=1)))
+    )
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 
 def held_drive_filter(rate):
     """Discretisation of the actuator for a drive that is held over each sample."""
     _, (_, damping, stiffness) = bessel(2, 2 * np.pi * 40, analog=True, norm="phase")
-    system = np.array([[0, 1], [-stiffness, -damping]]), np.array([[0], [stiffness]]), np.eye(2), np.zeros((2, 1))
+    system = (
+        np.array([[0, 1], [-stiffness, -damping]]),
+        np.array([[0], [stiffness]]),
+        np.eye(2),
+        np.zeros((2, 1)),
+    )
     numerators, denominator = ss2tf(*cont2discrete(system, 1 / rate, method="zoh")[:4])
     return *numerators, denominator, stiffness, damping
 
@@ -52,7 +59,9 @@ def ours():
 @pytest.fixture(scope="module")
 def theirs():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sys.modules["tvsysid.simulate.actuator"], "_actuator_filter", held_drive_filter)
+        patched.setattr(
+            sys.modules["tvsysid.simulate.actuator"], "_actuator_filter", held_drive_filter
+        )
         return study_figures(20)
 
 
@@ -76,4 +85,8 @@ def test_with_the_drive_held_errors_are_theirs_within_a_tenth(theirs):
 def test_in_our_way_random_errors_are_no_higher(ours):
     """Biases and rise times are theirs, random errors no higher, and VAFs above 85 %."""
     assert list(failures(ours, 0.75, 1.05)) == []
-    assert {cell: ours[*cell, "lowest_vaf"] for cell in INDEPENDENT if not ours[*cell, "lowest_vaf"] > 85} == {}
+    assert {
+        cell: ours[*cell, "lowest_vaf"]
+        for cell in INDEPENDENT
+        if not ours[*cell, "lowest_vaf"] > 85
+    } == {}

@@ -18,7 +18,9 @@ def found(ensemble, stiffness=None, torque=None):
     """A model with nothing wrong but the stiffness or torque given."""
     values = np.full(ensemble.samples, 100.0) if stiffness is None else stiffness
     predicted = 100.0 * ensemble.angle[:, ensemble.core]
-    return SimpleNamespace(stiffness=values, predict=lambda _: predicted if torque is None else torque(predicted))
+    return SimpleNamespace(
+        stiffness=values, predict=lambda _: predicted if torque is None else torque(predicted)
+    )
 
 
 class WritesInPlace:
@@ -105,8 +107,12 @@ FAILURES = {
 
 @pytest.mark.slow
 def test_a_study_reports_each_with_what_it_did():
-    results = run(Study(**SETTINGS, methods=["sds", *(kind() for kind in FAILURES), "birf"]), workers=1)
-    told = {problem["method"]: problem for problem in problems(results) if problem["kind"] == "failed"}
+    results = run(
+        Study(**SETTINGS, methods=["sds", *(kind() for kind in FAILURES), "birf"]), workers=1
+    )
+    told = {
+        problem["method"]: problem for problem in problems(results) if problem["kind"] == "failed"
+    }
     assert set(told) == {kind.__name__ for kind in FAILURES}
     for kind, reason in FAILURES.items():
         assert reason in told[kind.__name__]["first"]
@@ -125,7 +131,9 @@ def test_a_comparison_reports_each_with_what_it_did():
         assert reason in compared.failed[kind.__name__]
     assert list(compared.models) == ["sds"]
     assert "failed: WritesInPlace, Exits, Refuses" in repr(compared)
-    np.testing.assert_array_equal(compared.models["sds"].stiffness, tv.ShortDataSegments().identify(ensemble).stiffness)
+    np.testing.assert_array_equal(
+        compared.models["sds"].stiffness, tv.ShortDataSegments().identify(ensemble).stiffness
+    )
 
 
 def test_an_error_beyond_the_ensemble_identified_from_is_the_models_own():

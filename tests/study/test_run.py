@@ -23,16 +23,26 @@ def same(one, other):
 
 
 def test_results_are_labelled_and_whole(results):
-    assert results.estimate.dims == results.covered.dims == ("scenario", "trial", "method_key", "quantity", "time")
+    assert (
+        results.estimate.dims
+        == results.covered.dims
+        == ("scenario", "trial", "method_key", "quantity", "time")
+    )
     assert results.truth.dims == ("scenario", "quantity", "time")
     assert results.vaf.dims == ("scenario", "trial", "method_key", "statistic")
     assert results.sizes["time"] == 200
     assert results.unit.values.tolist() == ["N m/rad", "N m s/rad", "kg m2"]
     for name, values in results.data_vars.items():
         texts = name in ("warnings", "failure")
-        assert all(text == "" for text in values.values.ravel()) if texts else np.isfinite(values).all()
+        assert (
+            all(text == "" for text in values.values.ravel())
+            if texts
+            else np.isfinite(values).all()
+        )
     cell = results.sel(scenario="square-prbs-60s-10dB")
-    np.testing.assert_array_equal(cell.truth.sel(quantity="stiffness"), tv.simulate.SquareWave()(results.time.values))
+    np.testing.assert_array_equal(
+        cell.truth.sel(quantity="stiffness"), tv.simulate.SquareWave()(results.time.values)
+    )
     assert (cell.perturbation, cell.duration_s) == ("prbs", 60)
     assert (results.vaf.sel(statistic="lowest") < results.vaf.sel(statistic="mean")).all()
 
@@ -49,7 +59,9 @@ def test_a_trial_is_what_its_parts_give(results):
     model = tv.ShortDataSegments().identify(ensemble)
     found = results.sel(scenario=scenario.label, trial=2, method_key="sds")
     np.testing.assert_array_equal(found.estimate.sel(quantity="stiffness"), model.stiffness)
-    np.testing.assert_array_equal(found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble)))
+    np.testing.assert_array_equal(
+        found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble))
+    )
     for name, estimate in model.estimates.items():
         own = found.sel(quantity=name)
         lower, upper = estimate.band(0.95)
@@ -76,7 +88,12 @@ def test_any_executor_serves_and_changes_no_number(results):
 @pytest.mark.slow
 def test_more_methods_trials_and_scenarios_change_no_number(results):
     more = run(
-        Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]),
+        Study(
+            duration_s=[60.0, 40.0],
+            trials=4,
+            methods=["esm", "kbr", "sds"],
+            perturbation=["prbs", "noise"],
+        ),
         workers=1,
     )
     part = more.sel(scenario=results.scenario.values, trial=[0, 1, 2], method_key=["sds", "kbr"])
@@ -87,7 +104,11 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
 
 def test_progress_is_reported():
     seen = []
-    run(Study(**SMALL | {"perturbation": ["prbs"]}), workers=1, progress=lambda done, total: seen.append((done, total)))
+    run(
+        Study(**SMALL | {"perturbation": ["prbs"]}),
+        workers=1,
+        progress=lambda done, total: seen.append((done, total)),
+    )
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
@@ -109,7 +130,11 @@ def test_few_trials_are_under_way_at_a_time():
             return future
 
     executor = Counting()
-    run(Study(duration_s=40, perturbation="prbs", trials=12, methods="birf"), executor=executor, workers=2)
+    run(
+        Study(duration_s=40, perturbation="prbs", trials=12, methods="birf"),
+        executor=executor,
+        workers=2,
+    )
     assert 2 <= executor.most <= 6
 
 
@@ -135,7 +160,9 @@ def test_own_method_enters(results):
     ],
 )
 def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
-    study = Study(duration_s=[40.0, 80.0], perturbation="prbs", trials=2, methods=["sds", Mine(fault)])
+    study = Study(
+        duration_s=[40.0, 80.0], perturbation="prbs", trials=2, methods=["sds", Mine(fault)]
+    )
     found = run(study, workers=1)
     label = f"Mine(fault='{fault}')"
     at = found.sel(scenario="square-prbs-80s-10dB")
@@ -143,24 +170,37 @@ def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
         assert re.fullmatch(reason, text), text
     assert np.isnan(at.estimate.sel(quantity="stiffness").sel(method_key=label)).all()
     assert np.isfinite(found.estimate.sel(quantity="stiffness").sel(method_key="sds")).all()
-    table = of_quantity(summarize(score(found))).set_index(["scenario", "method", "metric"]).sort_index()
+    table = (
+        of_quantity(summarize(score(found)))
+        .set_index(["scenario", "method", "metric"])
+        .sort_index()
+    )
     assert table.loc[("square-prbs-80s-10dB", label, "failed"), "value"] == 2
     assert np.isfinite(table.loc[("square-prbs-80s-10dB", "sds", "bias_error"), "value"])
     if fault == "raises":
         assert np.isfinite(
-            found.estimate.sel(quantity="stiffness").sel(method_key=label, scenario="square-prbs-40s-10dB")
+            found.estimate.sel(quantity="stiffness").sel(
+                method_key=label, scenario="square-prbs-40s-10dB"
+            )
         ).all()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_workers")
 def test_a_method_that_ends_its_worker_is_named_and_spoils_no_other():
-    study = Study(duration_s=40, trials=3, perturbation="prbs", methods=["sds", Mine("dies"), "birf"])
+    study = Study(
+        duration_s=40, trials=3, perturbation="prbs", methods=["sds", Mine("dies"), "birf"]
+    )
     found = run(study, workers=2)
     own = found.sel(method_key="Mine(fault='dies')")
     assert all("its worker process died in trial" in text for text in own.failure.values.ravel())
     others = found.sel(method_key=["sds", "birf"])
-    same(others, run(Study(**study.model_dump() | {"methods": ["sds", "birf"]}), workers=1).assign_attrs(found.attrs))
+    same(
+        others,
+        run(Study(**study.model_dump() | {"methods": ["sds", "birf"]}), workers=1).assign_attrs(
+            found.attrs
+        ),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,7 +220,9 @@ class Fatal:
 def test_a_system_that_kills_its_worker_is_not_blamed_on_a_method():
     settings = {"duration_s": 40, "trials": 1, "perturbation": "prbs"}
     found = run(Study(**settings, system=Fatal(), methods=["sds", "birf"]), workers=2)
-    assert all(text.startswith("the worker process died before") for text in found.failure.values.ravel())
+    assert all(
+        text.startswith("the worker process died before") for text in found.failure.values.ravel()
+    )
 
 
 def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
@@ -200,13 +242,18 @@ def test_threads_keep_each_trial_s_doubts():
 def test_an_executor_that_was_shut_down_gives_up_plainly():
     executor = ThreadPoolExecutor(1)
     executor.shutdown()
-    with pytest.raises(tv.InputError, match=r"the executor gave up .*the same call goes on from there"):
+    with pytest.raises(
+        tv.InputError, match=r"the executor gave up .*the same call goes on from there"
+    ):
         run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
 
 
 @pytest.mark.slow
 def test_a_method_that_finds_nothing_has_failed():
-    found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]), workers=1)
+    found = run(
+        Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]),
+        workers=1,
+    )
     assert found.failure.values.ravel()[1] == "it found no stiffness at any time"
 
 
@@ -237,11 +284,15 @@ def test_a_method_that_cannot_be_pickled_is_refused():
 def test_a_worker_with_other_software_is_refused():
     study = Study(duration_s=40, trials=1, methods="sds")
     sent = replace(Simulations(study).task_at((0, 0)), versions={"numpy": "1.0"})
-    with pytest.raises(tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"):
+    with pytest.raises(
+        tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"
+    ):
         carry_out(sent)
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores")
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores"
+)
 def test_cores_are_those_that_may_be_used():
     all_of_them = os.sched_getaffinity(0)
     try:
@@ -262,5 +313,7 @@ def test_a_plan_tells_time_and_size():
     told = plan(study)
     assert (told.trials, told.simulated_s) == (20, 1200)
     assert 0 < told.work_s < 60
-    over_time = 3 * 3 + 1  # estimates, standard errors and coverage of three quantities, and the VAF
+    over_time = (
+        3 * 3 + 1
+    )  # estimates, standard errors and coverage of three quantities, and the VAF
     assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8

@@ -15,7 +15,11 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
     time = np.arange(200) / 100
     truth = np.asarray(tv.simulate.PROFILES[profile](time))
     cell = ("scenario", "trial", "method_key")
-    covered = np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan) if covered is None else covered
+    covered = (
+        np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan)
+        if covered is None
+        else covered
+    )
     over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
     return xr.Dataset(
         {
@@ -52,14 +56,23 @@ def test_summary_holds_every_metric(results):
     assert set(table.metric) == set(UNITS)
     assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}
     cell = (
-        table[table.quantity.isin(["", "stiffness"]) & (table.method == "sds") & (table.perturbation == "prbs")]
+        table[
+            table.quantity.isin(["", "stiffness"])
+            & (table.method == "sds")
+            & (table.perturbation == "prbs")
+        ]
         .set_index("metric")
         .value
     )
     found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
-    estimates, truth = found.estimate.sel(quantity="stiffness").values, found.truth.sel(quantity="stiffness").values
+    estimates, truth = (
+        found.estimate.sel(quantity="stiffness").values,
+        found.truth.sel(quantity="stiffness").values,
+    )
     assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
-    assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
+    assert cell["total_error"] ** 2 == pytest.approx(
+        cell["bias_error"] ** 2 + cell["random_error"] ** 2
+    )
     assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
     share = found.covered.sel(quantity="stiffness").values.mean()
     assert cell["coverage"] == pytest.approx(100 * share)
@@ -91,16 +104,31 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
 
 @pytest.mark.slow
 def test_standard_errors_are_the_spread_of_repeated_studies(random):
-    repeated = [score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine") for _ in range(100)]
-    told = {name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated]) for name in UNITS}
-    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error", "coverage", "coverage_at_switch"):
+    repeated = [
+        score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine")
+        for _ in range(100)
+    ]
+    told = {
+        name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated])
+        for name in UNITS
+    }
+    for name in (
+        "bias_error",
+        "debiased_bias_error",
+        "random_error",
+        "total_error",
+        "coverage",
+        "coverage_at_switch",
+    ):
         spread = np.std([float(one.value.sel(metric=name)) for one in repeated])
         assert told[name] == pytest.approx(spread, rel=0.3), name
 
 
 def test_replicates_of_the_debiased_bias_are_centred_on_it(random):
     at = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="debiased_bias_error")
-    assert float(at.replicates.mean()) == pytest.approx(at.value.item(), abs=0.25 * at.standard_error.item() + 0.05)
+    assert float(at.replicates.mean()) == pytest.approx(
+        at.value.item(), abs=0.25 * at.standard_error.item() + 0.05
+    )
     plain = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="bias_error")
     assert float(plain.replicates.mean()) > plain.value.item() + 0.1
 
@@ -122,13 +150,19 @@ def test_one_trial_has_no_spread_and_no_standard_error(random):
 
 def test_draws_of_methods_are_paired_also_where_trials_failed(random):
     results = made_up(noisy(random, 10))
-    both = xr.concat([results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all")
+    both = xr.concat(
+        [results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all"
+    )
     both = both.assign(truth=results.truth, checksums=results.checksums)
     failed = both.failure.values.astype(object)
     failed[0, 2:, 1] = "x"
     both["failure"] = (both.failure.dims, failed)
     scores = score(both.transpose("scenario", "trial", "method_key", ...))
-    drawn = np.random.default_rng(0).multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])[:, :2].any(axis=1)
+    drawn = (
+        np.random.default_rng(0)
+        .multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])[:, :2]
+        .any(axis=1)
+    )
     known = np.isfinite(scores.replicates.sel(method_key="other", metric="total_error").values[0])
     np.testing.assert_array_equal(known, drawn)
 

@@ -82,7 +82,9 @@ def test_a_finished_study_is_not_run_again(copy, results):
 
 
 @pytest.mark.parametrize("name", ["estimate", "vaf", "checksums"])
-@pytest.mark.parametrize("left", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (11, -2)), "blank", None])
+@pytest.mark.parametrize(
+    "left", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (11, -2)), "blank", None]
+)
 def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, left):
     tear(next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file()), left)
     found, count = rerun(copy)
@@ -90,9 +92,16 @@ def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, 
     same(found, results)
 
 
-@pytest.mark.parametrize("count", [1, 5, 20, *(pytest.param(each, marks=pytest.mark.slow) for each in (60, 200))])
-def test_a_loss_of_power_that_cuts_the_newest_files_short_loses_only_their_trials(copy, results, count):
-    newest = sorted((file for file in copy.rglob("*") if file.is_file()), key=lambda file: file.stat().st_mtime_ns)
+@pytest.mark.parametrize(
+    "count", [1, 5, 20, *(pytest.param(each, marks=pytest.mark.slow) for each in (60, 200))]
+)
+def test_a_loss_of_power_that_cuts_the_newest_files_short_loses_only_their_trials(
+    copy, results, count
+):
+    newest = sorted(
+        (file for file in copy.rglob("*") if file.is_file()),
+        key=lambda file: file.stat().st_mtime_ns,
+    )
     random = np.random.default_rng(count)
     for file in newest[-count:]:
         os.truncate(file, random.integers(0, max(1, file.stat().st_size)))
@@ -117,7 +126,9 @@ def test_the_leavings_of_a_kill_are_cleared_away(copy):
 def test_damage_is_refused_and_the_file_named(copy):
     chunk = copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
     flip(chunk, 0)
-    with pytest.raises(tv.InputError, match=r"estimate/c/1/2/0/0/0: this file does not hold what was written there"):
+    with pytest.raises(
+        tv.InputError, match=r"estimate/c/1/2/0/0/0: this file does not hold what was written there"
+    ):
         rerun(copy)
     chunk.unlink()
     assert rerun(copy)[1] == 1
@@ -127,10 +138,15 @@ FIXED = ["estimate/zarr.json", "duration_s/c/0", "truth/c/0/0/0", "truth/zarr.js
 
 
 @pytest.mark.parametrize("name", FIXED)
-def test_damaged_metadata_is_refused_whoever_reads_and_made_again_when_it_is_removed(copy, results, name):
+def test_damaged_metadata_is_refused_whoever_reads_and_made_again_when_it_is_removed(
+    copy, results, name
+):
     flip(copy / name)
     for read in (rerun, read_results):
-        with pytest.raises(tv.InputError, match=rf"{name}: this file does not hold what was written there; remove it;"):
+        with pytest.raises(
+            tv.InputError,
+            match=rf"{name}: this file does not hold what was written there; remove it;",
+        ):
             read(copy)
     (copy / name).unlink()
     found, count = rerun(copy)
@@ -140,7 +156,11 @@ def test_damaged_metadata_is_refused_whoever_reads_and_made_again_when_it_is_rem
 
 @pytest.mark.parametrize(
     ("name", "left"),
-    [*zip(FIXED, [11, 0, "blank", None, "blank"], strict=True), ("zarr.json", None), ("manifest", 11)],
+    [
+        *zip(FIXED, [11, 0, "blank", None, "blank"], strict=True),
+        ("zarr.json", None),
+        ("manifest", 11),
+    ],
 )
 def test_metadata_cut_short_is_not_read_and_made_again_by_the_command(copy, results, name, left):
     tear(copy / name, left)
@@ -156,7 +176,9 @@ def test_metadata_cut_short_is_not_read_and_made_again_by_the_command(copy, resu
 def test_a_report_of_a_store_that_lost_files_names_the_command_that_makes_them_again(copy, results):
     for name in ("zarr.json", "manifest"):
         tear(copy / name, "blank")
-    with pytest.raises(tv.InputError, match=r"zarr.json and manifest are missing or cut short; give the command"):
+    with pytest.raises(
+        tv.InputError, match=r"zarr.json and manifest are missing or cut short; give the command"
+    ):
         report([copy.parent])
     same(rerun(copy)[0], results)
 
@@ -183,7 +205,9 @@ def test_chunks_that_changed_places_are_damage(copy, results):
         one.rename(other.parent / "x")
         other.rename(one)
         (other.parent / "x").rename(other)
-    with pytest.raises(tv.InputError, match=r"2 files do not hold .*: \S+checksums/c/0/1/0, \S+checksums/c/1/2/0;"):
+    with pytest.raises(
+        tv.InputError, match=r"2 files do not hold .*: \S+checksums/c/0/1/0, \S+checksums/c/1/2/0;"
+    ):
         read_results(copy)
     for name in ("0/1", "1/2"):
         (copy / "checksums" / "c" / name / "0").unlink()
@@ -197,8 +221,12 @@ def test_tasks_of_another_study_are_damage(copy, results, tmp_path):
     with open_store(tmp_path / "other.zarr", layout_of(other)) as opened:
         opened.write((0, 1), store_outcome(results, 1, 2))
     for chunk in tmp_path.glob("other.zarr/*/c/0/1"):
-        shutil.copytree(chunk, copy / chunk.relative_to(tmp_path / "other.zarr"), dirs_exist_ok=True)
-    with pytest.raises(tv.InputError, match=r"checksums/c/0/1/0: this file does not hold what was written there"):
+        shutil.copytree(
+            chunk, copy / chunk.relative_to(tmp_path / "other.zarr"), dirs_exist_ok=True
+        )
+    with pytest.raises(
+        tv.InputError, match=r"checksums/c/0/1/0: this file does not hold what was written there"
+    ):
         read_results(copy)
 
 
@@ -207,7 +235,9 @@ def test_what_is_no_file_is_not_read_and_can_be_moved_away(copy, results, name):
     (copy / name).unlink()
     (copy / name).mkdir()
     for read in (rerun, read_results):
-        with pytest.raises(tv.InputError, match=rf"{name}: expected a file, found something else; move it away"):
+        with pytest.raises(
+            tv.InputError, match=rf"{name}: expected a file, found something else; move it away"
+        ):
             read(copy)
     (copy / name).rmdir()
     os.mkfifo(copy / name)  # opening it would wait for ever
@@ -218,11 +248,16 @@ def test_what_is_no_file_is_not_read_and_can_be_moved_away(copy, results, name):
     folder = (copy / name).parent
     folder.rename(copy.parent / "chunks")
     folder.touch()
-    with pytest.raises(tv.InputError, match=rf"{name}: this file cannot be read: Not a directory; .* move away what"):
+    with pytest.raises(
+        tv.InputError,
+        match=rf"{name}: this file cannot be read: Not a directory; .* move away what",
+    ):
         read_results(copy)
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser reads everything")
+@pytest.mark.skipif(
+    os.name != "posix" or os.geteuid() == 0, reason="the superuser reads everything"
+)
 def test_a_file_that_may_not_be_read(copy):
     (copy / "truth" / "c" / "0" / "0" / "0").chmod(0)
     with pytest.raises(tv.InputError, match="cannot be read: Permission denied; make it readable"):
@@ -242,7 +277,9 @@ def test_links_are_followed_and_their_content_verified(copy, results):
     shutil.rmtree(copy.parent / "truth")
     folder.unlink()
     chunk.resolve().unlink()
-    with pytest.raises(tv.InputError, match=r"incomplete: .*truth/zarr.json, truth/c/0/0/0; give the command"):
+    with pytest.raises(
+        tv.InputError, match=r"incomplete: .*truth/zarr.json, truth/c/0/0/0; give the command"
+    ):
         read_results(copy)
     found, count = rerun(copy)
     assert count == 1
@@ -255,7 +292,9 @@ def test_a_store_that_was_copied_in_part(copy, results, share):
     np.random.default_rng(int(100 * share)).shuffle(files)
     for file in files[: int(share * len(files))]:
         file.unlink()
-    with pytest.raises(tv.InputError, match=r"cut short.*give the command that ran the study again"):
+    with pytest.raises(
+        tv.InputError, match=r"cut short.*give the command that ran the study again"
+    ):
         read_results(copy)
     same(rerun(copy)[0], results)
     same(read_results(copy), results)
@@ -297,7 +336,10 @@ def test_results_that_are_read_when_they_are_used_are_verified_too(copy, results
 
 def test_the_store_of_another_study_is_refused_with_what_differs(copy):
     other = Study(**SMALL | {"trials": 4, "seed": 7})
-    with pytest.raises(tv.InputError, match=r"of another study: trials: 3 there, 4 here; seed: 0 there, 7 here; give"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"of another study: trials: 3 there, 4 here; seed: 0 there, 7 here; give",
+    ):
         run(other, store=copy, workers=1)
 
 
@@ -310,23 +352,35 @@ def test_the_store_of_another_version_is_refused_with_what_differs(copy):
     def of_that_version():
         """Write the store's metadata as another version would have."""
         root.write_text(json.dumps(found))
-        manifest.write_bytes(fixed._manifest_of({name: (copy / name).read_bytes() for name in sums}))
+        manifest.write_bytes(
+            fixed._manifest_of({name: (copy / name).read_bytes() for name in sums})
+        )
 
     found["attributes"]["versions"] = json.dumps(versions() | {"numpy": "1.26.0"})
     of_that_version()
-    with pytest.raises(tv.InputError, match=r"of other versions of the software: numpy: 1.26.0 there, \S+ here; give"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"of other versions of the software: numpy: 1.26.0 there, \S+ here; give",
+    ):
         rerun(copy)
     tear(root, "blank")  # then only the manifest knows
-    with pytest.raises(tv.InputError, match=r"of another study: zarr.json: \d+ there, \d+ here; give another folder"):
+    with pytest.raises(
+        tv.InputError,
+        match=r"of another study: zarr.json: \d+ there, \d+ here; give another folder",
+    ):
         rerun(copy)
     found["attributes"]["layout"] = 99
     of_that_version()
     for read in (rerun, read_results):
-        with pytest.raises(tv.InputError, match=r"layout 6, found .*layout 99; give another folder$"):
+        with pytest.raises(
+            tv.InputError, match=r"layout 6, found .*layout 99; give another folder$"
+        ):
             read(copy)
     manifest.unlink()  # a layout that had none
     for read in (rerun, read_results):
-        with pytest.raises(tv.InputError, match=r"layout 99; if \S+zarr.json is damaged, remove that file and run"):
+        with pytest.raises(
+            tv.InputError, match=r"layout 99; if \S+zarr.json is damaged, remove that file and run"
+        ):
             read(copy)
 
 
@@ -342,7 +396,9 @@ def test_a_method_that_was_changed_is_another_one(tmp_path, monkeypatch):
     run(study, store=tmp_path / "results.zarr", workers=1)
     run(study, store=tmp_path / "results.zarr", workers=1)
     (tmp_path / "changing.py").write_text(source.replace("GAIN", "100.0"))
-    with pytest.raises(tv.InputError, match=r"files were other ones .*changing:Mine: \w{12} there, \w{12} here"):
+    with pytest.raises(
+        tv.InputError, match=r"files were other ones .*changing:Mine: \w{12} there, \w{12} here"
+    ):
         run(study, store=tmp_path / "results.zarr", workers=1)
 
 
@@ -408,14 +464,18 @@ def test_a_failure_never_takes_the_place_of_a_result(tmp_path, results):
 @pytest.mark.parametrize("left", [0, 100, "blank", None])
 def test_torn_results_are_not_read(copy, left):
     tear(copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0", left)
-    with pytest.raises(tv.InputError, match=r"1 results are cut short.*give the command that ran the study again"):
+    with pytest.raises(
+        tv.InputError, match=r"1 results are cut short.*give the command that ran the study again"
+    ):
         read_results(copy)
 
 
 def test_damaged_results_are_not_read(copy):
     chunk = copy / "vaf" / "c" / "1" / "2" / "0" / "0"
     chunk.write_bytes(bytes(reversed(chunk.read_bytes())))
-    with pytest.raises(tv.InputError, match=r"vaf/c/1/2/0/0: this file does not hold what was written there"):
+    with pytest.raises(
+        tv.InputError, match=r"vaf/c/1/2/0/0: this file does not hold what was written there"
+    ):
         read_results(copy)
 
 

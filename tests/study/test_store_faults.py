@@ -195,16 +195,20 @@ def test_a_failure_of_any_write_rename_or_fsync_loses_nothing(tmp_path, kill):
             never_wrong(path)
         xr.testing.assert_identical(done(path), reference)
         assert files_in(path) == whole
-        assert sorted(item.name for item in tmp_path.iterdir() if str(number) in item.name) == sorted(
-            (path.name, f".{path.name}.lock")
-        )
+        assert sorted(
+            item.name for item in tmp_path.iterdir() if str(number) in item.name
+        ) == sorted((path.name, f".{path.name}.lock"))
         shutil.rmtree(path)
         (tmp_path / f".{path.name}.lock").unlink()
-    assert len(survived) <= (0 if kill else 6)  # folders that are there already could not be made once more
+    assert len(survived) <= (
+        0 if kill else 6
+    )  # folders that are there already could not be made once more
 
 
 def files_in(path):
-    return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    return {
+        str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()
+    }
 
 
 def never_wrong(path):
@@ -228,10 +232,14 @@ def never_wrong(path):
 
 def follow(path, message):
     """Do what an error says, but for giving the command again."""
-    if named := re.search(r"files? do(?:es)? not hold what was written there; remove (?:it|them: (.+));", message):
+    if named := re.search(
+        r"files? do(?:es)? not hold what was written there; remove (?:it|them: (.+));", message
+    ):
         for file in named[1].split(", ") if named[1] else [message.partition(": this file")[0]]:
             Path(file).unlink()
-    elif named := re.search(r"if (\S+) is damaged, remove that file and run the study again", message):
+    elif named := re.search(
+        r"if (\S+) is damaged, remove that file and run the study again", message
+    ):
         Path(named[1]).unlink()
     else:
         assert "give the command that ran the study again" in message
@@ -300,8 +308,14 @@ class Misfortunes(RuleBasedStateMachine):
             file.write_bytes(other.read_bytes())
             other.write_bytes(content)
         elif content:
-            changed = {"truncate": content[:at], "blank": bytes(len(content)), "append": content + content[:at]}
-            changed["block"] = content[: at // 4096 * 4096] + bytes(4096) + content[at // 4096 * 4096 + 4096 :]
+            changed = {
+                "truncate": content[:at],
+                "blank": bytes(len(content)),
+                "append": content + content[:at],
+            }
+            changed["block"] = (
+                content[: at // 4096 * 4096] + bytes(4096) + content[at // 4096 * 4096 + 4096 :]
+            )
             content[at] ^= 1 << bit
             file.write_bytes(changed.get(kind, content))
 

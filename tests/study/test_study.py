@@ -9,7 +9,10 @@ from tvsysid.study import Study
 
 def test_the_default_is_the_quick_study():
     assert Study() == preset("quick")
-    assert [scenario.label for scenario in Study().scenarios] == ["square-noise-150s-10dB", "square-prbs-150s-10dB"]
+    assert [scenario.label for scenario in Study().scenarios] == [
+        "square-noise-150s-10dB",
+        "square-prbs-150s-10dB",
+    ]
     assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr", "adaptive"]
 
 
@@ -21,7 +24,10 @@ def test_the_paper_s_study():
     assert sine == [("noise", 150.0), ("prbs", 150.0)]
     assert {(s.snr_db, s.viscosity) for s in study.scenarios} == {(10.0, "constant")}
     assert study.trials == 100
-    assert sum(s.duration_s for s in study.scenarios if s.stiffness == "square") * study.trials == 234_000
+    assert (
+        sum(s.duration_s for s in study.scenarios if s.stiffness == "square") * study.trials
+        == 234_000
+    )
 
 
 def test_snr_and_viscosity_presets():
@@ -72,9 +78,18 @@ def test_a_study_from_toml(tmp_path):
             r"study.toml: study: trails: unknown key; did you mean trials\? \(known: stiffness",
         ),
         ("duration_ms = [40000]", r"duration_ms: unknown key; did you mean duration_s\?"),
-        ('duration_s = ["150 s"]', r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)"),
-        ("duration_s = 0.04", "duration_s: expected whole realizations of 2 s, two at least: multiples of 2 s; got "),
-        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*known: stiffness, .* viscosity, system, methods\)"),
+        (
+            'duration_s = ["150 s"]',
+            r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)",
+        ),
+        (
+            "duration_s = 0.04",
+            "duration_s: expected whole realizations of 2 s, two at least: multiples of 2 s; got ",
+        ),
+        (
+            "[[also]]\ntrials = 5",
+            r"also.0.trials: unknown key.*known: stiffness, .* viscosity, system, methods\)",
+        ),
         ("trials = ", "study.toml: not a TOML file: "),
         ('also = "sine"', "also"),
         ("also = [3]", "also"),
@@ -88,7 +103,9 @@ def test_a_wrong_file_is_refused_and_the_key_named(tmp_path, text, message):
 
 
 def test_a_missing_file_and_an_unknown_preset_are_refused(tmp_path):
-    with pytest.raises(tv.InputError, match=r"nothing.toml: No such file or directory; give a TOML file"):
+    with pytest.raises(
+        tv.InputError, match=r"nothing.toml: No such file or directory; give a TOML file"
+    ):
         Study.from_toml(tmp_path / "nothing.toml")
     with pytest.raises(tv.InputError, match=f"the presets are {', '.join(PRESETS)}"):
         preset("journal")
@@ -96,7 +113,11 @@ def test_a_missing_file_and_an_unknown_preset_are_refused(tmp_path):
 
 def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
     study = Study(viscosity=["constant", "covarying"], perturbation=["noise", "prbs"])
-    states = [study.seed_of(s, trial).generate_state(4).tobytes() for s in study.scenarios for trial in range(3)]
+    states = [
+        study.seed_of(s, trial).generate_state(4).tobytes()
+        for s in study.scenarios
+        for trial in range(3)
+    ]
     assert len(set(states)) == 6
     constant, covarying = study.scenarios[:2]
     assert study.seed_of(constant, 1).spawn_key == study.seed_of(covarying, 1).spawn_key

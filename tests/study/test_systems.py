@@ -80,7 +80,9 @@ def test_parts_of_one_s_own_by_name(mine):
 
 def test_a_system_as_an_object_and_one_that_fails(mine):
     joint = tv.simulate.Joint(inertia=0.025)
-    found = run(Study(system=joint, duration_s=8, trials=1, perturbation="prbs", methods="birf"), workers=1)
+    found = run(
+        Study(system=joint, duration_s=8, trials=1, perturbation="prbs", methods="birf"), workers=1
+    )
     assert (found.truth.sel(quantity="inertia") == 0.025).all()
     with pytest.raises(tv.InputError, match=r"cannot be simulated: RuntimeError: no such joint"):
         run(Study(system=f"{mine}:Broken", duration_s=8, trials=1, methods="birf"), workers=1)
@@ -92,15 +94,30 @@ def test_a_system_as_an_object_and_one_that_fails(mine):
 
 def test_seeds_do_not_depend_on_rate_and_period_but_on_the_system():
     usual, other = Study(), Study(rate=50, period=1.0)
-    assert usual.seed_of(usual.scenarios[0], 3).spawn_key == other.seed_of(other.scenarios[0], 3).spawn_key
+    assert (
+        usual.seed_of(usual.scenarios[0], 3).spawn_key
+        == other.seed_of(other.scenarios[0], 3).spawn_key
+    )
     reflex = Study(system="reflex")
-    assert usual.seed_of(usual.scenarios[0], 3).spawn_key != reflex.seed_of(reflex.scenarios[0], 3).spawn_key
+    assert (
+        usual.seed_of(usual.scenarios[0], 3).spawn_key
+        != reflex.seed_of(reflex.scenarios[0], 3).spawn_key
+    )
     # As it was before a study could take other systems.
-    assert usual.seed_of(usual.scenarios[0], 3).spawn_key == (4227018733, 870690802, 2055610964, 848547876, 3)
+    assert usual.seed_of(usual.scenarios[0], 3).spawn_key == (
+        4227018733,
+        870690802,
+        2055610964,
+        848547876,
+        3,
+    )
 
 
 def test_a_reflex_is_known_with_its_pathway():
-    found = run(Study(system="reflex", duration_s=20, trials=2, perturbation="prbs", methods="birf"), workers=1)
+    found = run(
+        Study(system="reflex", duration_s=20, trials=2, perturbation="prbs", methods="birf"),
+        workers=1,
+    )
     assert list(found.quantity.values)[:3] == ["stiffness", "viscosity", "inertia"]
     assert "reflex_gain" in found.quantity.values
     assert np.isfinite(found.truth.sel(quantity="reflex_gain")).all()
@@ -111,7 +128,14 @@ def test_a_reflex_is_known_with_its_pathway():
 
 
 def test_a_truth_that_changes_from_trial_to_trial_is_scored_by_trial():
-    study = Study(system="scheduled", stiffness="sine", duration_s=20, trials=3, perturbation="prbs", methods="birf")
+    study = Study(
+        system="scheduled",
+        stiffness="sine",
+        duration_s=20,
+        trials=3,
+        perturbation="prbs",
+        methods="birf",
+    )
     found = run(study, workers=1)
     truth = found.trial_truth.sel(quantity="stiffness").values[0]
     assert np.ptp(truth, axis=0).max() > 0.1
@@ -127,7 +151,9 @@ class Levels:
         self.seconds, self.levels, self.name = seconds, np.array(levels), name
 
     def __call__(self, time):
-        return self.levels[np.floor(np.asarray(time) / self.seconds + 1e-9).astype(int) % len(self.levels)]
+        return self.levels[
+            np.floor(np.asarray(time) / self.seconds + 1e-9).astype(int) % len(self.levels)
+        ]
 
     def __repr__(self):
         return self.name
@@ -177,7 +203,9 @@ def test_a_system_with_slots():
 
 def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():
     time = np.arange(200) / 100
-    assert wave_of(time, tv.simulate.SquareWave(offset=0.503)(time)) == tv.simulate.SquareWave(offset=0.51)
+    assert wave_of(time, tv.simulate.SquareWave(offset=0.503)(time)) == tv.simulate.SquareWave(
+        offset=0.51
+    )
     assert wave_of(time, np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)) is None
 
 
@@ -196,7 +224,10 @@ class Halves:
 @pytest.mark.slow
 def test_each_pathway_is_scored():
     methods = [Halves(), "birf"]
-    found = run(Study(system="reflex", duration_s=20, **SHORT | {"methods": methods, "trials": 2}), workers=1)
+    found = run(
+        Study(system="reflex", duration_s=20, **SHORT | {"methods": methods, "trials": 2}),
+        workers=1,
+    )
     table = summarize(score(found))
     table = table[table.metric == "pathway_vaf"].set_index(["method", "quantity"])
     assert list(table.index) == [("Halves", "intrinsic"), ("Halves", "reflex")]
@@ -211,11 +242,17 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     also = [{"duration_s": 12, "methods": ["sds", "eirf"]}, {"perturbation": "pulses"}]
     study = Study(system="reflex", duration_s=20, **SHORT | {"methods": ["birf", "sds"]}, also=also)
     assert list(study.named_methods) == ["birf", "sds", "eirf"]
-    assert list(map(sorted, study.methods_of.values())) == [["birf", "sds"], ["eirf", "sds"], ["birf", "sds"]]
+    assert list(map(sorted, study.methods_of.values())) == [
+        ["birf", "sds"],
+        ["eirf", "sds"],
+        ["birf", "sds"],
+    ]
     run(study, store=tmp_path / "results.zarr", workers=1)
     found = read_results(tmp_path / "results.zarr")
     there = np.isfinite(found.vaf.sel(statistic="mean", trial=0)).values
-    np.testing.assert_array_equal(there, [[True, True, False], [False, True, True], [True, True, False]])
+    np.testing.assert_array_equal(
+        there, [[True, True, False], [False, True, True], [True, True, False]]
+    )
     np.testing.assert_array_equal(found.asked, there)
     assert not (found.failure.values != "").any()
     table = summarize(score(found))
@@ -225,14 +262,23 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     }
     alone = run(Study(system="reflex", duration_s=12, **SHORT | {"methods": ["sds"]}), workers=1)
     np.testing.assert_array_equal(
-        alone.estimate.values.squeeze(), found.estimate.isel(scenario=1).sel(method_key="sds").values.squeeze()
+        alone.estimate.values.squeeze(),
+        found.estimate.isel(scenario=1).sel(method_key="sds").values.squeeze(),
     )
 
 
 @pytest.mark.slow
 def test_the_mean_over_realizations_is_taken_from_what_is_identified_and_from_the_noiseless_torque():
-    settings = {"system": "reflex", "duration_s": 20, "perturbation": "noise", "trials": 1, "methods": [Halves()]}
-    plain, without = (run(Study(**settings, subtract_mean=each), workers=1) for each in (False, True))
+    settings = {
+        "system": "reflex",
+        "duration_s": 20,
+        "perturbation": "noise",
+        "trials": 1,
+        "methods": [Halves()],
+    }
+    plain, without = (
+        run(Study(**settings, subtract_mean=each), workers=1) for each in (False, True)
+    )
     study = Study(**settings)
     seed = study.seed_of(study.scenarios[0], 0)
     simulation = study.parts["system reflex"].simulate(

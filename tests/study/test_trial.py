@@ -46,20 +46,32 @@ class Banded:
 class Bandless(Banded):
     def identify(self, ensemble):
         whole = Model(self.low, self.high, self.told)
-        return type("Plain", (), {"stiffness": np.full(TIMES, 100.0), "predict": lambda _, each: whole.predict(each)})()
+        return type(
+            "Plain",
+            (),
+            {"stiffness": np.full(TIMES, 100.0), "predict": lambda _, each: whole.predict(each)},
+        )()
 
 
 class Misshapen(Banded):
     def identify(self, ensemble):
         wrong = tv.StandardError(np.zeros(3), np.inf)
-        return type("Wrong", (), {"estimates": {"stiffness": tv.Estimate(np.ones(TIMES), "N m/rad", error=wrong)}})()
+        return type(
+            "Wrong",
+            (),
+            {"estimates": {"stiffness": tv.Estimate(np.ones(TIMES), "N m/rad", error=wrong)}},
+        )()
 
 
 class Endless(Banded):
     def identify(self, ensemble):
         error = tv.StandardError(np.full(TIMES, np.inf), np.inf)
         estimates = {"stiffness": tv.Estimate(np.full(TIMES, 100.0), "N m/rad", error=error)}
-        return type("Endless", (), {"estimates": estimates, "predict": Model(self.low, self.high, 0).predict})()
+        return type(
+            "Endless",
+            (),
+            {"estimates": estimates, "predict": Model(self.low, self.high, 0).predict},
+        )()
 
 
 METHODS = {
@@ -75,7 +87,9 @@ METHODS = {
 @pytest.fixture(scope="module")
 def results():
     methods = [method for method, _ in METHODS.values()]
-    study = Study(duration_s=20.0, trials=2, perturbation="prbs", methods=[*methods, Misshapen(0.0, 1.0)])
+    study = Study(
+        duration_s=20.0, trials=2, perturbation="prbs", methods=[*methods, Misshapen(0.0, 1.0)]
+    )
     return run(study, workers=1)
 
 
@@ -97,14 +111,17 @@ def test_it_is_told_of_each_time_and_is_nan_where_there_is_no_band(results):
     assert (of(results, "always").covered == 1).all()
     np.testing.assert_array_equal(of(results, "where soft").covered, np.tile(truth <= 100, (2, 1)))
     at_first = of(results, "at first").covered.values
-    np.testing.assert_array_equal(at_first, np.tile(np.where(np.arange(TIMES) < 20, 1.0, np.nan), (2, 1)))
+    np.testing.assert_array_equal(
+        at_first, np.tile(np.where(np.arange(TIMES) < 20, 1.0, np.nan), (2, 1))
+    )
     assert np.isnan(of(results, "no band").covered).all()
 
 
 def test_a_band_of_the_wrong_shape_is_a_failure_that_is_told(results):
     misshapen = results.isel(scenario=0, method_key=-1)
     assert all(
-        "expected standard errors of the values' shape (200,), got (3,)" in text for text in misshapen.failure.values
+        "expected standard errors of the values' shape (200,), got (3,)" in text
+        for text in misshapen.failure.values
     )
     assert np.isnan(misshapen.covered).all()
 

@@ -97,7 +97,9 @@ def dask(folder, name, words):
 
 def trials_in(folder):
     return sum(
-        1 for file in Path(folder, "out/results.zarr/checksums/c").rglob("*") if file.name == "0" and file.is_file()
+        1
+        for file in Path(folder, "out/results.zarr/checksums/c").rglob("*")
+        if file.name == "0" and file.is_file()
     )
 
 
@@ -160,9 +162,12 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
         (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
         errors = finished(process, 128 + number)
         before, _, last = errors.rstrip("\n").rpartition("\n")
-        assert before == ("" if not already else f"resuming: {already} of {TOTAL} trials are done already")
+        assert before == (
+            "" if not already else f"resuming: {already} of {TOTAL} trials are done already"
+        )
         told = re.fullmatch(
-            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same command resumes", last
+            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same command resumes",
+            last,
         )
         assert told, errors
         # It may have been interrupted between writing a trial and counting it.
@@ -179,7 +184,9 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
         "        time.sleep(3600)\n"
     )
     # Workers that start anew, as a user's do, and have not inherited what becomes of a signal.
-    process = Forked(forking, tmp_path, "--method", "hanging:Mine", "--workers", "2", prepare=interruptible)
+    process = Forked(
+        forking, tmp_path, "--method", "hanging:Mine", "--workers", "2", prepare=interruptible
+    )
     wait_for((tmp_path / "begun").exists)
     workers = children_of(process.pid)
     began = time.monotonic()
@@ -255,7 +262,9 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
     small = tmp_path / "small"
     small.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=700k", "tmpfs", small], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=700k", "tmpfs", small],
+        capture_output=True,
+        check=False,
     )
     if mounted.returncode:
         pytest.skip(f"cannot mount a small file system here: {mounted.stderr.decode().strip()}")
@@ -264,7 +273,8 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
         code, _, errors = tvsysid(*WORDS, "--workers", 2)
         assert code == 2
         assert re.search(
-            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes", errors
+            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes",
+            errors,
         )
         assert "Traceback" not in errors
         kept = trials_in(small)
@@ -279,7 +289,9 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
 def test_a_folder_that_cannot_be_written_to(tvsysid, tmp_path, monkeypatch):
     shut = tmp_path / "shut"
     shut.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", shut], capture_output=True, check=False)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", shut], capture_output=True, check=False
+    )
     if mounted.returncode:
         pytest.skip(f"cannot mount a read-only file system here: {mounted.stderr.decode().strip()}")
     try:

@@ -36,7 +36,11 @@ def run(code: str) -> str:
 
 def words(fault: BaseException) -> str:
     """Line, kind and message of an error."""
-    lines = [frame.lineno for frame in traceback.extract_tb(fault.__traceback__) if frame.filename == CELL]
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(fault.__traceback__)
+        if frame.filename == CELL
+    ]
     if isinstance(fault, SyntaxError) and fault.filename == CELL:
         lines, fault = [fault.lineno], type(fault)(fault.msg)
     return f"{f'Line {lines[-1]}: ' if lines else ''}{type(fault).__name__}: {fault}"
@@ -52,7 +56,9 @@ def curves(scope: Mapping[str, Any]) -> list[dict[str, Any]]:
     found = [
         curve(str(name), model, truth)
         for name, model in (models.items() if isinstance(models, Mapping) else ())
-        if isinstance(model, tv.Model) and "stiffness" in model.estimates and np.isfinite(model.stiffness).any()
+        if isinstance(model, tv.Model)
+        and "stiffness" in model.estimates
+        and np.isfinite(model.stiffness).any()
     ]
     if truth is not None and found:
         found.append({"name": "truth", "time": ensemble.time.tolist(), "values": numbers(truth)})
@@ -67,7 +73,12 @@ def curve(name: str, model: tv.Model, truth: Any) -> dict[str, Any]:
     if truth is not None and truth.shape == lower.shape and known.any():
         holds = float(np.mean(((lower <= truth) & (truth <= upper))[known]))
     edges = {"lower": numbers(lower), "upper": numbers(upper)} if known.any() else {}
-    return {"name": name, "time": model.time.tolist(), "values": numbers(model.stiffness), "holds": holds} | edges
+    return {
+        "name": name,
+        "time": model.time.tolist(),
+        "values": numbers(model.stiffness),
+        "holds": holds,
+    } | edges
 
 
 def numbers(values: Any) -> list[float | None]:

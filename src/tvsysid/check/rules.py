@@ -70,15 +70,21 @@ def _vaf(torque: Array, predicted: Array) -> float:
 
 
 def _same(values: Array, others: Array) -> bool:
-    return values.shape == others.shape and np.allclose(values, others, rtol=1e-9, atol=0.0, equal_nan=True)
+    return values.shape == others.shape and np.allclose(
+        values, others, rtol=1e-9, atol=0.0, equal_nan=True
+    )
 
 
 def _has_identify(subject: Subject) -> str:
     method = subject.method
     if isinstance(method, type):
-        raise FailedError(f"expected an object, got the class {method.__name__} itself; give {method.__name__}()")
+        raise FailedError(
+            f"expected an object, got the class {method.__name__} itself; give {method.__name__}()"
+        )
     if not callable(getattr(method, "identify", None)):
-        advice = "; tvsysid.methods.parse makes a method of a text" if isinstance(method, str) else ""
+        advice = (
+            "; tvsysid.methods.parse makes a method of a text" if isinstance(method, str) else ""
+        )
         what = f"an object of type {type(method).__name__}{advice}"
         raise FailedError(f"expected an object with identify(ensemble), got {what}")
     return "it does"
@@ -104,7 +110,9 @@ def _untouched(subject: Subject) -> str:
     names = ("angle", "torque", *ensemble.channels)
     if not all(np.array_equal(ensemble.signal(name), fresh.signal(name)) for name in names):
         simulated_case.cache_clear()
-        raise FailedError("identify changed the ensemble, which all methods share; work on ensemble.angle.copy()")
+        raise FailedError(
+            "identify changed the ensemble, which all methods share; work on ensemble.angle.copy()"
+        )
     return f"{', '.join(names)} are as they were"
 
 
@@ -113,7 +121,9 @@ def _returns_model(subject: Subject) -> str:
     if model is None:
         raise FailedError("identify returned None; end it by returning a model")
     wanted = {"stiffness": ("stiffness", "estimates"), "predict(ensemble)": ("predict", "pathways")}
-    missing = [what for what, names in wanted.items() if not any(hasattr(model, name) for name in names)]
+    missing = [
+        what for what, names in wanted.items() if not any(hasattr(model, name) for name in names)
+    ]
     if missing:
         raise FailedError(
             "expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), "
@@ -124,12 +134,20 @@ def _returns_model(subject: Subject) -> str:
     scheduled = scheduled_by(subject.method)
     said = [*names_said(subject.method, "quantities"), *scheduled]
     if absent := [name for name in said if name not in estimates]:
-        raise FailedError(f"expected estimates of all its quantities, got none of {', '.join(absent)}")
+        raise FailedError(
+            f"expected estimates of all its quantities, got none of {', '.join(absent)}"
+        )
     for name, most in scheduled.items():
         if (count := np.size(getattr(estimates[name], "values", estimates[name]))) > most:
-            raise FailedError(f"expected {most} values of {name} at most, as scheduled_quantities says, got {count}")
+            raise FailedError(
+                f"expected {most} values of {name} at most, as scheduled_quantities says, got {count}"
+            )
     unsaid = ", ".join(name for name in estimates if name not in (*IMPEDANCE, *said))
-    advice = f"; name {unsaid} in quantities or scheduled_quantities, or a study does not keep it" if unsaid else ""
+    advice = (
+        f"; name {unsaid} in quantities or scheduled_quantities, or a study does not keep it"
+        if unsaid
+        else ""
+    )
     return f"{', '.join(estimates)}, and predict(ensemble) of shape {torque.shape}{advice}"
 
 
@@ -138,7 +156,9 @@ def _adds_up(subject: Subject) -> str:
     said = getattr(subject.method, "pathway_names", ())
     own = model.pathways(ensemble) if hasattr(model, "pathways") else {"intrinsic": None}
     if absent := [name for name in said if name not in own]:
-        raise FailedError(f"expected the pathways of its pathway_names, got none of {', '.join(absent)}")
+        raise FailedError(
+            f"expected the pathways of its pathway_names, got none of {', '.join(absent)}"
+        )
     if not hasattr(model, "pathways"):
         return "one pathway"
     torques = {name: numbers(f"pathway {name!r}", each, ensemble) for name, each in own.items()}
@@ -149,12 +169,16 @@ def _adds_up(subject: Subject) -> str:
         "expected pathways(ensemble) with predict(ensemble) as their sum",
     )
     unsaid = ", ".join(name for name in torques if name not in said) if len(torques) > 1 else ""
-    return f"{came}; name {unsaid} in pathway_names, or a study does not keep it" if unsaid else came
+    return (
+        f"{came}; name {unsaid} in pathway_names, or a study does not keep it" if unsaid else came
+    )
 
 
 def _tells_pathways_apart(subject: Subject) -> str:
     model, ensemble = subject.model("constant"), subject.case("constant").ensemble
-    if not hasattr(model, "pathways") or not {"intrinsic", "reflex"} <= set(model.pathways(ensemble)):
+    if not hasattr(model, "pathways") or not {"intrinsic", "reflex"} <= set(
+        model.pathways(ensemble)
+    ):
         return "it has no reflex pathway"
     case, model = subject.case("reflex"), subject.model("reflex")
     torques = model.pathways(case.ensemble)
@@ -169,8 +193,16 @@ def _tells_pathways_apart(subject: Subject) -> str:
 def _recovers_constant(subject: Subject) -> str:
     mean = float(np.nanmean(subject.first))
     came = f"{mean:.3g} N·m/rad in the mean, where {LEVEL:g} is true"
-    _expect(mean >= 0, came, "the sign is reversed; torque is positive where it resists a positive angle")
-    return _expect(abs(mean - LEVEL) <= 0.1 * LEVEL, came, "expected at most 10 % off. Are the units rad and N·m?")
+    _expect(
+        mean >= 0,
+        came,
+        "the sign is reversed; torque is positive where it resists a positive angle",
+    )
+    return _expect(
+        abs(mean - LEVEL) <= 0.1 * LEVEL,
+        came,
+        "expected at most 10 % off. Are the units rad and N·m?",
+    )
 
 
 def _predicts(subject: Subject) -> str:
@@ -232,7 +264,9 @@ def _travels(subject: Subject) -> str:
 
 def _scales(subject: Subject) -> str:
     ensemble = subject.case("constant").ensemble
-    tenfold = subject.stiffness(subject.identify(replace(ensemble, torque=10 * ensemble.torque)), ensemble)
+    tenfold = subject.stiffness(
+        subject.identify(replace(ensemble, torque=10 * ensemble.torque)), ensemble
+    )
     ratio = float(np.nanmean(tenfold) / np.nanmean(subject.first))
     return _expect(
         abs(ratio - 10) < 0.5,
@@ -267,11 +301,16 @@ def _without_context(subject: Subject) -> str:
     share = _vaf(case.torque[:, edges], predicted[:, edges])
     for right, fault in (
         (worst <= LEVEL / 2, f"stiffness is up to {worst:.0f} N·m/rad off"),
-        (share > 50 or np.isnan(predicted[:, edges]).all(), f"predict(ensemble) has a VAF of {share:.0f} %"),
+        (
+            share > 50 or np.isnan(predicted[:, edges]).all(),
+            f"predict(ensemble) has a VAF of {share:.0f} %",
+        ),
     ):
         advice = "give NaN where lags, windows or derivatives reach beyond the samples, no invented values"
         _expect(right, f"within 0.1 s of the ends {fault}", advice)
-    return f"{came}; NaN at {np.isnan(stiffness).all(axis=0).sum()} of {case.ensemble.samples} times"
+    return (
+        f"{came}; NaN at {np.isnan(stiffness).all(axis=0).sum()} of {case.ensemble.samples} times"
+    )
 
 
 def _few_realizations(subject: Subject) -> str:
@@ -322,7 +361,12 @@ _RULES = (
     _Rule("leaves the ensemble untouched", _untouched, "identifies a joint"),
     _Rule(_MODEL, _returns_model, "leaves the ensemble untouched"),
     _Rule("has pathways that add up", _adds_up, _MODEL),
-    _Rule("separates intrinsic and reflex torque", _tells_pathways_apart, "has pathways that add up", required=False),
+    _Rule(
+        "separates intrinsic and reflex torque",
+        _tells_pathways_apart,
+        "has pathways that add up",
+        required=False,
+    ),
     _Rule("recovers a constant stiffness", _recovers_constant, _MODEL),
     _Rule("predicts the torque", _predicts, _MODEL),
     _Rule("follows a changing stiffness", _follows_change, _MODEL, required=False),
@@ -352,7 +396,9 @@ def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
         message = str(error)
     except (Exception, SystemExit) as error:
         said = plain_text(error)
-        wrote = isinstance(error, ValueError) and any(words in said for words in ("read-only", "WRITEABLE"))
+        wrote = isinstance(error, ValueError) and any(
+            words in said for words in ("read-only", "WRITEABLE")
+        )
         message = f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} {subject.described(error)}"
         if wrote:  # NumPy has no class for that error
             advice = "it writes to an array that all methods share; work on a copy, as in ensemble.angle.copy()"

@@ -46,7 +46,9 @@ class Case(NamedTuple):
 
 
 @cache
-def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "", joint: str = "") -> Case:
+def simulated_case(
+    name: str, inputs: tuple[Input, ...], perturbation: str = "", joint: str = ""
+) -> Case:
     """Case of this name on a system with the channels of these inputs; the same one for every method.
 
     The perturbation and the system are those of these names and settings, filtered noise and what fits without any.
@@ -54,13 +56,17 @@ def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "",
     if name == "without context":
         whole = simulated_case("other rate", inputs, perturbation, joint)
         seen = whole.ensemble
-        cores = {each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)}
+        cores = {
+            each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)
+        }
         recorded = None if seen.recorded_angle is None else seen.recorded_angle[:, seen.core]
         angle, torque = cores.pop("angle"), cores.pop("torque")
         bare = Ensemble(angle, torque, seen.sampling_rate, channels=cores, recorded_angle=recorded)
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
-    system = simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
+    system = (
+        simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
+    )
     if joint:
         system = replace(found_as(joint, simulate.SYSTEMS, "system"), stiffness=profile)
     kind = found_as(perturbation or "noise", simulate.PERTURBATIONS, "perturbation")
@@ -71,7 +77,10 @@ def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "",
         return segment(decimate(replace(recording, torque=torque), rate), period)
 
     ensemble = segmented(recording.torque)
-    pathways = {each: segmented(torque).torque[:, ensemble.core] for each, torque in simulation.pathways.items()}
+    pathways = {
+        each: segmented(torque).torque[:, ensemble.core]
+        for each, torque in simulation.pathways.items()
+    }
     stiffness = simulation.truth_of(ensemble)["stiffness"]
     return Case(ensemble, np.asarray(sum(pathways.values())), stiffness, pathways)
 
@@ -81,7 +90,9 @@ def _system(profile: simulate.Profile, inputs: tuple[Input, ...]) -> simulate.Sy
     kinds = {item.kind for item in inputs}
     if "reference" in kinds:
         return simulate.CompliantActuator(stiffness=profile)
-    return simulate.ScheduledJoint(stiffness=profile) if kinds else simulate.Joint(stiffness=profile)
+    return (
+        simulate.ScheduledJoint(stiffness=profile) if kinds else simulate.Joint(stiffness=profile)
+    )
 
 
 def _channels(recording: Recording, inputs: tuple[Input, ...]) -> dict[str, Array]:
@@ -126,7 +137,11 @@ class Subject:
     @property
     def needs(self) -> tuple[tuple[Input, ...], str, str]:
         """Inputs of the method, and the perturbation and the system that it serves, if they are special."""
-        return inputs_of(self.method), special(self.method, "perturbation"), special(self.method, "system")
+        return (
+            inputs_of(self.method),
+            special(self.method, "perturbation"),
+            special(self.method, "system"),
+        )
 
     def identify(self, ensemble: Ensemble) -> Any:
         """Whatever it returns."""
@@ -145,13 +160,19 @@ class Subject:
             numbers("stiffness", model.stiffness, ensemble, over="(time,)")
         estimates = apply(_Found(model), ensemble, type(self.method).__name__).estimates
         if "stiffness" not in estimates or estimates["stiffness"].axes[-1] != "time":
-            raise FailedError(f"expected an estimate of stiffness over time, got {', '.join(estimates) or 'none'}")
+            raise FailedError(
+                f"expected an estimate of stiffness over time, got {', '.join(estimates) or 'none'}"
+            )
         return np.broadcast_to(estimates["stiffness"].values, (len(ensemble), ensemble.samples))
 
     def predict(self, model: Any, ensemble: Ensemble) -> Array:
         """Torque that a model predicts, if it is one, shape (realization, time)."""
         with self._listening():
-            own = model.predict(ensemble) if hasattr(model, "predict") else sum(model.pathways(ensemble).values())
+            own = (
+                model.predict(ensemble)
+                if hasattr(model, "predict")
+                else sum(model.pathways(ensemble).values())
+            )
         return numbers("predict(ensemble)", own, ensemble)
 
     def result(self, name: str) -> tuple[Case, Array, Array]:
@@ -161,7 +182,9 @@ class Subject:
         for what, values in (("stiffness", stiffness), ("predict(ensemble)", torque)):
             missing = 100 * float(np.mean(np.isnan(values)))
             if missing > 50:
-                raise FailedError(f"{what} is NaN at {missing:.0f} % of the samples; expected numbers at most of them")
+                raise FailedError(
+                    f"{what} is NaN at {missing:.0f} % of the samples; expected numbers at most of them"
+                )
         return case, stiffness, torque
 
     @contextmanager
@@ -174,17 +197,24 @@ class Subject:
                 self.warned[f"{item.category.__name__}: {item.message}"] = None
 
 
-def numbers(what: str, given: object, ensemble: Ensemble, over: str = "(realization, time)") -> Array:
+def numbers(
+    what: str, given: object, ensemble: Ensemble, over: str = "(realization, time)"
+) -> Array:
     """Real numbers of the shape that they should have; NaN among them, but nothing infinite."""
     values = plain_array(what, given)
     shape = (len(ensemble), ensemble.samples)[over == "(time,)" :]
     if values.shape != shape:
         with_context = ensemble.context > 0 and values.shape[-1:] == ensemble.angle.shape[1:]
-        advice = "; this counts the context on both sides too: take only the samples of ensemble.core" * with_context
+        advice = (
+            "; this counts the context on both sides too: take only the samples of ensemble.core"
+            * with_context
+        )
         raise FailedError(f"expected {what} of shape {over} = {shape}, got {values.shape}{advice}")
     if values.dtype.kind != "f":
         advice = "np.asarray(values, dtype=float) converts what is real"
-        raise FailedError(f"expected {what} as real floating-point numbers, got {values.dtype}; {advice}")
+        raise FailedError(
+            f"expected {what} as real floating-point numbers, got {values.dtype}; {advice}"
+        )
     if np.isinf(values).any():
         raise FailedError(f"{what} holds infinite values; give NaN where nothing can be said")
     return np.asarray(values, dtype=np.float64)

@@ -65,7 +65,9 @@ for command in (
 
 @app.callback(invoke_without_command=True)
 def tvsysid(
-    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and stop.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", metavar="", help="Print the version and stop.")
+    ] = False,
 ) -> None:
     """Handle the options before the command."""
     if version:
@@ -81,11 +83,19 @@ def usage_error(error: Exception) -> str | None:
     if message is None:
         return None
     context = getattr(error, "ctx", None)
-    text = _missing(context) if type(error).__name__ == "MissingParameter" else message().replace("Value error, ", "")
+    text = (
+        _missing(context)
+        if type(error).__name__ == "MissingParameter"
+        else message().replace("Value error, ", "")
+    )
     return f"{text} (see {context.command_path if context else 'tvsysid'} --help)" if text else ""
 
 
 def _missing(context: Any) -> str:
     """All that is missing; the parser has taken in first what was given, and reports only the first that is not."""
-    needed = [each for each in context.command.get_params(context) if each.required and each.name not in context.params]
+    needed = [
+        each
+        for each in context.command.get_params(context)
+        if each.required and each.name not in context.params
+    ]
     return "missing: " + ", ".join(each.get_error_hint().strip("'") for each in needed)

@@ -40,7 +40,8 @@ class Viscosity(StrEnum):  # typer takes no list of literals
 
 def benchmark(
     study_file: Annotated[
-        Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
+        Path | None,
+        typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings."),
     ] = None,
     preset: Annotated[
         Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None,
@@ -77,16 +78,21 @@ def benchmark(
         ),
     ] = None,
     duration: Annotated[
-        list[float] | None, option("S", "Seconds of data, a whole number of realizations; repeatable. [150]")
+        list[float] | None,
+        option("S", "Seconds of data, a whole number of realizations; repeatable. [150]"),
     ] = None,
     rate: Annotated[float | None, option("HZ", "Rate to which data are decimated. [100]")] = None,
     period: Annotated[float | None, option("S", "Duration of a realization. [2]")] = None,
     snr: Annotated[
-        list[float] | None, option("DB", "Signal-to-noise ratio of the torque in dB; repeatable. [10]")
+        list[float] | None,
+        option("DB", "Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
     ] = None,
     viscosity: Annotated[
         list[Viscosity] | None,
-        option("NAME", "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]"),
+        option(
+            "NAME",
+            "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]",
+        ),
     ] = None,
     method: MethodOption = [],
     trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,
@@ -94,7 +100,10 @@ def benchmark(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     dry_run: Annotated[
-        bool, option("", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run")
+        bool,
+        option(
+            "", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run"
+        ),
     ] = False,
     out: OutOption = Path("tvsysid-benchmark"),
 ) -> None:
@@ -128,8 +137,20 @@ def benchmark(
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
     from tvsysid.study import Study, cores, run
 
-    settings = given(system=system, stiffness=stiffness, perturbation=perturbation, duration_s=duration, snr_db=snr)
-    settings |= given(viscosity=list(map(str, viscosity or ())), rate=rate, period=period, trials=trials, seed=seed)
+    settings = given(
+        system=system,
+        stiffness=stiffness,
+        perturbation=perturbation,
+        duration_s=duration,
+        snr_db=snr,
+    )
+    settings |= given(
+        viscosity=list(map(str, viscosity or ())),
+        rate=rate,
+        period=period,
+        trials=trials,
+        seed=seed,
+    )
     settings |= given(methods=list(dict.fromkeys(method)))
     if study_file is not None and preset is not None:
         raise InputError(f"{study_file} and --preset {preset}: give one of them")
@@ -154,7 +175,14 @@ def _print_plan(study: Study, workers: int) -> None:
     with waiting("timing a trial of the shortest and the longest scenario"):
         taken = plan(study)
     rows = [
-        (each.system, each.stiffness, each.perturbation, f"{each.duration_s:g}", f"{each.snr_db:g}", each.viscosity)
+        (
+            each.system,
+            each.stiffness,
+            each.perturbation,
+            f"{each.duration_s:g}",
+            f"{each.snr_db:g}",
+            each.viscosity,
+        )
         for each in study.scenarios
     ]
     headings = ["system", "stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"]
@@ -185,7 +213,9 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     if len(labels) > MOST_TABLES:
         say(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html")
     if (claims.verdict != "not studied").any():
-        show_claims(claims, "simulations", f"other scenarios: --preset {', '.join(literature.presets)}")
+        show_claims(
+            claims, "simulations", f"other scenarios: --preset {', '.join(literature.presets)}"
+        )
     _show_times(results)
     complete = print_met(results, problems(results), "trials", "trials")
     say_written(out, [*files, STORE])
@@ -194,11 +224,21 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
 
 def _scenario_title(row: Any) -> str:
     profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
-    profile = row.system if profile == "own" else profile if row.system == "joint" else f"{row.system}, {profile}"
-    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(row.perturbation, row.perturbation)
+    profile = (
+        row.system
+        if profile == "own"
+        else profile
+        if row.system == "joint"
+        else f"{row.system}, {profile}"
+    )
+    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(
+        row.perturbation, row.perturbation
+    )
     repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
     covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
-    return f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"
+    return (
+        f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"
+    )
 
 
 def _show_scores(summary: pd.DataFrame) -> None:
@@ -220,11 +260,16 @@ def _show_scores(summary: pd.DataFrame) -> None:
     most: Any = summary.iloc[int(summary.trials.argmax())]
     rows = []
     for method, group in summary.groupby("method", sort=False):
-        values = dict.fromkeys(present, float("nan")) | dict(zip(group.metric, group.value, strict=True))
+        values = dict.fromkeys(present, float("nan")) | dict(
+            zip(group.metric, group.value, strict=True)
+        )
         values["seconds"] *= 1000
         if most.trials == 1:
             values["random_error"] = float("nan")  # one trial has no spread
-        texts = [shown[name][1].format(values[name]) if values[name] == values[name] else "-" for name in present]
+        texts = [
+            shown[name][1].format(values[name]) if values[name] == values[name] else "-"
+            for name in present
+        ]
         rows.append((str(method), *texts))
     show_table(_scenario_title(most), ["method", *(shown[name][0] for name in present)], rows)
 

@@ -33,7 +33,11 @@ def check_method(
 
     checks = check(parse(name))
     for item in checks:
-        sign = ("✓", "green") if item.passed else ("✗" if item.run else "–", "red" if item.required else "yellow")
+        sign = (
+            ("✓", "green")
+            if item.passed
+            else ("✗" if item.run else "–", "red" if item.required else "yellow")
+        )
         advice = " (recommended)" if item.run and not (item.required or item.passed) else ""
         say(sign, " ", (item.name, "bold"), f"{advice}: {item.message}")
     failed = [item for item in checks if item.run and not item.passed]

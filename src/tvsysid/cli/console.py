@@ -55,7 +55,10 @@ STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 def say(*parts: str | tuple[str, str]) -> None:
     """Print text as it is; a part may be a pair of text and style."""
-    shown = [printable(part) if isinstance(part, str) else (printable(part[0]), part[1]) for part in parts]
+    shown = [
+        printable(part) if isinstance(part, str) else (printable(part[0]), part[1])
+        for part in parts
+    ]
     output.print(Text.assemble(*shown), soft_wrap=True)
 
 
@@ -84,7 +87,9 @@ def show_table(
     told = [[printable(cell) for cell in row] for row in rows]
     columns = [list(column) for column in zip(headings, *told, strict=True)]
     least = [max(map(cell_len, " ".join(column).split()), default=0) for column in columns]
-    most = [max(cell_len(line) for cell in column for line in cell.split("\n")) for column in columns]
+    most = [
+        max(cell_len(line) for cell in column for line in cell.split("\n")) for column in columns
+    ]
     longest = max((cell_len(row[0]) for row in told), default=0)
     # Names such as those of methods are broken behind their punctuation only, and before numbers are.
     if longest <= LONGEST_NAME or not any(" " in row[0] for row in told):
@@ -96,10 +101,16 @@ def show_table(
             say("\n".join(filter(None, (title, *(_lines(headings, row) for row in told), caption))))
             return
         told, least[0], most[0] = [[_broken(row[0], left), *row[1:]] for row in told], left, left
-    table = Table(title=title and printable(title), title_justify="left", caption=caption, show_lines=lines)
+    table = Table(
+        title=title and printable(title), title_justify="left", caption=caption, show_lines=lines
+    )
     widths = _widths(least, most, room)
-    for heading, letter, width in zip(headings, align.ljust(len(headings), "r"), widths, strict=True):
-        table.add_column(heading, overflow="fold", justify="left" if letter == "l" else "right", width=width)
+    for heading, letter, width in zip(
+        headings, align.ljust(len(headings), "r"), widths, strict=True
+    ):
+        table.add_column(
+            heading, overflow="fold", justify="left" if letter == "l" else "right", width=width
+        )
     for row in told:
         table.add_row(*row)
     output.print(table)
@@ -130,7 +141,9 @@ def _broken(name: str, width: int) -> str:
 
 def _lines(headings: Sequence[str], row: Sequence[str]) -> str:
     """Row of a table whose numbers a narrow terminal would break: a line for each."""
-    lines = (f"{heading}: {cell}".replace("\n", " ") for heading, cell in zip(headings, row, strict=True))
+    lines = (
+        f"{heading}: {cell}".replace("\n", " ") for heading, cell in zip(headings, row, strict=True)
+    )
     return "\n  ".join(lines)
 
 
@@ -152,7 +165,9 @@ def shown_warnings() -> Iterator[None]:
         try:
             yield
         finally:
-            for text, names in by_text(_said_by(str(warning.message)) for warning in caught).items():
+            for text, names in by_text(
+                _said_by(str(warning.message)) for warning in caught
+            ).items():
                 if len(names) > 1:
                     remark("warning", f"{text} ({', '.join(names)})")
                 else:
@@ -168,4 +183,10 @@ def _said_by(message: str) -> tuple[str, str]:
 def duration_text(seconds: float) -> str:
     """Seconds in the unit that suits them: s, min or h."""
     minutes = seconds / 60
-    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+    return (
+        f"{seconds:.0f} s"
+        if minutes < 2
+        else f"{minutes:.0f} min"
+        if minutes < 120
+        else f"{minutes / 60:.1f} h"
+    )

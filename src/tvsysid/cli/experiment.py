@@ -35,17 +35,24 @@ def experiment(
     study_file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[STUDY.toml]", help="TOML file with participants, files and channels; see docs/experiment.md."
+            metavar="[STUDY.toml]",
+            help="TOML file with participants, files and channels; see docs/experiment.md.",
         ),
     ] = None,
-    virtual: Annotated[list[int] | None, option("N", "Virtual participant number N; repeatable. [1 to 6]")] = None,
-    perturbation: Annotated[list[str] | None, option("NAME", "Perturbation to analyse; repeatable. [all]")] = None,
+    virtual: Annotated[
+        list[int] | None, option("N", "Virtual participant number N; repeatable. [1 to 6]")
+    ] = None,
+    perturbation: Annotated[
+        list[str] | None, option("NAME", "Perturbation to analyse; repeatable. [all]")
+    ] = None,
     method: MethodOption = [],
     realizations: Annotated[
-        list[int] | None, option("N", "Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]")
+        list[int] | None,
+        option("N", "Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]"),
     ] = None,
     bootstraps: Annotated[
-        int | None, option("N", "Bootstrap samples for each method and number of realizations. [100]")
+        int | None,
+        option("N", "Bootstrap samples for each method and number of realizations. [100]"),
     ] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
@@ -94,7 +101,9 @@ def experiment(
     from tvsysid.study import Experiment, prepared_recordings, run
 
     methods = list(dict.fromkeys(method))
-    settings = given(virtual=virtual, perturbation=perturbation, methods=methods, realizations=realizations)
+    settings = given(
+        virtual=virtual, perturbation=perturbation, methods=methods, realizations=realizations
+    )
     settings |= given(bootstraps=bootstraps, seed=seed)
     what = Experiment.from_toml(study_file, **settings) if study_file else Experiment(**settings)
     check_folder(out)
@@ -113,25 +122,40 @@ def experiment(
         raise typer.Exit(1)
 
 
-def write(experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepared], out: Path, command: str) -> bool:
+def write(
+    experiment: Experiment,
+    results: xr.Dataset,
+    prepared: Sequence[Prepared],
+    out: Path,
+    command: str,
+) -> bool:
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with waiting("scoring and drawing"):
-        summary, claims, files, diagnoses, alignment = write_experiment(experiment, results, prepared, out, command)
+        summary, claims, files, diagnoses, alignment = write_experiment(
+            experiment, results, prepared, out, command
+        )
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
     _show_realizations(results)
     if claims.verdict.isin(["holds", "does not hold"]).any():
         show_claims(claims, "experiment", "what the report says")
-    labels = set(results.recording.values.tolist())  # recordings that cannot be used were reported before
+    labels = set(
+        results.recording.values.tolist()
+    )  # recordings that cannot be used were reported before
     met = [problem for problem in problems(results) if problem["method"] not in labels]
-    complete = print_met(results, met, "analyses", "recordings") and not any(item.failure for item in prepared)
+    complete = print_met(results, met, "analyses", "recordings") and not any(
+        item.failure for item in prepared
+    )
     for label, diagnosis in diagnoses.items():
         if diagnosis.findings:
             found = ", ".join(finding.name for finding in diagnosis.findings)
-            remark("warning", f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html")
+            remark(
+                "warning",
+                f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html",
+            )
     if alignment:
         remark("warning", alignment)
     say_written(out, [*files, STORE])

@@ -20,7 +20,10 @@ def explore(
     rate: Annotated[float | None, options.RATE] = None,
     period: Annotated[float | None, options.PERIOD] = None,
     decimate: Annotated[
-        float, options.option("HZ", "Low-pass filter and decimate to this rate first; can be changed on the page.")
+        float,
+        options.option(
+            "HZ", "Low-pass filter and decimate to this rate first; can be changed on the page."
+        ),
     ] = 100.0,
     channel: options.ChannelOption = [],
     columns: options.ColumnsOption = "contiguous",
@@ -38,7 +41,10 @@ def explore(
     ] = True,
     port: Annotated[int, options.option("N", "Port of the page; 0 for any that is free.")] = 0,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", metavar="", help="Whether to open the page in a browser.")
+        bool,
+        typer.Option(
+            "--browser/--no-browser", metavar="", help="Whether to open the page in a browser."
+        ),
     ] = True,
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.
@@ -55,7 +61,9 @@ def explore(
 
     Example: `tvsysid explore ankle.mat --angle pos --torque tq --rate 1000 --period 2 --torque-sign -1`
     """
-    given = {name: value for name, value in locals().items() if name not in ("file", "port", "browser")}
+    given = {
+        name: value for name, value in locals().items() if name not in ("file", "port", "browser")
+    }
     from tvsysid.explorer import explore as opened
 
     running = opened(file, port=port, **given)
@@ -73,4 +81,6 @@ def _has_screen() -> bool:
     """Whether a browser would show: without a screen, a text browser would take over the terminal."""
     if "SSH_CONNECTION" in os.environ:
         return False
-    return sys.platform in ("win32", "darwin") or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+    return sys.platform in ("win32", "darwin") or bool(
+        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    )

@@ -40,7 +40,12 @@ def write_account(account: Account, out: Path, name: str, sheet: bool) -> list[s
     title = ("not valid: " if account.trust.level == "none" else "") + _title(name, found)
     over = variable_of(found.models, found.ensemble)
     _save(identified_impedance(found.models, found.vaf_over_time(), title, over), out / "stiffness")
-    drawn = ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+    drawn = [
+        "stiffness.csv",
+        "stiffness.png",
+        "stiffness.pdf",
+        *_write_scheduled(found, out, title),
+    ]
     return ["report.html", *["sheet.html"] * sheet, "models.nc", *drawn]
 
 
@@ -68,14 +73,22 @@ def write_tuning(found: Comparison, out: Path) -> list[str]:
     from tvsysid.methods import Method, typed
     from tvsysid.recordings import whole_file
 
-    tuned = [each for label, each in found.methods.items() if label in found.evidence and isinstance(each, Method)]
+    tuned = [
+        each
+        for label, each in found.methods.items()
+        if label in found.evidence and isinstance(each, Method)
+    ]
     for label, item in found.evidence.items():
         say(f"{label}: {item}")
-    say(f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}")
+    say(
+        f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}"
+    )
     tables = [item.to_pandas().assign(method=label) for label, item in found.evidence.items()]
     table = pd.concat(tables, ignore_index=True)
     with whole_file(out / "tuning.csv") as file:
-        table[["method", *table.columns.drop("method")]].to_csv(file, index=False, float_format="%.6g")
+        table[["method", *table.columns.drop("method")]].to_csv(
+            file, index=False, float_format="%.6g"
+        )
     _save(tuning_curves(found.evidence), out / "tuning")
     return ["tuning.csv", "tuning.png", "tuning.pdf"]
 
@@ -95,4 +108,6 @@ def _title(name: str, found: Comparison) -> str:
 
     title = f"{name}: {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     title += ", with 95 % bands" if found.has_bands else ""
-    return f"{title}; {taken(found.ensemble.delay_removed)}" if found.ensemble.delay_removed else title
+    return (
+        f"{title}; {taken(found.ensemble.delay_removed)}" if found.ensemble.delay_removed else title
+    )

@@ -27,7 +27,14 @@ if TYPE_CHECKING:
     from tvsysid.report import Account
     from tvsysid.signals import Ensemble, Recording
 
-DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
+DEFAULT_METHODS = [
+    "adaptive",
+    "eirf",
+    "sds",
+    "birf",
+    "esm",
+    "kbr",
+]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 SHOWN = 7  # values of a variable at which estimates are printed
 PIECES = 2.0  # seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
@@ -66,9 +73,16 @@ def identify(
     remove_mains: Annotated[
         bool, options.option("", "Subtract mains hum (50 or 60 Hz) that shows in the angle.")
     ] = True,
-    tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
+    tune: Annotated[
+        bool, options.option("", "Choose each method's settings from the data.", "--tune")
+    ] = False,
     sheet: Annotated[
-        bool, options.option("", "Also write `sheet.html`, one page of A4 to print, for research use only.", "--sheet")
+        bool,
+        options.option(
+            "",
+            "Also write `sheet.html`, one page of A4 to print, for research use only.",
+            "--sheet",
+        ),
     ] = False,
     out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
@@ -176,16 +190,27 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = f"in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
-    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}, {turned}"}
+    turned = f"in {torque_unit.replace('N', 'N·')}" + (
+        ", with its sign reversed" if torque_sign == -1 else ""
+    )
+    source = {
+        "file": file.name,
+        "angle": f"channel {angle}, in {angle_unit}",
+        "torque": f"channel {torque}, {turned}",
+    }
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    as_typed = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
+    as_typed = {
+        "the torque's sign was reversed": torque_sign == -1,
+        "degrees became radians": angle_unit == "deg",
+    }
     as_typed["N·mm became N·m"] = torque_unit == "Nmm"
     write_results(found, out)  # what is found is kept if holding out is interrupted
     account = _account(found, source, _judged(ensemble, recording, context, deviating), faults)
     unnamed = tuple(unnamed_references(found, file, header, known, read))
     account = replace(
-        account, turned=[*done, *(words for words, was in as_typed.items() if was)], unnamed_references=unnamed
+        account,
+        turned=[*done, *(words for words, was in as_typed.items() if was)],
+        unnamed_references=unnamed,
     )
     written = write_account(account, out, file.name, sheet)
     _show_impedance(account)
@@ -209,7 +234,10 @@ def _remark_on(rate: float) -> None:
     """Say that identifying at a high rate takes long."""
     if rate > SLOW_RATE:
         slow = f"identifying at {rate:g} Hz takes minutes, where seconds do"
-        remark("note", f"{slow}; {decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)")
+        remark(
+            "note",
+            f"{slow}; {decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)",
+        )
 
 
 def _cleaned(
@@ -223,7 +251,9 @@ def _cleaned(
     found, done = diagnose_recording(recording), []
     gaps = preprocess.find_gaps(recording) if period else ()
     if gaps:
-        every, kept = (len(preprocess.segment(recording, period, context, each)) for each in ((), gaps))
+        every, kept = (
+            len(preprocess.segment(recording, period, context, each)) for each in ((), gaps)
+        )
         lost = f"{count(every - kept, 'realization')} with gaps {'was' if every - kept == 1 else 'were'} left out"
         done += [lost] * (every > kept)
         say(f"{found.pop('gaps').what}; {lost}")
@@ -235,7 +265,10 @@ def _cleaned(
 
 
 def _delay(
-    prepared: Callable[[float], tuple[Recording, Ensemble]], context: float, deviating: Iterable[str], method: str
+    prepared: Callable[[float], tuple[Recording, Ensemble]],
+    context: float,
+    deviating: Iterable[str],
+    method: str,
 ) -> float:
     """How much of a delay between the channels to correct, in s; says so if there is one."""
     from tvsysid.comparison import delay_to_correct
@@ -257,7 +290,16 @@ def _show_impedance(account: Account) -> None:
     withdrawn = account.trust.level == "none"
     if len(lines := answer(account)) > 1 or withdrawn:  # more than the table says
         say("\n  ".join(lines))
-    headings = ["method", "mean", "95 %\nband", "lowest, at", "highest, at", "inertia", "VAF", "VAF\nheld\nout"]
+    headings = [
+        "method",
+        "mean",
+        "95 %\nband",
+        "lowest, at",
+        "highest, at",
+        "inertia",
+        "VAF",
+        "VAF\nheld\nout",
+    ]
     rows = [
         (
             row["method"],
@@ -289,7 +331,10 @@ def _show_further(found: Comparison) -> None:
     for each in further(found):
         if each.quantity.startswith("scheduled "):  # is shown at values of the variable
             continue
-        numbers = [f"{end(each.values):.4g}" if each.values.size else "-" for end in (np.mean, np.min, np.max)]
+        numbers = [
+            f"{end(each.values):.4g}" if each.values.size else "-"
+            for end in (np.mean, np.min, np.max)
+        ]
         numbers.insert(1, _number(each.half_band, "± {:.3g}"))
         rows.append((each.method, each.quantity, each.unit, each.over, *numbers))
     if rows:
@@ -312,15 +357,21 @@ def _show_over_variables(found: Comparison) -> None:
     for (label, variable), own in table.groupby(["method", "variable"], sort=False):
         units = own.drop_duplicates("quantity").set_index("quantity").unit
         headings = [
-            f"{name.removeprefix('scheduled_').replace('_', ' ')}\n({unit_name(units[name])})" for name in units.index
+            f"{name.removeprefix('scheduled_').replace('_', ' ')}\n({unit_name(units[name])})"
+            for name in units.index
         ]
         values = own.value.unique()
         rows = [
             (
                 f"{value:.3g}",
-                *(_with_band(*own[(own.value == value) & (own.quantity == name)].iloc[0, -3:]) for name in units.index),
+                *(
+                    _with_band(*own[(own.value == value) & (own.quantity == name)].iloc[0, -3:])
+                    for name in units.index
+                ),
             )
-            for value in values[np.linspace(0, len(values) - 1, min(len(values), SHOWN)).round().astype(int)]
+            for value in values[
+                np.linspace(0, len(values) - 1, min(len(values), SHOWN)).round().astype(int)
+            ]
         ]
         show_table(f"{label} over {variable}, ± 95 % band", [str(variable), *headings], rows, "r")
 
@@ -329,7 +380,9 @@ def _with_band(value: float, lower: float, upper: float) -> str:
     return f"{value:.3g}" + _number((upper - lower) / 2, " ± {:.2g}").removesuffix("-")
 
 
-def _judged(ensemble: Ensemble, recording: Recording, context: float, deviating: Iterable[str]) -> Ensemble:
+def _judged(
+    ensemble: Ensemble, recording: Recording, context: float, deviating: Iterable[str]
+) -> Ensemble:
     """What to diagnose: the ensemble, or pieces of a record that does not repeat."""
     from tvsysid.preprocess import segment, subtract_mean
 
@@ -339,7 +392,9 @@ def _judged(ensemble: Ensemble, recording: Recording, context: float, deviating:
     return ensemble
 
 
-def _account(found: Comparison, source: dict[str, str], judged: Ensemble, faults: list[Finding]) -> Account:
+def _account(
+    found: Comparison, source: dict[str, str], judged: Ensemble, faults: list[Finding]
+) -> Account:
     """What was found, with held-out VAF and a diagnosis, which gets the faults of the recording."""
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
@@ -348,11 +403,15 @@ def _account(found: Comparison, source: dict[str, str], judged: Ensemble, faults
         held_out = found.held_out_vaf(progress=advance)
     try:
         repeats = judged is found.ensemble
-        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
+        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
+            judged, repeats=repeats
+        )
         diagnosis = replace(diagnosis, checks=(*diagnosis.checks, *faults))
         return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
-        return Account(found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source)
+        return Account(
+            found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source
+        )
 
 
 def _show_diagnosis(account: Account) -> None:
@@ -361,7 +420,9 @@ def _show_diagnosis(account: Account) -> None:
         for text in account.diagnosis.remarks:
             remark("note", text)
         names = ", ".join(each.name for each in account.diagnosis.findings)
-        say(f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}")
+        say(
+            f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}"
+        )
     else:
         say(f"diagnosis: none: {account.undiagnosed}")
 
@@ -384,9 +445,15 @@ def _show_reflex(account: Account) -> None:
         return
     names, reflex = ", ".join(one_path), find_reflex(found.ensemble)
     if reflex.found:
-        remark("warning", f"a reflex is taken for stiffness by {names}: {reflex.what}; {reflex.fault.remedy}")
+        remark(
+            "warning",
+            f"a reflex is taken for stiffness by {names}: {reflex.what}; {reflex.fault.remedy}",
+        )
     elif "reflex_gain" in found.models[found.leading].estimates:
-        remark("note", f"{found.leading} estimates a reflex beside the stiffness, which {names} take for stiffness")
+        remark(
+            "note",
+            f"{found.leading} estimates a reflex beside the stiffness, which {names} take for stiffness",
+        )
 
 
 def _number(value: float, text: str = "{:.1f}") -> str:

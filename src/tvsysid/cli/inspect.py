@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from tvsysid.quality import Diagnosis
     from tvsysid.recordings import Channel
 
-MOST_DRAWN, MOST_COLUMNS = 12, 20  # channels of a file, and columns of a matrix, that are drawn at most
+MOST_DRAWN, MOST_COLUMNS = (
+    12,
+    20,
+)  # channels of a file, and columns of a matrix, that are drawn at most
 
 
 def inspect(
@@ -33,7 +36,9 @@ def inspect(
     ],
     plot: Annotated[
         Path | None,
-        options.option("FILE.png", "Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
+        options.option(
+            "FILE.png", "Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"
+        ),
     ] = None,
     diagnose: Annotated[
         bool,
@@ -49,13 +54,15 @@ def inspect(
     rate: Annotated[float | None, options.RATE] = None,
     period: Annotated[float | None, options.PERIOD] = None,
     decimate: Annotated[
-        float | None, options.option("HZ", "Rate to which `tvsysid identify` will decimate; only checked here.")
+        float | None,
+        options.option("HZ", "Rate to which `tvsysid identify` will decimate; only checked here."),
     ] = None,
     channel: options.ChannelOption = [],
     reference: Annotated[
         str | None,
         options.option(
-            "NAME", "Channel (of --channel) with the disturbance that was applied, to look for a closed loop."
+            "NAME",
+            "Channel (of --channel) with the disturbance that was applied, to look for a closed loop.",
         ),
     ] = None,
     columns: options.ColumnsOption = "contiguous",
@@ -98,7 +105,9 @@ def inspect(
 
     picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
     if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg")
+        raise InputError(
+            f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg"
+        )
     needed = {"--angle": angle, "--torque": torque, "--rate": rate}
     missing = [name for name, value in needed.items() if value is None]
     if diagnose and missing:
@@ -123,22 +132,45 @@ def inspect(
         _show_next(file, channels)
         return
     if period is None:
-        remark("note", f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat")
+        remark(
+            "note",
+            f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat",
+        )
     with shown_warnings():
         recording = options.read(
-            file, angle, torque, rate, columns, torque_sign, angle_unit, start, header, torque_unit, channel
+            file,
+            angle,
+            torque,
+            rate,
+            columns,
+            torque_sign,
+            angle_unit,
+            start,
+            header,
+            torque_unit,
+            channel,
         )
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
         known = [] if reference is None else [reference]
-        cut = preprocess.segment(recording, period or PIECES, context, preprocess.find_gaps(recording))
+        cut = preprocess.segment(
+            recording, period or PIECES, context, preprocess.find_gaps(recording)
+        )
         ensemble = preprocess.subtract_mean(cut, known)
     with waiting("diagnosing"):
-        diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None, recording=recording)
-        suited = recommend(lowered(ensemble), reference, diagnosis=diagnosis) if period is not None else None
+        diagnosis = diagnosis_of(
+            ensemble, reference, repeats=period is not None, recording=recording
+        )
+        suited = (
+            recommend(lowered(ensemble), reference, diagnosis=diagnosis)
+            if period is not None
+            else None
+        )
     # A file may hold several pairs of channels: a page for each.
-    page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
+    page = picture.with_name(
+        re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html")
+    )
     name = f"{file.name} ({angle}, {torque})"
     write_diagnosis(page, {name: diagnosis}, command_line())
     _print_diagnosis(diagnosis, name)
@@ -175,7 +207,10 @@ def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
     signals = [
         name
         for name, channel in channels.items()
-        if channel.values is not None and len(channel.shape) in (1, 2) and max(channel.shape) > 1 and all(channel.shape)
+        if channel.values is not None
+        and len(channel.shape) in (1, 2)
+        and max(channel.shape) > 1
+        and all(channel.shape)
     ]
     for name in signals:
         if len(drawn) == MOST_DRAWN:
@@ -187,8 +222,15 @@ def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
             remark("note", f"not drawn: {error}")
             continue
         if not np.iscomplexobj(values):
-            columns = [values.ravel()] if min(values.shape) == 1 or values.ndim == 1 else list(values.T[:MOST_COLUMNS])
-            drawn[name] = (channels[name], [outline(np.asarray(column, dtype=float)) for column in columns])
+            columns = (
+                [values.ravel()]
+                if min(values.shape) == 1 or values.ndim == 1
+                else list(values.T[:MOST_COLUMNS])
+            )
+            drawn[name] = (
+                channels[name],
+                [outline(np.asarray(column, dtype=float)) for column in columns],
+            )
     return drawn
 
 
@@ -196,7 +238,9 @@ def _show_next(file: Path, channels: dict[str, Channel]) -> None:
     """Print how the file is identified, at the rate that it states, decimated where that is usual."""
     stated = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = stated.pop() if len(stated) == 1 else None
-    at = f"HZ --decimate {USUAL_RATE:g}" if rate is None else f"{rate:g} {decimation(rate)}".rstrip()
+    at = (
+        f"HZ --decimate {USUAL_RATE:g}" if rate is None else f"{rate:g} {decimation(rate)}".rstrip()
+    )
     words = f"--angle CHANNEL --torque CHANNEL --rate {at} --period SECONDS"
     say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {words}")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tvsysid.cli.console import remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, WorkersOption, given, option
+from tvsysid.cli.options import (
+    MethodOption,
+    OutOption,
+    SchedulerOption,
+    WorkersOption,
+    given,
+    option,
+)
 from tvsysid.cli.running import STORE, check_folder, print_met, run_in
 
 if TYPE_CHECKING:
@@ -27,10 +34,15 @@ def leaderboard(
         ),
     ] = None,
     trials: Annotated[
-        int | None, option("N", "Trials of each scenario, fewer to try it out. [10, which the version has]")
+        int | None,
+        option("N", "Trials of each scenario, fewer to try it out. [10, which the version has]"),
     ] = None,
     seed: Annotated[
-        int | None, option("N", "Seed that is kept secret; the page has its hash only. [the public one of the version]")
+        int | None,
+        option(
+            "N",
+            "Seed that is kept secret; the page has its hash only. [the public one of the version]",
+        ),
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -62,7 +74,10 @@ def leaderboard(
     with shown_warnings():
         study = study_of(method, scenario or (), **given(trials=trials, seed=seed))
     if SEED != study.seed < SECRET:
-        remark("warning", "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more")
+        remark(
+            "warning",
+            "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
+        )
     check_folder(out)
     title = f"{len(study.scenarios)} scenarios x {study.trials} trials x {len(study.named_methods)} entries"
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
@@ -70,8 +85,13 @@ def leaderboard(
         table = write_leaderboard(study, results.load(), out)
     _show(table)
     if study.trials == 1:
-        remark("warning", "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks")
-    failed = [each for each in problems(results) if each["kind"] == "failed"]  # the page has all else
+        remark(
+            "warning",
+            "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
+        )
+    failed = [
+        each for each in problems(results) if each["kind"] == "failed"
+    ]  # the page has all else
     complete = print_met(results, failed, "trials", "trials")
     say_written(out, [*FILES, STORE])
     if not complete:
@@ -81,8 +101,16 @@ def leaderboard(
 def _show(table: pd.DataFrame) -> None:
     numbers = table[["score", "score_error", "coverage"]].to_numpy()
     texts = [
-        [f"{each:.{places}f}".replace("nan", "-") for each, places in zip(row, (2, 2, 1), strict=True)]
+        [
+            f"{each:.{places}f}".replace("nan", "-")
+            for each, places in zip(row, (2, 2, 1), strict=True)
+        ]
         for row in numbers
     ]
-    rows = [(str(rank), entry, *row) for rank, entry, row in zip(table["rank"], table.entry, texts, strict=True)]
-    show_table("leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl")
+    rows = [
+        (str(rank), entry, *row)
+        for rank, entry, row in zip(table["rank"], table.entry, texts, strict=True)
+    ]
+    show_table(
+        "leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl"
+    )

@@ -40,7 +40,8 @@ MethodOption = Annotated[
 FileArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file."
+        metavar="FILE",
+        help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file.",
     ),
 ]
 
@@ -51,11 +52,17 @@ RATE = option("HZ", "Sampling rate of the recording.")
 PERIOD = option("S", "Duration of one realization, that is, of one repetition of the behaviour.")
 DecimateOption = Annotated[
     float | None,
-    option("HZ", "Low-pass filter and decimate to this rate first; 100 Hz is usual, and makes it much faster."),
+    option(
+        "HZ",
+        "Low-pass filter and decimate to this rate first; 100 Hz is usual, and makes it much faster.",
+    ),
 ]
 ColumnsOption = Annotated[
     Columns,
-    option(None, "What the columns of a matrix are: parts of one recording, in order of time, or separate trials."),
+    option(
+        None,
+        "What the columns of a matrix are: parts of one recording, in order of time, or separate trials.",
+    ),
 ]
 TorqueSignOption = Annotated[
     int,
@@ -67,9 +74,14 @@ TorqueSignOption = Annotated[
 ]
 AngleUnitOption = Annotated[AngleUnit, option(None, "Unit of the angle in the file.")]
 TorqueUnitOption = Annotated[
-    TorqueUnit, option(None, "Unit of the torque in the file; N·mm is what C3D files have in most laboratories.")
+    TorqueUnit,
+    option(
+        None, "Unit of the torque in the file; N·mm is what C3D files have in most laboratories."
+    ),
 ]
-StartOption = Annotated[float, option("S", "Time of the first sample; realizations begin at multiples of the period.")]
+StartOption = Annotated[
+    float, option("S", "Time of the first sample; realizations begin at multiples of the period.")
+]
 HeaderOption = Annotated[
     bool,
     typer.Option(
@@ -89,11 +101,16 @@ ChannelOption = Annotated[
 ]
 ContextOption = Annotated[
     float,
-    option("S", "Seconds kept before and after each realization, because lags and windows reach beyond its ends."),
+    option(
+        "S",
+        "Seconds kept before and after each realization, because lags and windows reach beyond its ends.",
+    ),
 ]
 
 # How a study is run: `benchmark` and `experiment`.
-SeedOption = Annotated[int | None, option("N", "Seed of the random numbers; the same seed gives the same results. [0]")]
+SeedOption = Annotated[
+    int | None, option("N", "Seed of the random numbers; the same seed gives the same results. [0]")
+]
 WorkersOption = Annotated[int | None, option("N", "Number of processes. [one for each core]")]
 SchedulerOption = Annotated[
     str | None,

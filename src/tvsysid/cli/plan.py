@@ -25,7 +25,9 @@ TOLD = 1.1  # times as much scatter as simulated, from which on it is said
 
 
 def plan(
-    precision: Annotated[float, option("N·M/RAD", "Stiffness is to be known to ± this at 95 %, bias included.")] = 5.0,
+    precision: Annotated[
+        float, option("N·M/RAD", "Stiffness is to be known to ± this at 95 %, bias included.")
+    ] = 5.0,
     resolution: Annotated[
         float | None, option("S", "A step is to be followed within this time (10 to 90 %). [any]")
     ] = None,
@@ -39,17 +41,32 @@ def plan(
     ] = [],
     amplitude: Annotated[
         list[float],
-        option("RAD", "RMS of the angle; repeatable, to compare. [0.0087, half a degree; with --pilot the pilot's]"),
+        option(
+            "RAD",
+            "RMS of the angle; repeatable, to compare. [0.0087, half a degree; with --pilot the pilot's]",
+        ),
     ] = [],
-    system: Annotated[str | None, option("NAME", "What is recorded, as of `tvsysid simulate`. [joint]")] = None,
-    stiffness: Annotated[str | None, option("NAME", "Its stiffness over a realization. [sine]")] = None,
-    noise: Annotated[float | None, option("N·M", "RMS of the torque's noise, whatever the amplitude.")] = None,
+    system: Annotated[
+        str | None, option("NAME", "What is recorded, as of `tvsysid simulate`. [joint]")
+    ] = None,
+    stiffness: Annotated[
+        str | None, option("NAME", "Its stiffness over a realization. [sine]")
+    ] = None,
+    noise: Annotated[
+        float | None, option("N·M", "RMS of the torque's noise, whatever the amplitude.")
+    ] = None,
     snr: Annotated[
-        float | None, option("DB", "In place of --noise: signal-to-noise ratio at an amplitude of 0.0087 rad. [10]")
+        float | None,
+        option(
+            "DB", "In place of --noise: signal-to-noise ratio at an amplitude of 0.0087 rad. [10]"
+        ),
     ] = None,
     pilot: Annotated[
         Path | None,
-        option("FILE", "Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate."),
+        option(
+            "FILE",
+            "Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.",
+        ),
     ] = None,
     angle: Annotated[str | None, options.ANGLE] = None,
     torque: Annotated[str | None, options.TORQUE] = None,
@@ -62,7 +79,12 @@ def plan(
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     verify: Annotated[
-        bool, option("", "Simulate each answer anew, 40 times, and print predicted and reached error.", "--verify")
+        bool,
+        option(
+            "",
+            "Simulate each answer anew, 40 times, and print predicted and reached error.",
+            "--verify",
+        ),
     ] = False,
     seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
     out: options.OutOption = Path("tvsysid-plan"),
@@ -96,14 +118,23 @@ def plan(
         check_folder(out)
     stated = options.given(system=system, stiffness=stiffness, noise=noise, snr=snr)
     if pilot is None:
-        of_pilot = {"angle": angle is None, "torque": torque is None, "rate": rate is None, "start": start == 0}
+        of_pilot = {
+            "angle": angle is None,
+            "torque": torque is None,
+            "rate": rate is None,
+            "start": start == 0,
+        }
         of_pilot |= {"columns": columns == "contiguous", "torque-sign": torque_sign == 1}
         of_pilot |= {"angle-unit": angle_unit == "rad", "context": context == CONTEXT}
         if said := [f"--{name}" for name, usual in of_pilot.items() if not usual]:
-            raise InputError(f"{', '.join(said)}: said of a pilot recording; give that too (--pilot FILE)")
+            raise InputError(
+                f"{', '.join(said)}: said of a pilot recording; give that too (--pilot FILE)"
+            )
         if noise is not None and snr is not None:
             raise InputError("--noise and --snr: give one of them")
-        own: dict[str, Any] = {"snr_db" if name == "snr" else name: value for name, value in stated.items()}
+        own: dict[str, Any] = {
+            "snr_db" if name == "snr" else name: value for name, value in stated.items()
+        }
         own |= {"period": period, "rate": decimate or 100.0}
         setups: Sequence[Setup] = _stated(perturbation or ["noise"], amplitude, own)
     else:
@@ -114,7 +145,9 @@ def plan(
         if angle is None or torque is None or rate is None:
             raise InputError("--pilot needs --angle, --torque and --rate, as `tvsysid identify`")
         with shown_warnings():
-            recording = options.read(pilot, angle, torque, rate, columns, torque_sign, angle_unit, start)
+            recording = options.read(
+                pilot, angle, torque, rate, columns, torque_sign, angle_unit, start
+            )
             first = Pilot.of(_cut(recording, decimate, period, context))
         say(f"pilot: {first.described()}")
         setups = [
@@ -134,11 +167,17 @@ def plan(
         _verify(found)
 
 
-def _stated(perturbations: list[str], amplitudes: list[float], stated: dict[str, Any]) -> list[Protocol]:
+def _stated(
+    perturbations: list[str], amplitudes: list[float], stated: dict[str, Any]
+) -> list[Protocol]:
     from tvsysid.planning import Protocol
 
     sizes = amplitudes or [Protocol.amplitude]
-    return [Protocol(perturbation=name, amplitude=size, **stated) for name in perturbations for size in sizes]
+    return [
+        Protocol(perturbation=name, amplitude=size, **stated)
+        for name in perturbations
+        for size in sizes
+    ]
 
 
 def _cut(recording: Recording, decimate: float | None, period: float, context: float) -> Ensemble:
@@ -172,7 +211,9 @@ def _show(found: Plan) -> None:
             if each.why:
                 say(f"  * {each.method} does not suffice: {each.why}")
             if each.excess > TOLD:
-                say(f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as simulated: counted")
+                say(
+                    f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as simulated: counted"
+                )
     say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
 
 
@@ -188,7 +229,9 @@ def _verify(found: Plan) -> None:
         errors = f"{each.predicted:.2f}", f"{each.reached:.2f}", difference, f"{total:.2f}"
         rows.append((name, str(each.realizations), *errors))
         if total > found.precision:
-            missed.append(f"{name} misses the wish: ± {total:.2f} with {each.realizations} realizations")
+            missed.append(
+                f"{name} misses the wish: ± {total:.2f} with {each.realizations} realizations"
+            )
     headings = ["method", "realizations", "predicted", "reached", "difference"]
     headings.append(f"± with bias,\nwish ± {found.precision:g}")
     if rows:

@@ -18,7 +18,11 @@ MOST = 8  # channels that are looked at
 
 
 def unnamed_references(
-    found: Comparison, file: Path, header: bool, known: Iterable[str], read: Callable[[list[str]], Recording]
+    found: Comparison,
+    file: Path,
+    header: bool,
+    known: Iterable[str],
+    read: Callable[[list[str]], Recording],
 ) -> Iterator[str]:
     """Yield a sentence for each channel that is not ``known`` and moves the joint as a reference does.
 
@@ -40,7 +44,9 @@ def unnamed_references(
         with suppress(InputError), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is doubtful in a channel that is not used
             cut = preprocess.segment(
-                read([f"{name}={name}"]), ensemble.duration, ensemble.context / ensemble.sampling_rate
+                read([f"{name}={name}"]),
+                ensemble.duration,
+                ensemble.context / ensemble.sampling_rate,
             )
             for sentence in moving(preprocess.subtract_mean(cut, [name]), [name]):
                 yield sentence.replace("--method", f"--channel {name}={name} --method")

@@ -19,7 +19,10 @@ from tvsysid.errors import InputError
 def report(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR…", help="Folder of a benchmark or an experiment; with --sheet, of identify."),
+        typer.Argument(
+            metavar="DIR…",
+            help="Folder of a benchmark or an experiment; with --sheet, of identify.",
+        ),
     ],
     sheet: Annotated[
         bool,
@@ -51,7 +54,9 @@ def report(
         say_written(folders[-1], ["sheet.html"])
         return
     if len(folders) > 1:
-        raise InputError(f"report: expected one folder, got {len(folders)}; several visits of one person take --sheet")
+        raise InputError(
+            f"report: expected one folder, got {len(folders)}; several visits of one person take --sheet"
+        )
     _again(folders[0])
 
 
@@ -60,7 +65,9 @@ def _again(folder: Path) -> None:
     from tvsysid.study import EXPERIMENT, Experiment, prepared_recordings, read_results
 
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give one that a benchmark or an experiment wrote")
+        raise InputError(
+            f"{folder}: no such folder; give one that a benchmark or an experiment wrote"
+        )
     check_folder(folder)
     results = read_results(folder / STORE)
     if results.attrs["title"] != EXPERIMENT:

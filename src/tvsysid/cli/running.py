@@ -33,7 +33,9 @@ def check_folder(out: Path) -> None:
     try:
         tempfile.TemporaryFile(dir=there).close()
     except OSError as error:
-        raise InputError(f"{there}: cannot write to this folder: {error.strerror}; give another with --out") from error
+        raise InputError(
+            f"{there}: cannot write to this folder: {error.strerror}; give another with --out"
+        ) from error
 
 
 def command_line() -> str:
@@ -65,7 +67,9 @@ def run_in(
                 advance(done, total)
 
             at_a_time = threads if workers is None else workers
-            return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
+            return study_run(
+                store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept
+            )
     except KeyboardInterrupt:
         sys.exit(f"interrupted; {count()} in {out / STORE}; the same command resumes")
     except OSError as error:
@@ -108,7 +112,9 @@ def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str)
         remark("warning", text)
     for problem in met:
         failed = problem["kind"] == "failed"
-        what = {"failed": "failed and are left out", "skipped": "were skipped"}.get(problem["kind"], "gave warnings")
+        what = {"failed": "failed and are left out", "skipped": "were skipped"}.get(
+            problem["kind"], "gave warnings"
+        )
         text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
         remark("error" if failed else "warning", text.format(what=what, counted=counted, **problem))
     return not any(problem["kind"] == "failed" for problem in met)
@@ -119,7 +125,8 @@ def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
     studied = claims[claims.verdict != "not studied"]
     rows = [
-        (claim, f"{symbols[verdict]} {verdict}") for claim, verdict in zip(studied.claim, studied.verdict, strict=True)
+        (claim, f"{symbols[verdict]} {verdict}")
+        for claim, verdict in zip(studied.claim, studied.verdict, strict=True)
     ]
     missing = len(claims) - len(studied)
     caption = f"{missing} more of its claims need {need}" if missing else None

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write: .mat, .csv or .tsv.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="File to write: .mat, .csv or .tsv.")
+    ],
     system: Annotated[
         str,
         option(
@@ -49,7 +51,9 @@ def simulate(
         ),
     ] = "noise",
     duration: Annotated[float, option("S", "Seconds of data.")] = 150.0,
-    snr: Annotated[float, option("DB", "Signal-to-noise ratio of the torque in dB; inf for no noise.")] = 10.0,
+    snr: Annotated[
+        float, option("DB", "Signal-to-noise ratio of the torque in dB; inf for no noise.")
+    ] = 10.0,
     seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
     rate: Annotated[
         float,
@@ -109,7 +113,9 @@ def simulate(
             ) from error
         period = period if stiffness in PROFILES else getattr(profile, "period", period)
     try:
-        made = simulated.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
+        made = simulated.simulate(
+            duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate
+        )
         simulation = checked_simulation(made, system)
     except InputError:
         raise
@@ -117,7 +123,9 @@ def simulate(
         raise InputError(f"system {system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)
     inner = slice(first, first + round(duration * rate))
-    write_simulation(file, {name: values[inner] for name, values in _columns(simulation).items()}, rate)
+    write_simulation(
+        file, {name: values[inner] for name, values in _columns(simulation).items()}, rate
+    )
     at = f"{rate:g} {decimation(rate)}".rstrip()
     channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
@@ -125,7 +133,9 @@ def simulate(
         f"--torque torque --rate {at} --period {period:g}{channels}"
     )
     if "disturbance" in simulation.recording.channels:
-        say("in closed loop with its reference: add --method kbr:reference=disturbance,weighting=residual")
+        say(
+            "in closed loop with its reference: add --method kbr:reference=disturbance,weighting=residual"
+        )
     if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
         say(
             f"or over {followed}, which the joint follows: --scheduling {followed} in place of "
@@ -152,7 +162,9 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
     from tvsysid.simulate import Participant
 
     if file.suffix.lower() != ".mat":
-        raise InputError(f"{file}: a participant's trials are matrices; give a file that ends in .mat")
+        raise InputError(
+            f"{file}: a participant's trials are matrices; give a file that ends in .mat"
+        )
     simulation = Participant(number).simulate(perturbation=perturbation)
     recording = simulation.recording
     signals = {

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-INTERRUPTED = 130  # exit code after Ctrl-C; 128 and the signal's number after any other that ends a program
+INTERRUPTED = (
+    130  # exit code after Ctrl-C; 128 and the signal's number after any other that ends a program
+)
 TWICE_S = 1.0  # seconds within which a second signal is the same request: a job's end is often announced twice
 
 
@@ -48,9 +50,16 @@ def main() -> None:
         code, text = INTERRUPTED, ""
     if stopped:
         code = 128 + next(iter(stopped))
-        text = text if text.startswith("interrupted") else "interrupted; the files that were written are complete"
+        text = (
+            text
+            if text.startswith("interrupted")
+            else "interrupted; the files that were written are complete"
+        )
     elif code == INTERRUPTED:
-        code, text = 2, "nobody interrupted it, but the code of a method or system raised KeyboardInterrupt; mend that"
+        code, text = (
+            2,
+            "nobody interrupted it, but the code of a method or system raised KeyboardInterrupt; mend that",
+        )
     _say_end(code, text)
     # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it ran; and it would
     # wait for the threads that a method's module leaves behind.
@@ -68,7 +77,9 @@ def _open_standard_streams() -> None:
         except OSError:
             os.open(os.devnull, os.O_RDWR)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows a question mark
+        if isinstance(
+            stream, io.TextIOWrapper
+        ):  # a terminal that lacks a character shows a question mark
             stream.reconfigure(errors="replace")
 
 
@@ -98,14 +109,22 @@ def _run() -> tuple[int, str]:
     except OSError as error:
         return 2, _of_the_system(error)
     except MemoryError:
-        return 2, "there is not enough memory for this; give a shorter duration, fewer trials or a lower rate"
+        return (
+            2,
+            "there is not enough memory for this; give a shorter duration, fewer trials or a lower rate",
+        )
     except Exception as error:
         text = usage_error(error)
         if text is None:
             raise
         return (2, text) if text else (0, "")  # no command: the help was printed
-    if output.lost is not None and output.lost.errno != errno.EPIPE:  # who reads the first lines only loses nothing
-        return 2, f"standard output: {output.lost.strerror}; what was not printed is lost, the files are complete"
+    if (
+        output.lost is not None and output.lost.errno != errno.EPIPE
+    ):  # who reads the first lines only loses nothing
+        return (
+            2,
+            f"standard output: {output.lost.strerror}; what was not printed is lost, the files are complete",
+        )
     return (1, code) if isinstance(code, str) else (code if isinstance(code, int) else 0, "")
 
 
@@ -115,7 +134,9 @@ def _of_the_system(error: OSError) -> str:
         return "the current folder is gone; go to one that is there"
     where = f"{error.filename!s}: {what}" if error.filename else f"the system reports: {what}"
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return f"{where}; make room there, or give another folder. What was written before is complete"
+        return (
+            f"{where}; make room there, or give another folder. What was written before is complete"
+        )
     return f"{where}; give another file or folder"
 
 

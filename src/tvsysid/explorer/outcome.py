@@ -15,7 +15,15 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import deviating_channels, parse
-from tvsysid.preprocess import align_channels, decimate, find_gaps, find_mains, remove_mains, segment, subtract_mean
+from tvsysid.preprocess import (
+    align_channels,
+    decimate,
+    find_gaps,
+    find_mains,
+    remove_mains,
+    segment,
+    subtract_mean,
+)
 from tvsysid.quality import Diagnosis, diagnose, diagnose_recording
 from tvsysid.recordings import read_recording
 from tvsysid.report.answer import Account, answer
@@ -73,7 +81,9 @@ class Outcome:
     def picture(self, quantity: str = "stiffness", simultaneous: bool = False) -> bytes:
         """A quantity over time with its band, as SVG."""
         with ONE_AT_A_TIME:
-            return drawn(identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg")
+            return drawn(
+                identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg"
+            )
 
 
 async def in_turn(work: Callable[..., T], *given: object) -> T:
@@ -105,17 +115,23 @@ def outcome(settings: Settings) -> Outcome:
 
 
 @lru_cache(maxsize=16)
-def _found(source: Reading | Recording, changed: int, how: Cutting, method: str) -> Noted[tuple[Cut, Comparison]]:
+def _found(
+    source: Reading | Recording, changed: int, how: Cutting, method: str
+) -> Noted[tuple[Cut, Comparison]]:
     cut, before = _cut(source, changed, how, tuple(deviating_channels([parse(method)])))
     found, notes = _noted(lambda: compare(cut.ensemble, [method]))
     return (cut, found), (*before, *notes)
 
 
 @lru_cache(maxsize=8)
-def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]) -> Noted[Cut]:
+def _cut(
+    source: Reading | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]
+) -> Noted[Cut]:
     recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
     names = tuple(name for name in deviating if name in recording.channels)
-    faults = {name: check.what for name, check in diagnose_recording(recording).items() if check.found}
+    faults = {
+        name: check.what for name, check in diagnose_recording(recording).items() if check.found
+    }
     gaps, mains = find_gaps(recording), find_mains(recording)[0] if "mains" in faults else 0.0
     recording = remove_mains(recording, mains) if mains else recording
 
@@ -126,7 +142,11 @@ def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tup
         return subtract_mean(segment(lowered, how.period, how.context, gaps), names)
 
     def made() -> Cut:
-        delay, _ = delay_to_correct(ensemble, ensemble(0.0), "adaptive") if how.align_channels else (0.0, "")
+        delay, _ = (
+            delay_to_correct(ensemble, ensemble(0.0), "adaptive")
+            if how.align_channels
+            else (0.0, "")
+        )
         return Cut(ensemble(delay), delay, mains, names)
 
     cut, notes = _noted(made)
@@ -135,7 +155,9 @@ def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tup
 
 @lru_cache(maxsize=4)
 def _read(source: Reading, changed: int) -> Noted[Recording]:
-    return _noted(lambda: read_recording(source.file, sampling_rate=source.rate, **source.arguments))
+    return _noted(
+        lambda: read_recording(source.file, sampling_rate=source.rate, **source.arguments)
+    )
 
 
 def _noted(work: Callable[[], T]) -> Noted[T]:

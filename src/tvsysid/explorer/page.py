@@ -89,7 +89,11 @@ def _methods(first: str) -> dict[str, dict[str, str]]:
 
 def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> ui.Tag:
     choices = {"": "choose a channel", **channels}
-    more = {"angle_unit": "Unit of the angle", "torque_unit": "Unit of the torque", "columns": "Columns of a matrix"}
+    more = {
+        "angle_unit": "Unit of the angle",
+        "torque_unit": "Unit of the torque",
+        "columns": "Columns of a matrix",
+    }
     return _group(
         "Recording",
         ui.input_select("angle", "Angle", choices, selected=given["angle"] or ""),
@@ -98,7 +102,10 @@ def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> ui.Tag:
         ui.input_checkbox("reversed", "Reverse the torque's sign", given["torque_sign"] == -1),
         ui.tags.details(
             ui.tags.summary("Units and columns"),
-            *(ui.input_select(name, label, list(CHOICES[name]), selected=given[name]) for name, label in more.items()),
+            *(
+                ui.input_select(name, label, list(CHOICES[name]), selected=given[name])
+                for name, label in more.items()
+            ),
         ),
     )
 
@@ -109,7 +116,9 @@ def _cutting(given: Mapping[str, Any]) -> ui.Tag:
         _number("period", "Period (s)", given["period"]),
         _number("decimate", "Decimate to (Hz; empty for not)", given["decimate"]),
         _number("context", "Context on either side (s)", given["context"]),
-        ui.input_checkbox("align_channels", "Correct a delay of the torque", given["align_channels"]),
+        ui.input_checkbox(
+            "align_channels", "Correct a delay of the torque", given["align_channels"]
+        ),
     )
 
 
@@ -143,7 +152,9 @@ def _unless(usual: str) -> str:
 def _picture() -> ui.Tag:
     quantities = {name: name.replace("_", " ") for name in QUANTITIES}
     return _group(
-        "Picture", ui.input_select("quantity", "Quantity", quantities), ui.input_select("band", "Band", BANDS)
+        "Picture",
+        ui.input_select("quantity", "Quantity", quantities),
+        ui.input_select("band", "Band", BANDS),
     )
 
 
@@ -168,7 +179,13 @@ def _results() -> ui.Tag:
         each.attrs["aria-live"] = "off"
     picture, numbers, again = silent
     return ui.tags.section(
-        ui.h2("Result"), ui.output_ui("answer"), picture, ui.output_ui("judged"), numbers, again, aria_label="Result"
+        ui.h2("Result"),
+        ui.output_ui("answer"),
+        picture,
+        ui.output_ui("judged"),
+        numbers,
+        again,
+        aria_label="Result",
     )
 
 
@@ -192,7 +209,9 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
         def _start() -> None:
             said = {name: input[name]() for name in controls}
             own = every.get(said["method"], {})
-            said["settings"] = {name: input[_setting(places[said["method"]], name)]() for name in own}
+            said["settings"] = {
+                name: input[_setting(places[said["method"]], name)]() for name in own
+            }
             work.cancel()
             work.invoke(said, input.quantity(), input.band() == "simultaneous")
 
@@ -211,7 +230,9 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
                 return ui.div(shown.error, class_=f"alert alert-{shown.kind}")
             if judge.status() == "running" or judge.result().shown is not shown:
                 return ui.p("Checking the data …")
-            notes = [ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes]
+            notes = [
+                ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes
+            ]
             return ui.TagList(*map(ui.p, judge.result().lines), *notes)
 
         @render.ui
@@ -257,7 +278,9 @@ def _judged(shown: Shown) -> Judged:
         blocks.append(f"No diagnosis: {diagnosis}")
     else:
         blocks.append(f"Diagnosis: {diagnosis.verdict}.")
-        found = [f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings]
+        found = [
+            f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings
+        ]
         blocks += [Fold("What was found, and what to do", found)] if found else []
     return Judged(shown, shown.found.lines, html(blocks))
 
@@ -283,12 +306,16 @@ def _tables(found: Outcome | None) -> str:
         Row([str(name).replace("half_band", "95 % band, ±"), number(value)])
         for name, value in list(summary.items())[1:]
     ]
-    short = Table("summary", "In numbers", [Column("quantity"), Column("value", kind="number")], rows)
+    short = Table(
+        "summary", "In numbers", [Column("quantity"), Column("value", kind="number")], rows
+    )
     over = found.found.over_time().drop(columns="method")
     some = over.iloc[:: max(1, len(over) // (TIMES - 1))]
     heads = [Column(name.replace("_", " "), kind="number") for name in some.columns]
     cells = [Row([number(value) for value in row]) for row in some.itertuples(index=False)]
-    return html([short, Fold("Values over time", [Table("values over time", "SI units", heads, cells)])])
+    return html(
+        [short, Fold("Values over time", [Table("values over time", "SI units", heads, cells)])]
+    )
 
 
 def _again(found: Outcome | None) -> ui.TagList | None:
@@ -305,4 +332,6 @@ def _again(found: Outcome | None) -> ui.TagList | None:
 
 def _area(name: str, text: str) -> ui.Tag:
     rows = sum(1 + len(line) // 70 for line in text.split("\n"))
-    return ui.tags.textarea(text, id=name, rows=rows, readonly="", onfocus="this.select()", class_="form-control")
+    return ui.tags.textarea(
+        text, id=name, rows=rows, readonly="", onfocus="this.select()", class_="form-control"
+    )

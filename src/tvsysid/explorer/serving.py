@@ -46,7 +46,9 @@ class Exploration:
         except (OSError, OverflowError, TypeError) as error:
             listening.close()
             reason = getattr(error, "strerror", None) or "expected a whole number from 0 to 65535"
-            raise InputError(f"port {port}: {reason}; give another, or none for any that is free") from error
+            raise InputError(
+                f"port {port}: {reason}; give another, or none for any that is free"
+            ) from error
         # Nobody else on this computer, and no other page of the browser, knows the address.
         secret = secrets.token_urlsafe(12)
         self.url = f"http://{HOST}:{listening.getsockname()[1]}/{secret}/"
@@ -113,7 +115,9 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
         raise InputError(f"explore: expected a file or a Recording, got {type(source).__name__}")
     options = [name for name in FIRST if name not in OF_A_FILE or not isinstance(source, Recording)]
     if unknown := given.keys() - set(options):
-        raise InputError(f"explore: unknown option {min(unknown)!r}; the options are {', '.join(options)}")
+        raise InputError(
+            f"explore: unknown option {min(unknown)!r}; the options are {', '.join(options)}"
+        )
     given = FIRST | given
     if isinstance(source, Recording):
         return Exploration(page("recording", source, checked(given), {}), port)
@@ -124,5 +128,10 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
         if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
     }
     given = checked(given, signals)
-    fixed = {"file": file, "header": given["header"], "start": given["start"], "channel": given["channel"]}
+    fixed = {
+        "file": file,
+        "header": given["header"],
+        "start": given["start"],
+        "channel": given["channel"],
+    }
     return Exploration(page(file.name, fixed, given, signals), port)

@@ -44,7 +44,9 @@ class Reading:
     @property
     def arguments(self) -> dict[str, Any]:
         """What :func:`tvsysid.read_recording` takes beside file and rate, where it is not the default."""
-        changed = {name: value for name, value in _changed(self).items() if name not in ("rate", "channel")}
+        changed = {
+            name: value for name, value in _changed(self).items() if name not in ("rate", "channel")
+        }
         return changed | ({"channels": channels_typed(self.channel)} if self.channel else {})
 
 
@@ -75,18 +77,24 @@ def command(settings: Settings) -> str:
     if isinstance(settings.source, Recording):
         return ""
     words = ["tvsysid", "identify", str(settings.source.file)]
-    for name, value in (_changed(settings.source) | _changed(settings.cutting) | {"method": settings.method}).items():
+    for name, value in (
+        _changed(settings.source) | _changed(settings.cutting) | {"method": settings.method}
+    ).items():
         option = f"--{name.replace('_', '-')}"
         if isinstance(value, bool):
             words.append(option if value else option.replace("--", "--no-"))
         else:
             words += (
-                word for each in (value if isinstance(value, tuple) else (value,)) for word in (option, _text(each))
+                word
+                for each in (value if isinstance(value, tuple) else (value,))
+                for word in (option, _text(each))
             )
     return shlex.join(words)
 
 
-def python(settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating: tuple[str, ...] = ()) -> str:
+def python(
+    settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating: tuple[str, ...] = ()
+) -> str:
     """The same in Python, with ``delay`` (s) and ``mains`` (Hz) removed; ``deviating`` channels lose their mean."""
     lines = ["import tvsysid as tv", ""]
     if isinstance(settings.source, Reading):
@@ -101,7 +109,9 @@ def python(settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating
     cutting = settings.cutting
     if cutting.decimate is not None:
         lines.append(f"recording = tv.preprocess.decimate(recording, {_text(cutting.decimate)})")
-    cut = f"tv.preprocess.segment(recording, {_text(cutting.period)}, {_text(cutting.context)}, gaps)"
+    cut = (
+        f"tv.preprocess.segment(recording, {_text(cutting.period)}, {_text(cutting.context)}, gaps)"
+    )
     names = f", {list(deviating)!r}" if deviating else ""
     lines.append(f"ensemble = tv.preprocess.subtract_mean({cut}{names})")
     return "\n".join([*lines, f"found = tv.compare(ensemble, [{settings.method!r}])"])
@@ -110,7 +120,9 @@ def python(settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating
 def _changed(settings: Reading | Cutting) -> dict[str, object]:
     """What has no default or differs from it; not the file."""
     every = {item.name: (getattr(settings, item.name), item.default) for item in fields(settings)}
-    return {name: value for name, (value, usual) in every.items() if value != usual and name != "file"}
+    return {
+        name: value for name, (value, usual) in every.items() if value != usual and name != "file"
+    }
 
 
 def _text(value: object) -> str:
@@ -127,13 +139,24 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
         For a channel that is not in the file, a word that is no choice, or what should be a number.
     """
     further = (given["channel"],) if isinstance(given["channel"], str) else tuple(given["channel"])
-    for name, in_file in {"angle": given["angle"], "torque": given["torque"], **channels_typed(further)}.items():
+    for name, in_file in {
+        "angle": given["angle"],
+        "torque": given["torque"],
+        **channels_typed(further),
+    }.items():
         if in_file is not None and in_file not in channels:
-            raise InputError(f"{name}: no channel {in_file!r}; the file holds {', '.join(channels) or 'none'}")
+            raise InputError(
+                f"{name}: no channel {in_file!r}; the file holds {', '.join(channels) or 'none'}"
+            )
     for name, choices in CHOICES.items():
         if given[name] not in choices:
-            raise InputError(f"{name}: expected one of {', '.join(map(str, choices))}, got {given[name]!r}")
-    found = {name: _number(given[name], name) for name in ("rate", "start", "period", "decimate", "context")}
+            raise InputError(
+                f"{name}: expected one of {', '.join(map(str, choices))}, got {given[name]!r}"
+            )
+    found = {
+        name: _number(given[name], name)
+        for name in ("rate", "start", "period", "decimate", "context")
+    }
     return {**given, **found, "channel": further}
 
 
@@ -146,9 +169,15 @@ def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
         For what is missing, or is no number; says where.
     """
     reading = source if isinstance(source, Recording) else _reading(said, source)
-    period = _number(said["period"], "period", "the duration of one repetition (s), any if the joint is held still")
+    period = _number(
+        said["period"],
+        "period",
+        "the duration of one repetition (s), any if the joint is held still",
+    )
     context = _number(said["context"], "context", "0 for none (s)")
-    cutting = Cutting(period, _number(said["decimate"], "decimate"), context, said["align_channels"])
+    cutting = Cutting(
+        period, _number(said["decimate"], "decimate"), context, said["align_channels"]
+    )
     return Settings(reading, cutting, method_text(said["method"], said["settings"]))
 
 
@@ -178,7 +207,10 @@ def method_settings(key: str) -> dict[str, str]:
     with suppress(InputError):  # it needs settings that have no default
         made = parse(key)
     values = {name: getattr(made, name, "") for name in settings_of(target)[0]}
-    shown = {name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in values.items()}
+    shown = {
+        name: f"{value:.4g}" if isinstance(value, float) else str(value)
+        for name, value in values.items()
+    }
     return shown | ({"tuned": "false"} if shown and "tuned" in further_settings(target) else {})
 
 

@@ -26,7 +26,9 @@ def adaptive_impedance(model: AdaptiveModel, title: str = "") -> Figure:
     """Estimates of adaptive regression with 95 % bands, the switches, and how probable each smooth part is."""
     names = [name for name in HUES if name in model.estimates]
     figure = style.blank(9.0, 1.6 + 1.5 * len(names), title)
-    grid = figure.add_gridspec(len(names), 2, width_ratios=[2.2, 1], height_ratios=[2.2, *[1] * (len(names) - 1)])
+    grid = figure.add_gridspec(
+        len(names), 2, width_ratios=[2.2, 1], height_ratios=[2.2, *[1] * (len(names) - 1)]
+    )
     for row, name in enumerate(names):
         axes = figure.add_subplot(grid[row, 0])
         _over_time(axes, model, name)
@@ -45,16 +47,34 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
     axes.set_ylabel(f"{name.replace('_', ' ')}\n({unit_name(estimate.unit)})")
     axes.set_xlim(model.time[0], model.time[-1])
     axes.set_ylim(*_limits(lower, upper, 0.3 * bool(switches)))
-    late, last = 0.0, -np.inf  # how far down the last label is, and where: labels of close switches alternate
+    late, last = (
+        0.0,
+        -np.inf,
+    )  # how far down the last label is, and where: labels of close switches alternate
     for switch in switches:
-        axes.axvspan(switch.earliest, switch.latest, color=style.GREY, alpha=0.3 * switch.probability, linewidth=0)
-        axes.axvline(switch.time, color=style.INK, linestyle="--", linewidth=0.8, alpha=switch.probability)
+        axes.axvspan(
+            switch.earliest,
+            switch.latest,
+            color=style.GREY,
+            alpha=0.3 * switch.probability,
+            linewidth=0,
+        )
+        axes.axvline(
+            switch.time, color=style.INK, linestyle="--", linewidth=0.8, alpha=switch.probability
+        )
         late = 0.13 - late if switch.time - last < WIDE * model.time[-1] else 0.0
         last = switch.time
         size = f"{switch.size:+.3g}".replace("-", "−")
         text = f" {size} at {switch.time:.3f} s, {100 * switch.probability:.0f} % "
         side = "right" if switch.time > (1 - WIDE) * model.time[-1] else "left"
-        axes.annotate(text, (last, 0.98 - late), xycoords=("data", "axes fraction"), fontsize=7, va="top", ha=side)
+        axes.annotate(
+            text,
+            (last, 0.98 - late),
+            xycoords=("data", "axes fraction"),
+            fontsize=7,
+            va="top",
+            ha=side,
+        )
 
 
 def _limits(lower: Array, upper: Array, more: float) -> tuple[float, float]:
@@ -69,13 +89,17 @@ def _smoothness(axes: Axes, model: AdaptiveModel) -> None:
     places = np.arange(len(rows))[::-1]
     axes.barh(places, [100 * row.probability for row in rows], color=HUES["stiffness"], alpha=0.6)
     labels = [
-        "none" if row.kind == "none" else f"{row.kind}: {row.amplitude:.2g} N·m/rad over {row.length:.2g} s"
+        "none"
+        if row.kind == "none"
+        else f"{row.kind}: {row.amplitude:.2g} N·m/rad over {row.length:.2g} s"
         for row in rows
     ]
     for place, label in zip(places, labels, strict=True):
         axes.text(1.0, place, label, fontsize=7, va="center")
     axes.set_yticks([])
-    axes.set_ylim(len(rows) - max(len(rows), MOST) - 0.5, len(rows) - 0.5)  # one bar alone is no wall
+    axes.set_ylim(
+        len(rows) - max(len(rows), MOST) - 0.5, len(rows) - 0.5
+    )  # one bar alone is no wall
     axes.set_xlim(0, 100)
     axes.set_xlabel("probability (%)")
     axes.set_title("smooth part of stiffness", fontsize=9)

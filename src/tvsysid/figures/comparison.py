@@ -82,7 +82,11 @@ def method_comparison(
     grid = _shared(figure, spec, over_time, len(methods))
     for axes, method in zip(grid[0], methods, strict=True):
         axes.set_title(wrapped(method, 17 if crowd else 20), fontsize=9 if len(method) <= 20 else 8)
-    which = [f"{text}\n" for text in differing([traits[each] for each in shown])] if len(shown) > 1 else [""]
+    which = (
+        [f"{text}\n" for text in differing([traits[each] for each in shown])]
+        if len(shown) > 1
+        else [""]
+    )
     for row, (label, text) in enumerate(zip(shown, which, strict=True)):
         cell = results.sel(scenario=label)
         for place, quantity in enumerate(quantities):
@@ -103,7 +107,11 @@ def method_comparison(
     if names and trials > 1:
         keys.append(style.line_key("± 1 standard error", color="black", marker="|", linewidth=0.9))
         if any("(%)" in metrics[name] for name in names):
-            keys.append(style.line_key("VAF ± 2 SD over trials", color=style.GREY, marker="o", linewidth=0.9))
+            keys.append(
+                style.line_key(
+                    "VAF ± 2 SD over trials", color=style.GREY, marker="o", linewidth=0.9
+                )
+            )
     style.legend_below(figure, keys)
     return figure
 
@@ -112,7 +120,9 @@ def _shared(figure: Figure, spec: GridSpec, rows: int, columns: int) -> NDArray[
     """Axes of the first rows of a grid, with common scales of time, and of values in each row."""
     grid: NDArray[Any] = np.empty((rows, columns), dtype=object)
     for row, column in np.ndindex(rows, columns):
-        axes = figure.add_subplot(spec[row, column], sharex=grid[0, 0], sharey=grid[row, 0] if column else None)
+        axes = figure.add_subplot(
+            spec[row, column], sharex=grid[0, 0], sharey=grid[row, 0] if column else None
+        )
         axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
         axes.margins(x=0)
         grid[row, column] = axes
@@ -120,18 +130,28 @@ def _shared(figure: Figure, spec: GridSpec, rows: int, columns: int) -> NDArray[
 
 
 def _table(
-    summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str], metrics: Mapping[str, str]
+    summary: pd.DataFrame,
+    methods: Sequence[str],
+    scenarios: Sequence[str],
+    metrics: Mapping[str, str],
 ) -> dict[str, tuple[Array, Array]]:
     """Value and what is drawn above and below it of each metric, each of shape (method, scenario)."""
     tables = {}
     for name in metrics:
         rows = summary[summary.metric == name].set_index(["method", "scenario"])
         value, error = (
-            rows[column].unstack("scenario").reindex(index=list(methods), columns=list(scenarios)).to_numpy(dtype=float)
+            rows[column]
+            .unstack("scenario")
+            .reindex(index=list(methods), columns=list(scenarios))
+            .to_numpy(dtype=float)
             for column in ("value", "standard_error")
         )
         if "(%)" in metrics[name]:  # of a mean over trials: their standard deviation follows
-            trials = rows["trials"].unstack("scenario").reindex(index=list(methods), columns=list(scenarios))
+            trials = (
+                rows["trials"]
+                .unstack("scenario")
+                .reindex(index=list(methods), columns=list(scenarios))
+            )
             error = 2 * error * np.sqrt(trials.to_numpy(dtype=float))
         tables[name] = (value, error)
     return tables
@@ -155,14 +175,22 @@ def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
     row[0].set_ylabel(f"{which}time-varying VAF\n{_percent(lowest)}")
 
 
-def _means(row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf) -> None:
+def _means(
+    row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf
+) -> None:
     """For each method mean and twice the standard deviation over trials of values that cannot exceed a limit."""
     mean = values.mean("trial")
     spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
-    for axes, (method, hue) in zip(row, style.hues(unique(cell.method_key.values)).items(), strict=True):
+    for axes, (method, hue) in zip(
+        row, style.hues(unique(cell.method_key.values)).items(), strict=True
+    ):
         middle, reach = mean.sel(method_key=method).values, spread.sel(method_key=method).values
-        band = (middle - reach, np.minimum(middle + reach, most)) if several.sel(method_key=method) else None
+        band = (
+            (middle - reach, np.minimum(middle + reach, most))
+            if several.sel(method_key=method)
+            else None
+        )
         style.curve_with_band(axes, cell.time.values, middle, band, hue)
 
 
@@ -211,9 +239,19 @@ def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequenc
     colours = np.repeat(list(style.hues(methods).values()), values.shape[1])
     axes.bar(places.ravel(), np.minimum(values, top).ravel(), width=0.72, color=colours)
     sure = (values <= top) & np.isfinite(errors)
-    axes.errorbar(places[sure], values[sure], errors[sure], fmt="none", ecolor="black", elinewidth=0.9, capsize=1.8)
+    axes.errorbar(
+        places[sure],
+        values[sure],
+        errors[sure],
+        fmt="none",
+        ecolor="black",
+        elinewidth=0.9,
+        capsize=1.8,
+    )
     for place, value in zip(places[values > top], values[values > top], strict=True):
-        axes.plot([place - 0.5, place + 0.5], [0.84 * top, 0.92 * top], color="white", linewidth=1.8)
+        axes.plot(
+            [place - 0.5, place + 0.5], [0.84 * top, 0.92 * top], color="white", linewidth=1.8
+        )
         axes.text(place, 1.01 * top, f"{value:.3g}", ha="center", va="bottom")
     for place in places[~np.isfinite(values)]:
         axes.text(place, 0, "–", ha="center", va="bottom", fontsize=10)
@@ -227,7 +265,16 @@ def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence
     for row, hue in enumerate(style.hues(methods).values()):
         # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before 2.4.
         whiskers = np.stack([ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]).tolist()
-        axes.errorbar(places[row], values[row], whiskers, fmt="o", color=hue, markersize=4, elinewidth=0.9, capsize=1.8)
+        axes.errorbar(
+            places[row],
+            values[row],
+            whiskers,
+            fmt="o",
+            color=hue,
+            markersize=4,
+            elinewidth=0.9,
+            capsize=1.8,
+        )
     base = _floor(float(np.nanmin(values - ends)))
     for place in places[~np.isfinite(values)]:
         axes.text(place, base, "–", ha="center", va="bottom", fontsize=10)
@@ -242,4 +289,6 @@ def _top(values: Array) -> float:
     if each[-1] <= usual or usual == 0:
         return float(each[-1])
     cut = 1.15 * float(values[values <= usual].max())
-    return cut if each[-1] > 1.5 * cut else float(each[-1])  # little is gained by cutting off a little
+    return (
+        cut if each[-1] > 1.5 * cut else float(each[-1])
+    )  # little is gained by cutting off a little

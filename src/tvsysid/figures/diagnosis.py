@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 LOWEST = 2.0  # Hz below which stiffness shows by itself
 SHOWN = 40.0  # highest frequency in Hz that is drawn
-DYNAMIC_RANGE = 1e-7  # power below the highest by more than this is not drawn: that of filters' stop bands
+DYNAMIC_RANGE = (
+    1e-7  # power below the highest by more than this is not drawn: that of filters' stop bands
+)
 FARTHEST = 3.0  # multiple of what is usual at which a realization is drawn at the edge
 
 
@@ -44,13 +46,18 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
 def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
     """The six pictures of an ensemble of this name with a title, and in words what they show."""
     curves = diagnosis.curves
-    measures = {key: f"{value:.3g} {unit}".removesuffix(" 1") for key, (value, unit) in diagnosis.measures.items()}
+    measures = {
+        key: f"{value:.3g} {unit}".removesuffix(" 1")
+        for key, (value, unit) in diagnosis.measures.items()
+    }
     drift = next(check.what for check in diagnosis.checks if check.name == "drift")
     farthest = [
         f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms"
         for values in curves.correlation
     ]
-    inside = curves.coherence[:, (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)]
+    inside = curves.coherence[
+        :, (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
+    ]
     sentences = [
         f"Power of the angle over frequency, 95 % of it below {measures['bandwidth of the angle']}, and the band from "
         f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}.",
@@ -65,7 +72,9 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
         f"{farthest[1]}; by chance 95 % of them lie below {float(curves.chance):.2f}, the grey band. What is beyond it "
         "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
     ]
-    return Illustration(partial(diagnosis_panels, diagnosis, name), f"What was seen in {name}", " ".join(sentences))
+    return Illustration(
+        partial(diagnosis_panels, diagnosis, name), f"What was seen in {name}", " ".join(sentences)
+    )
 
 
 def _angle(axes: Axes, curves: Curves, natural: float) -> None:
@@ -106,7 +115,9 @@ def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
     _name(axes, "coherence of torque and angle", REALIZATION_TIME, "frequency (Hz)")
     shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
     if not len(curves.coherence) or not shown.any():
-        axes.text(0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center")
+        axes.text(
+            0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center"
+        )
         return
     mesh = axes.pcolormesh(
         curves.coherence_time,
@@ -145,9 +156,13 @@ def _realizations(axes: Axes, curves: Curves) -> None:
         (curves.noise, PALETTE[1], "^", "noise"),
     ):
         shown = np.clip(values, 1 - FARTHEST, FARTHEST)
-        axes.plot(numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label)
+        axes.plot(
+            numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label
+        )
     low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
-    axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
+    axes.set_ylim(
+        low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6)
+    )
     about = "each realization over what is usual", "realization, as recorded", "ratio"
     _name(axes, *about, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
 
@@ -161,7 +176,9 @@ def _lags(axes: Axes, curves: Curves) -> None:
     for values, colour, side, label in zip(
         curves.correlation, PALETTE, (-0.15, 0.25), ("with angle", "with speed"), strict=False
     ):
-        axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
+        axes.vlines(
+            1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label
+        )
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
     about = "correlation of the torque left over", "lag of the torque (ms)", "correlation"

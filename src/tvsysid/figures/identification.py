@@ -65,14 +65,18 @@ def identified_impedance(
             if place < len(beside) - 1:
                 axes.set_xlabel("")
                 axes.tick_params(labelbottom=False)
-    style.legend_below(figure, [style.line_key(label, **look.line) for label, look in looks.items()])
+    style.legend_below(
+        figure, [style.line_key(label, **look.line) for label, look in looks.items()]
+    )
     return figure
 
 
 def drawn_quantities(models: Mapping[str, Model], but_over: str = "") -> list[str]:
     """Names of what :func:`identified_impedance` draws, stiffness first."""
     every = [each for model in models.values() for each in model.estimates.items()]
-    further = [name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)]
+    further = [
+        name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)
+    ]
     return [*IMPEDANCE, *dict.fromkeys(further)]
 
 
@@ -108,7 +112,10 @@ def _extent(values: Array) -> tuple[float, float]:
 
 @style.styled
 def identified_quantity(
-    models: Mapping[str, Model], name: str = "stiffness", title: str = "", simultaneous: bool = False
+    models: Mapping[str, Model],
+    name: str = "stiffness",
+    title: str = "",
+    simultaneous: bool = False,
 ) -> Figure:
     """One quantity over time by the models, with 95 % bands, at each time by itself or ``simultaneous``."""
     figure, axes = style.panels(1, 1, 6.4, 3.4, title)
@@ -117,7 +124,9 @@ def identified_quantity(
     return figure
 
 
-def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model], simultaneous: bool = False) -> str:
+def draw_quantity(
+    axes: Axes, name: str, models: Mapping[str, Model], simultaneous: bool = False
+) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     unit, over = UNITS.get(name, ""), "time"
     found: dict[str, Found] = {}
@@ -129,7 +138,10 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model], simultaneo
         values, where = model.over_time(name), model.time
         if estimate.axes not in OVER_TIME:
             over = estimate.axes[-1]
-            values, where = np.atleast_2d(estimate.values).mean(axis=0), np.asarray(model.coordinates[over])
+            values, where = (
+                np.atleast_2d(estimate.values).mean(axis=0),
+                np.asarray(model.coordinates[over]),
+            )
         found[label] = Found(where, values, _band(estimate, len(values), simultaneous))
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
     if not found:
@@ -138,8 +150,14 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model], simultaneo
     looks, wide = style.lines(list(models)), _wide(found)
     for label in _behind_to_front(found):
         where, values, band = found[label]
-        look = looks[label].curve(len(values), list(models).index(label), len(models)) | {"label": label}
-        look |= {"linewidth": 0.7, "zorder": 1.2} if label in wide else {"linewidth": _width(label, models)}
+        look = looks[label].curve(len(values), list(models).index(label), len(models)) | {
+            "label": label
+        }
+        look |= (
+            {"linewidth": 0.7, "zorder": 1.2}
+            if label in wide
+            else {"linewidth": _width(label, models)}
+        )
         opacity = style.EDGES if label in wide else 0.3 if label == next(iter(models)) else 0.14
         style.curve_with_band(axes, where, values, band, looks[label].hue, opacity, **look)
     _limit(axes, found, wide)
@@ -163,14 +181,19 @@ def _width(label: str, models: Mapping[str, Model]) -> float:
 def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
     """The roughest curve behind, the first method in front."""
     first, *others = found
-    return [*sorted(others, key=lambda label: -float(np.nansum(np.abs(np.diff(found[label].values))))), first]
+    return [
+        *sorted(others, key=lambda label: -float(np.nansum(np.abs(np.diff(found[label].values))))),
+        first,
+    ]
 
 
 def _wide(found: Mapping[str, Found]) -> set[str]:
     """Methods that reach so much farther than is usual that they would cover what the others found; never the first."""
     if len(found) < 3:
         return set()
-    reaches = np.array([[np.ptp(_extent(each.values)), np.ptp(each.extent)] for each in found.values()])
+    reaches = np.array(
+        [[np.ptp(_extent(each.values)), np.ptp(each.extent)] for each in found.values()]
+    )
     wide = (reaches > WIDE * np.percentile(reaches, 75, axis=0)).any(axis=1)
     return {label for label, far in list(zip(found, wide, strict=True))[1:] if far}
 
@@ -180,13 +203,20 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
     extents = [next(iter(found.values())).extent]
     extents += [_extent(each.values) for label, each in found.items() if label not in wide]
     low, high = min(low for low, _ in extents), max(high for _, high in extents)
-    whole = [each.extent for label, each in found.items() if label not in wide]  # bands of others, up to as much again
+    whole = [
+        each.extent for label, each in found.items() if label not in wide
+    ]  # bands of others, up to as much again
     span = high - low
-    low, high = max(min(low for low, _ in whole), low - span), min(max(high for _, high in whole), high + span)
+    low, high = (
+        max(min(low for low, _ in whole), low - span),
+        min(max(high for _, high in whole), high + span),
+    )
     # What hardly changes shall not look as if it did.
     room = max(0.15 * (high - low), (0.15 * max(abs(low), abs(high)) - (high - low)) / 2) or 1.0
     axes.set_ylim(low - room, high + room)
-    reached = {label: (np.nanmin(each.values), np.nanmax(each.values)) for label, each in found.items()}
+    reached = {
+        label: (np.nanmin(each.values), np.nanmax(each.values)) for label, each in found.items()
+    }
     cut = [
         f"{label} ({least:.4g} to {most:.4g})"
         for label, (least, most) in reached.items()
@@ -195,7 +225,15 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
     if cut:
         text = fill(f"cut off: {', '.join(cut)}", REMARK_LETTERS)
         paper = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
-        told = axes.text(0.01, 0.99, text.replace("-", "−"), transform=axes.transAxes, va="top", fontsize=7, bbox=paper)
+        told = axes.text(
+            0.01,
+            0.99,
+            text.replace("-", "−"),
+            transform=axes.transAxes,
+            va="top",
+            fontsize=7,
+            bbox=paper,
+        )
         told.set_in_layout(False)
 
 
@@ -215,7 +253,9 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
 
 def _tried(axes: Axes, evidence: Evidence) -> None:
     values = evidence.values
-    worse = np.nanmax(values) - values if evidence.better == "higher" else values - np.nanmin(values)
+    worse = (
+        np.nanmax(values) - values if evidence.better == "higher" else values - np.nanmin(values)
+    )
     for number, name in enumerate(dict.fromkeys(evidence.lines[1:])):
         on_line = np.array([place for place, line in enumerate(evidence.lines) if line == name])
         on_line = on_line[np.argsort(evidence.positions[on_line], kind="stable")]

@@ -58,7 +58,11 @@ def plot(shown: Any, title: str = "") -> Figure:
     if "recording" in dims and "bootstrap" in dims:
         one = shown.sizes["recording"] == 1
         label = str(shown.recording.values[0])
-        return stiffness_with_bands(shown, label, title) if one else stiffness_of_participants(shown, title)
+        return (
+            stiffness_with_bands(shown, label, title)
+            if one
+            else stiffness_of_participants(shown, title)
+        )
     raise InputError(
         "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, evidence, plan or results of "
         f"a study, got {type(shown).__name__}"
@@ -70,7 +74,9 @@ def _simulations(results: xr.Dataset, title: str) -> Figure:
 
     labels = list(map(str, results.scenario.values))
     results = results.sel(quantity=[name for name in results.quantity.values if name in OVER_TIME])
-    nothing = pd.DataFrame(columns=["scenario", "method", "trials", "metric", "value", "standard_error"])
+    nothing = pd.DataFrame(
+        columns=["scenario", "method", "trials", "metric", "value", "standard_error"]
+    )
     shown = labels[len(labels) // 2]
     return method_comparison(results, nothing, [shown], [], title or shown)
 

@@ -57,8 +57,13 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         Of an experiment: the estimates, the truth, ``target_torque`` and ``mean_torque``, the last three NaN where not
         known. Each method is shown with the fewest realizations that it was given.
     """
-    participants, perturbations = unique(results.participant.values), unique(results.perturbation.values)
-    blocks = [participants[first : first + ABREAST] for first in range(0, len(participants), ABREAST)]
+    participants, perturbations = (
+        unique(results.participant.values),
+        unique(results.perturbation.values),
+    )
+    blocks = [
+        participants[first : first + ABREAST] for first in range(0, len(participants), ABREAST)
+    ]
     mean = mean_stiffness(results)
     torques = np.stack([results.target_torque.values, results.mean_torque.values])
     heights = [1.0] * len(perturbations) + [0.55] * bool(np.isfinite(torques).any())
@@ -121,7 +126,9 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
             f"there are {', '.join(unique(results.participant.values))}"
         )
     labels = {
-        (_words(perturbation) if len(perturbations) > 1 else ""): str(recording_of(results, participant, perturbation))
+        (_words(perturbation) if len(perturbations) > 1 else ""): str(
+            recording_of(results, participant, perturbation)
+        )
         for perturbation in perturbations
     }
     return _bands(chosen, labels, ("stiffness", "time_varying_vaf"), title)
@@ -136,20 +143,30 @@ def stiffness_with_bands(results: xr.Dataset, recording: str, title: str = "") -
     """
     there = unique(results.recording.values)
     if recording not in there:
-        raise InputError(f"stiffness_with_bands: there is no recording {recording!r}; there are {', '.join(there)}")
+        raise InputError(
+            f"stiffness_with_bands: there is no recording {recording!r}; there are {', '.join(there)}"
+        )
     return _bands(results, {"": recording}, ("stiffness",), title)
 
 
 LABELS = {"stiffness": "stiffness\n(N·m/rad)", "time_varying_vaf": "time-varying VAF\n(%)"}
 
 
-def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[str], title: str) -> Figure:
+def _bands(
+    results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[str], title: str
+) -> Figure:
     """Rows of axes by what is written beside them, a column for each method."""
     least, titles = least_data(results), headings(results, 15)
     here = results.sel(recording=list(recordings.values()), analysis=list(least.values()))
     rows, columns = len(names) * len(recordings), len(least)
     figure, grid = style.panels(
-        rows, columns, max(1.25 * columns, 2.6) + 0.84, 1.35 * rows + 1.1, title, sharex=True, sharey="row"
+        rows,
+        columns,
+        max(1.25 * columns, 2.6) + 0.84,
+        1.35 * rows + 1.1,
+        title,
+        sharex=True,
+        sharey="row",
     )
     values = {"stiffness": estimates(here), "time_varying_vaf": here.time_varying_vaf}
     # Without a torque to be followed there need be no task, and the mean torque means little.
@@ -167,13 +184,21 @@ def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[s
             row, true = grid[block * len(recordings) + place], truth(here).values[place]
             row[0].set_ylabel(f"{words}\n{LABELS[name]}".strip())
             row[0].set_ylim(limits)
-            for column, (axes, hue) in enumerate(zip(row, style.hues(list(least)).values(), strict=True)):
+            for column, (axes, hue) in enumerate(
+                zip(row, style.hues(list(least)).values(), strict=True)
+            ):
                 if name == "stiffness" and np.isfinite(true).any():
                     axes.plot(time, true, **style.TRUE_LINE)
                 reached = spread[place, column]
-                shade = list(band[:, place, column]) if np.isfinite(reached).any() and np.nanmax(reached) > 0 else None
+                shade = (
+                    list(band[:, place, column])
+                    if np.isfinite(reached).any() and np.nanmax(reached) > 0
+                    else None
+                )
                 width = 1.4 if name == "stiffness" else 0.9
-                style.curve_with_band(axes, time, mean[place, column], shade, hue, linewidth=width, label="mean")
+                style.curve_with_band(
+                    axes, time, mean[place, column], shade, hue, linewidth=width, label="mean"
+                )
             if np.isfinite(torques[place]).any():
                 _behind(row, time, torques[place], torque_limits)
     for axes, label in zip(grid[0], least.values(), strict=True):
@@ -195,7 +220,9 @@ def _behind(row: Sequence[Axes], time: Array, torque: Array, limits: tuple[float
     stretch = (high - low) / (limits[1] - limits[0])
     to_values = Affine2D().scale(1.0, stretch).translate(0.0, low - limits[0] * stretch)
     for axes in row:
-        axes.plot(time, torque, transform=to_values + axes.transData, zorder=0.8, label="torque", **BEHIND)
+        axes.plot(
+            time, torque, transform=to_values + axes.transData, zorder=0.8, label="torque", **BEHIND
+        )
     scale = row[-1].twinx()
     scale.set_ylim(limits)
     scale.set_ylabel("torque (N·m)", color="#666666")
@@ -216,21 +243,29 @@ def _all_methods(axes: Axes, results: xr.Dataset, mean: xr.DataArray, label: str
         style.remark(axes, "no estimate")
         return
     least = least_data(results)
-    for place, (values, (method, look)) in enumerate(zip(here.values, style.lines(list(least)).items(), strict=True)):
+    for place, (values, (method, look)) in enumerate(
+        zip(here.values, style.lines(list(least)).items(), strict=True)
+    ):
         if np.isfinite(values).any():
             curve = look.curve(len(values), place, len(least)) | {"markersize": 3.0}
             axes.plot(results.time.values, values, linewidth=1.0, label=method, **curve)
 
 
-def _torques(axes: Axes, results: xr.Dataset, participant: str, perturbations: Sequence[str]) -> None:
+def _torques(
+    axes: Axes, results: xr.Dataset, participant: str, perturbations: Sequence[str]
+) -> None:
     """Torque to be followed, and what came under each perturbation."""
     for (hue, width, dash), perturbation in zip(cycle(TORQUES), perturbations, strict=False):
         label = recording_of(results, participant, perturbation)
         if label is None:
             continue
-        target, mean = (results[name].sel(recording=label).values for name in ("target_torque", "mean_torque"))
+        target, mean = (
+            results[name].sel(recording=label).values for name in ("target_torque", "mean_torque")
+        )
         if np.isfinite(mean).any():
-            axes.plot(results.time.values, mean, color=hue, linewidth=width, linestyle=dash, label=label)
+            axes.plot(
+                results.time.values, mean, color=hue, linewidth=width, linestyle=dash, label=label
+            )
         if np.isfinite(target).any():
             axes.plot(results.time.values, target, zorder=2.5, label="target", **TARGET_LINE)
 
@@ -241,12 +276,19 @@ def _words(perturbation: str) -> str:
 
 def _keys(results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> list[Artist]:
     least, labels = least_data(results), headings(results, 60)
-    keys = [style.line_key(labels[least[method]], **look.line) for method, look in style.lines(list(least)).items()]
+    keys = [
+        style.line_key(labels[least[method]], **look.line)
+        for method, look in style.lines(list(least)).items()
+    ]
     if knows_truth(results):
         keys.append(style.line_key(**style.TRUE_LINE))
     if np.isfinite(torques[0]).any():
         keys.append(style.line_key("torque to be followed", **TARGET_LINE))
     if np.isfinite(torques[1]).any():
         for (hue, width, dash), each in zip(cycle(TORQUES), perturbations, strict=False):
-            keys.append(style.line_key(f"mean torque, {_words(each)}", color=hue, linewidth=width, linestyle=dash))
+            keys.append(
+                style.line_key(
+                    f"mean torque, {_words(each)}", color=hue, linewidth=width, linestyle=dash
+                )
+            )
     return keys

@@ -29,7 +29,9 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
     """
     count = len(plan.setups)
     size = WIDTH + EACH * count
-    figure, grid = style.panels(1, count + 1, size, HEIGHT, title or "\n".join(wrap(str(plan), round(PER_INCH * size))))
+    figure, grid = style.panels(
+        1, count + 1, size, HEIGHT, title or "\n".join(wrap(str(plan), round(PER_INCH * size)))
+    )
     looks = style.lines(list(plan.methods))
     for axes, setup in zip(grid[0], plan.setups, strict=False):
         _against_minutes(axes, plan, setup, looks)
@@ -68,11 +70,17 @@ def _rise_times(axes: Axes, plan: Plan, looks: dict[str, style.Look]) -> None:
     for place, each in enumerate(answers):
         label = f"{each.rise_time:.2g} s" if math.isfinite(each.rise_time) else "unknown"
         axes.barh(place, np.nan_to_num(each.rise_time), color=looks[each.method].hue)
-        at, clear = (np.nan_to_num(each.rise_time), place), {"facecolor": "white", "edgecolor": "none", "pad": 1}
-        axes.annotate(label, at, (3, 0), textcoords="offset points", va="center", fontsize=7, bbox=clear)
+        at, clear = (
+            (np.nan_to_num(each.rise_time), place),
+            {"facecolor": "white", "edgecolor": "none", "pad": 1},
+        )
+        axes.annotate(
+            label, at, (3, 0), textcoords="offset points", va="center", fontsize=7, bbox=clear
+        )
     several = len(answers) > len(labels)
     axes.set_yticks(
-        range(len(answers)), [f"{each.method}, {each.setup}" if several else each.method for each in answers]
+        range(len(answers)),
+        [f"{each.method}, {each.setup}" if several else each.method for each in answers],
     )
     axes.invert_yaxis()
     axes.margins(x=0.2)

@@ -37,7 +37,11 @@ TITLES = {
 COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[3]}
 """Colour of the realizations that each step excluded."""
 FEW = 0.05  # share of the realizations that hides nothing when it is drawn over the others
-REASONS = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
+REASONS = {
+    "alignment": "shifted too far",
+    "task component": "unlike in the task",
+    "residual": "unlike otherwise",
+}
 
 
 @styled
@@ -63,7 +67,9 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
         axes = figure.add_subplot(grid[1, wide * number : wide * (number + 1)])
         _realizations(axes, time, step.judged, step.account.excluded_by)
         _limits(axes, time, step)
-        axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded")
+        axes.set_title(
+            f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded"
+        )
     for axes in figure.axes:
         axes.set_xlabel(REALIZATION_TIME)
         axes.set_xlim(0, recorded.duration)

@@ -23,7 +23,9 @@ DARK = 0.45  # share of the colours on which print is white
 
 
 @styled
-def leaderboard(table: pd.DataFrame, groups: Mapping[str, Sequence[str]], title: str = "") -> Figure:
+def leaderboard(
+    table: pd.DataFrame, groups: Mapping[str, Sequence[str]], title: str = ""
+) -> Figure:
     """Scores with two standard errors to either side, and beside them the error in each scenario, both logarithmic.
 
     Parameters
@@ -40,7 +42,10 @@ def leaderboard(table: pd.DataFrame, groups: Mapping[str, Sequence[str]], title:
     places = np.arange(len(table))
     spread = 2 * table.score_error.fillna(0.0).to_numpy()
     _dots(left, table.score.to_numpy(), spread, places)
-    texts = [f"{rank}  {wrapped(entry, 30, 2)}" for rank, entry in zip(table["rank"], table.entry, strict=True)]
+    texts = [
+        f"{rank}  {wrapped(entry, 30, 2)}"
+        for rank, entry in zip(table["rank"], table.entry, strict=True)
+    ]
     left.set_yticks(places, texts)
     left.set_ylim(len(table) - 0.5, -0.5)
     _heat(right, table[names].to_numpy(), groups)
@@ -51,7 +56,16 @@ def _dots(axes: Axes, scores: Array, spread: Array, places: NDArray[np.int64]) -
     from matplotlib.ticker import FuncFormatter, NullFormatter  # noqa: PLC0415  # heavy
 
     lower = np.minimum(spread, 0.99 * scores)  # none of a score may be below 0
-    axes.errorbar(scores, places, xerr=(lower, spread), fmt="o", color=INK, markersize=4, capsize=2, linewidth=1.2)
+    axes.errorbar(
+        scores,
+        places,
+        xerr=(lower, spread),
+        fmt="o",
+        color=INK,
+        markersize=4,
+        capsize=2,
+        linewidth=1.2,
+    )
     axes.set_xscale("log")
     axes.set_xlim(min(LEAST, 0.8 * float(scores.min())), 100.0)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -67,7 +81,14 @@ def _heat(axes: Axes, errors: Array, groups: Mapping[str, Sequence[str]]) -> Non
     axes.imshow(errors, cmap=colormaps["cividis"], norm=scale, aspect="auto")
     for (row, column), value in np.ndenumerate(errors):
         text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        axes.text(column, row, text, ha="center", va="center", color="white" if scale(value) < DARK else "black")
+        axes.text(
+            column,
+            row,
+            text,
+            ha="center",
+            va="center",
+            color="white" if scale(value) < DARK else "black",
+        )
     count, start = errors.shape[1], 0
     axes.set_xticks(range(count), [str(number + 1) for number in range(count)])
     for name, members in groups.items():

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 @styled
 def recorded_channels(
-    channels: Mapping[str, tuple[Channel, Sequence[tuple[NDArray[Any], NDArray[Any]]]]], title: str = ""
+    channels: Mapping[str, tuple[Channel, Sequence[tuple[NDArray[Any], NDArray[Any]]]]],
+    title: str = "",
 ) -> Figure:
     """Channels of a file before anything is done with it, one above the other, each over its own time.
 
@@ -44,7 +45,12 @@ def recorded_channels(
     for axes, (name, (channel, columns)) in zip(grid[:, 0], channels.items(), strict=True):
         rate = channel.sampling_rate
         for number, (positions, values) in enumerate(columns):
-            axes.plot(positions / (rate or 1.0), values, color=PALETTE[number % len(PALETTE)], linewidth=0.7)
+            axes.plot(
+                positions / (rate or 1.0),
+                values,
+                color=PALETTE[number % len(PALETTE)],
+                linewidth=0.7,
+            )
         axes.set_title(wrapped(name, width=100), loc="left")
         axes.set_ylabel(channel.unit or "unit not stated")
         axes.set_xlabel("sample" if rate is None else "time (s)")
@@ -65,12 +71,20 @@ def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
         axes.margins(x=0)
     grid[-1, 0].set_xlabel(REALIZATION_TIME)
     figure.align_ylabels(grid)
-    legend_below(figure, [line_key(f"{len(ensemble)} realizations", color=KEPT), line_key("their mean", color=TARGET)])
+    legend_below(
+        figure,
+        [
+            line_key(f"{len(ensemble)} realizations", color=KEPT),
+            line_key("their mean", color=TARGET),
+        ],
+    )
     return figure
 
 
 @styled
-def recorded_signals(excerpts: Mapping[str, Recording], title: str = "", target: str = "target") -> Figure:
+def recorded_signals(
+    excerpts: Mapping[str, Recording], title: str = "", target: str = "target"
+) -> Figure:
     """Angle and torque over some seconds, with the torque to be followed where there is one.
 
     A row for each excerpt: the angle on the left, the torque on the right.
@@ -82,10 +96,15 @@ def recorded_signals(excerpts: Mapping[str, Recording], title: str = "", target:
     target
         Channel that holds the torque to be followed.
     """
-    figure, grid = panels(len(excerpts), 2, 9.0, 1.75 * len(excerpts) + 1.0, title, sharex="col", sharey="col")
+    figure, grid = panels(
+        len(excerpts), 2, 9.0, 1.75 * len(excerpts) + 1.0, title, sharex="col", sharey="col"
+    )
     for (angle, torque), (name, excerpt) in zip(grid, excerpts.items(), strict=True):
         time = excerpt.time - excerpt.time[0]
-        for axes, values, label in ((angle, excerpt.angle, "angle (rad)"), (torque, excerpt.torque, "torque (N·m)")):
+        for axes, values, label in (
+            (angle, excerpt.angle, "angle (rad)"),
+            (torque, excerpt.torque, "torque (N·m)"),
+        ):
             # Thousands of samples as paths would make a vector file of megabytes.
             axes.plot(time, values, color=PALETTE[0], linewidth=0.6, rasterized=True)
             axes.set_title(wrapped(name, 60), loc="left")
@@ -97,6 +116,8 @@ def recorded_signals(excerpts: Mapping[str, Recording], title: str = "", target:
         axes.set_xlabel("time (s)")
     if any(target in excerpt.channels for excerpt in excerpts.values()):
         recorded = line_key("torque recorded", color=PALETTE[0], linewidth=0.6)
-        legend_below(figure, [recorded, line_key("torque to be followed", color=TARGET, linewidth=1.0)])
+        legend_below(
+            figure, [recorded, line_key("torque to be followed", color=TARGET, linewidth=1.0)]
+        )
     figure.align_ylabels(grid)
     return figure

@@ -31,7 +31,9 @@ def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Traits of each scenario by its label, as mappings."""
     table = scenario_traits(results)
-    return {str(label): dict(zip(TRAITS, traits, strict=True)) for label, *traits in table.itertuples()}
+    return {
+        str(label): dict(zip(TRAITS, traits, strict=True)) for label, *traits in table.itertuples()
+    }
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
@@ -66,7 +68,9 @@ def unique(values: Iterable[object]) -> list[str]:
 
 def least_data(results: xr.Dataset) -> dict[str, str]:
     """Label of an experiment's analysis with the fewest realizations, by method."""
-    counts = dict(zip(map(str, results.analysis.values), results.realizations.values.tolist(), strict=True))
+    counts = dict(
+        zip(map(str, results.analysis.values), results.realizations.values.tolist(), strict=True)
+    )
     labels: dict[str, list[str]] = {}
     for label, method in zip(counts, results.method_key.values, strict=True):
         labels.setdefault(str(method), []).append(label)
@@ -144,4 +148,6 @@ def _without_spikes(values: Array) -> tuple[float, float]:
     """Lowest and highest value, or not far beyond 98 % of them."""
     low, high = np.percentile(values, [1, 99])
     beyond = SPIKE * (high - low)
-    return max(float(values.min()), float(low - beyond)), min(float(values.max()), float(high + beyond))
+    return max(float(values.min()), float(low - beyond)), min(
+        float(values.max()), float(high + beyond)
+    )

@@ -67,7 +67,9 @@ def helpers(workers: int) -> Iterator[Executor | None]:
 
 
 def draw_all(
-    illustrations: Mapping[str, Illustration], folder: str | Path | None = None, pool: Executor | None = None
+    illustrations: Mapping[str, Illustration],
+    folder: str | Path | None = None,
+    pool: Executor | None = None,
 ) -> dict[str, Picture]:
     """Draw figures, and save each in the forms that it has.
 
@@ -80,11 +82,16 @@ def draw_all(
     pool
         Of :func:`helpers`; this process draws too.
     """
-    jobs = {stem: (each, None if folder is None else Path(folder) / stem) for stem, each in illustrations.items()}
+    jobs = {
+        stem: (each, None if folder is None else Path(folder) / stem)
+        for stem, each in illustrations.items()
+    }
     return share_out(_picture, jobs, pool)
 
 
-def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None) -> dict[str, T]:
+def share_out(
+    work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None
+) -> dict[str, T]:
     """Results of a function that can be pickled for several arguments by name, in their order.
 
     Processes of :func:`helpers` begin with the first ones, this process with the last. What a helper that dies leaves
@@ -94,7 +101,11 @@ def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], po
     if pool is not None and len(jobs) > 1:
         with suppress(BrokenExecutor):  # a helper died before
             futures = {name: pool.submit(work, *job) for name, job in jobs.items()}
-    done = {name: work(*jobs[name]) for name in reversed(list(jobs)) if name not in futures or futures[name].cancel()}
+    done = {
+        name: work(*jobs[name])
+        for name in reversed(list(jobs))
+        if name not in futures or futures[name].cancel()
+    }
     for name in jobs.keys() - done.keys():
         try:
             done[name] = futures[name].result()
@@ -106,13 +117,19 @@ def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], po
 def _picture(illustration: Illustration, path: Path | None) -> Picture:
     """Draw one figure, and save it in all its forms if there is a path, which lacks its ending."""
     figure = illustration.draw()
-    contents = {ending: drawn(figure, ending) for ending in illustration.endings if path is not None or ending == "svg"}
+    contents = {
+        ending: drawn(figure, ending)
+        for ending in illustration.endings
+        if path is not None or ending == "svg"
+    }
     if path is not None:
         for ending, content in contents.items():
             with whole_file(path.with_name(f"{path.name}.{ending}")) as temporary:
                 temporary.write_bytes(content)
     width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-    return Picture(illustration.title, illustration.description, contents.get("svg", b""), width, height)
+    return Picture(
+        illustration.title, illustration.description, contents.get("svg", b""), width, height
+    )
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -130,7 +147,9 @@ def drawn(figure: Figure, format: str) -> bytes:
     forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
     content = BytesIO()
     with rc_context(LOOK | forms), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # such as Chinese; an SVG has them
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing from font", UserWarning
+        )  # such as Chinese; an SVG has them
         if (engine := figure.get_layout_engine()) is not None:
             # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws twice for each of them.
             engine.execute(figure)

@@ -25,7 +25,9 @@ def variable_of(models: Mapping[str, Model], ensemble: Ensemble) -> str:
 
 
 @style.styled
-def scheduled_estimates(models: Mapping[str, Model], ensemble: Ensemble, variable: str, title: str = "") -> Figure:
+def scheduled_estimates(
+    models: Mapping[str, Model], ensemble: Ensemble, variable: str, title: str = ""
+) -> Figure:
     """Each quantity that the models estimate over a variable, with 95 % bands, above a histogram of the variable.
 
     Parameters
@@ -35,8 +37,12 @@ def scheduled_estimates(models: Mapping[str, Model], ensemble: Ensemble, variabl
     ensemble
         With the variable as a channel.
     """
-    estimated = [(name, each) for model in models.values() for name, each in model.estimates.items()]
-    names = list(dict.fromkeys(name for name, estimate in estimated if estimate.axes == (variable,)))
+    estimated = [
+        (name, each) for model in models.values() for name, each in model.estimates.items()
+    ]
+    names = list(
+        dict.fromkeys(name for name, estimate in estimated if estimate.axes == (variable,))
+    )
     columns = min(len(names), 2)
     rows = -(-len(names) // columns)
     figure = style.blank(4.6 * columns + 0.6, 2.6 * rows + 1.8, title)
@@ -49,9 +55,13 @@ def scheduled_estimates(models: Mapping[str, Model], ensemble: Ensemble, variabl
     values = ensemble.signal(variable)[:, ensemble.core].ravel()
     for column in range(columns):
         below = figure.add_subplot(grid[rows, column], sharex=first)
-        below.hist(values, BINS, weights=np.full(len(values), 1 / ensemble.sampling_rate), color=style.GREY)
+        below.hist(
+            values, BINS, weights=np.full(len(values), 1 / ensemble.sampling_rate), color=style.GREY
+        )
         below.set_xlabel(variable)
         below.set_ylabel("time spent there (s)")
     looks = style.lines(list(models))
-    style.legend_below(figure, [style.line_key(label, **look.line) for label, look in looks.items()])
+    style.legend_below(
+        figure, [style.line_key(label, **look.line) for label, look in looks.items()]
+    )
     return figure

@@ -9,7 +9,17 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.figures.results import covered, truth, unique
-from tvsysid.figures.style import INK, REALIZATION_TIME, TRUE_LINE, TRUTH, legend_below, line_key, lines, panels, styled
+from tvsysid.figures.style import (
+    INK,
+    REALIZATION_TIME,
+    TRUE_LINE,
+    TRUTH,
+    legend_below,
+    line_key,
+    lines,
+    panels,
+    styled,
+)
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics import Array
 
@@ -53,7 +63,9 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     rows = summary[np.isfinite(summary[amount])]
     perturbations, looks = list(rows.perturbation.unique()), lines(list(rows.method.unique()))
     columns = max(len(perturbations), 1)
-    figure, grid = panels(len(ERRORS), columns, max(3.3 * columns + 0.6, 4.0), 6.8, title, sharex=True, sharey="row")
+    figure, grid = panels(
+        len(ERRORS), columns, max(3.3 * columns + 0.6, 4.0), 6.8, title, sharex=True, sharey="row"
+    )
     for column, perturbation in zip(grid.T, perturbations, strict=False):
         there = rows[rows.perturbation == perturbation]
         column[0].set_title(perturbation_name(perturbation))
@@ -61,8 +73,13 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
         for axes, error in zip(column, ERRORS, strict=True):
             for method, look in looks.items():
                 line = there[(there.metric == error) & (there.method == method)].sort_values(amount)
-                bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
-                axes.errorbar(line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
+                bars: dict[str, Any] = look.line | {
+                    "yerr": line.standard_error.fillna(0.0),
+                    "capsize": 2,
+                }
+                axes.errorbar(
+                    line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars
+                )
     ticks = sorted(rows[amount].unique())
     if amount == "duration_s":
         grid[0, 0].set_xscale("log")
@@ -78,7 +95,10 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
 
 @styled
 def error_against(
-    what: str, rows: pd.DataFrame, title: str = "", error: str = "mean bias of the stiffness (N·m/rad)"
+    what: str,
+    rows: pd.DataFrame,
+    title: str = "",
+    error: str = "mean bias of the stiffness (N·m/rad)",
 ) -> Figure:
     """Error against something that varies, a line for each method: value ± standard error.
 
@@ -128,7 +148,14 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     below.
     """
     figure, grid = panels(
-        2, len(scenarios), 3.6 * len(scenarios) + 0.8, 4.4, title, sharex=True, sharey="row", height_ratios=(3, 1)
+        2,
+        len(scenarios),
+        3.6 * len(scenarios) + 0.8,
+        4.4,
+        title,
+        sharex=True,
+        sharey="row",
+        height_ratios=(3, 1),
     )
     looks, time = lines(unique(results.method_key.values)), results.time.values
     drawn: dict[str, Line2D] = {}
@@ -145,7 +172,9 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         below.plot(time, truth(cell).values, color=TRUTH, linewidth=1.4)
         below.set_xlabel(REALIZATION_TIME)
         below.set_xlim(time[0], time[-1] + time[1] - time[0])
-        below.locator_params(axis="x", nbins=5)  # the last of one axes and the first of the next stand apart
+        below.locator_params(
+            axis="x", nbins=5
+        )  # the last of one axes and the first of the next stand apart
     grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)")
     grid[1, 0].set_ylabel("true stiffness\n(N·m/rad)")
     handles = [drawn[method] for method in looks if method in drawn]
@@ -157,7 +186,10 @@ def _averaged(held: Array, time: Array) -> Array:
     """Per cent of the bands over a moving window that hold the truth, shape (time,); NaN where no trial has one."""
     known = np.isfinite(held)
     kernel = np.ones(max(1, round(SMOOTHED / (time[1] - time[0]))))
-    hits, bands = (np.convolve(values.sum(axis=0), kernel, mode="same") for values in (np.nan_to_num(held), known))
+    hits, bands = (
+        np.convolve(values.sum(axis=0), kernel, mode="same")
+        for values in (np.nan_to_num(held), known)
+    )
     return np.where(known.any(axis=0), 100 * hits / np.maximum(bands, 1), np.nan)
 
 
@@ -172,14 +204,18 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
         N·m/(rad·s); coordinates lag and instant in s, and stiffness over (instant,) in N·m/rad.
     """
     count = responses.sizes["instant"]
-    figure, grid = panels(1, count, max(3.2 * count + 0.6, 4.0), 3.6, title, sharex=True, sharey=True)
+    figure, grid = panels(
+        1, count, max(3.2 * count + 0.6, 4.0), 3.6, title, sharex=True, sharey=True
+    )
     methods = [str(name) for name in responses.method_key.values]
     for axes, instant in zip(grid[0], responses.instant.values, strict=True):
         here = responses.sel(instant=instant)
         axes.plot(here.lag, here.true_impulse_response, **TRUE_LINE | {"linewidth": 5})
         for number, (method, look) in enumerate(lines(methods).items()):
             # Dashes begin at different places, so that lines on top of each other all show.
-            curve = look.curve(here.sizes["lag"], number, len(methods)) | {"linestyle": (3.0 * number, (5.0, 2.5))}
+            curve = look.curve(here.sizes["lag"], number, len(methods)) | {
+                "linestyle": (3.0 * number, (5.0, 2.5))
+            }
             response = here.impulse_response.sel(method_key=method)
             axes.plot(here.lag, response, linewidth=1.5, label=wrapped(method, 40), **curve)
         axes.set_title(f"k = {float(here.stiffness):.0f} N·m/rad, at {float(instant):g} s")

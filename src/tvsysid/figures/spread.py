@@ -8,8 +8,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.results import headings, label_time, least_data, mean_stiffness, truth, unique, usual_range
-from tvsysid.figures.style import INK, blank, hues, legend_below, line_key, panels, patch_key, remark, styled
+from tvsysid.figures.results import (
+    headings,
+    label_time,
+    least_data,
+    mean_stiffness,
+    truth,
+    unique,
+    usual_range,
+)
+from tvsysid.figures.style import (
+    INK,
+    blank,
+    hues,
+    legend_below,
+    line_key,
+    panels,
+    patch_key,
+    remark,
+    styled,
+)
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
 
@@ -20,7 +38,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-SPREAD = {"vaf": "VAF (%)", "bandpassed_vaf": "VAF, 1–10 Hz (%)", "random_error": "random error (N·m/rad)"}
+SPREAD = {
+    "vaf": "VAF (%)",
+    "bandpassed_vaf": "VAF, 1–10 Hz (%)",
+    "random_error": "random error (N·m/rad)",
+}
 POSSIBLE = {"vaf": (0.0, 100.0), "bandpassed_vaf": (0.0, 100.0), "mean_bias": (-np.inf, np.inf)}
 """Lowest and highest value that a metric can have; from 0 upwards where nothing is said."""
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
@@ -43,10 +65,14 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     """
     perturbations, methods = unique(summary.perturbation), unique(summary.method)
     rows, width = len(perturbations), _width(summary, len(SPREAD))
-    figure, grid = panels(rows, len(SPREAD), width, 1.9 * rows + 1.2, title, sharex=True, sharey="col")
+    figure, grid = panels(
+        rows, len(SPREAD), width, 1.9 * rows + 1.2, title, sharex=True, sharey="col"
+    )
     _rows_of_bars(grid, summary, perturbations, methods, SPREAD)
     for column, metric in zip(grid.T, SPREAD, strict=True):
-        column[0].set_ylim(0, 102 if "vaf" in metric else _top(column, summary[summary.metric == metric]))
+        column[0].set_ylim(
+            0, 102 if "vaf" in metric else _top(column, summary[summary.metric == metric])
+        )
         _tell_cut_off(column)
     legend_below(figure, _keys(summary))
     return figure
@@ -86,7 +112,9 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
 def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[str]) -> None:
     """Mean estimate minus truth: a column for each method, a row for each perturbation."""
     least, titles = least_data(results), headings(results, 18)
-    grid = figure.subplots(max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False)
+    grid = figure.subplots(
+        max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False
+    )
     off = mean_stiffness(results).values - truth(results).values[:, None]
     for row, perturbation in zip(grid, perturbations, strict=False):
         there = results.perturbation.values == perturbation
@@ -128,7 +156,9 @@ def _rows_of_bars(
 def _width(summary: pd.DataFrame, columns: int) -> float:
     """Width in inches of a figure with so many columns of bars, such that what stands below them has room."""
     methods = unique(summary.method)
-    longest = max((len(line) for method in methods for line in _below(summary, method).split("\n")), default=0)
+    longest = max(
+        (len(line) for method in methods for line in _below(summary, method).split("\n")), default=0
+    )
     return columns * max(0.65 + max(0.58, 0.075 * longest) * len(methods), 2.1)
 
 
@@ -138,7 +168,9 @@ def _below(rows: pd.DataFrame, method: str) -> str:
     return "\n".join((wrapped(method, 12), " | ".join(f"{amount:g}" for amount in amounts))).strip()
 
 
-def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]) -> None:
+def _bars(
+    axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]
+) -> None:
     """Mean of the participants, twice their standard deviation as far as is possible, and each of them."""
     axes.grid(visible=False, axis="x")
     for place, (method, hue) in enumerate(hues(methods).items()):
@@ -154,14 +186,26 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
                 axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
                 continue
             mean = float(values.mean())
-            axes.bar(middle, mean, 0.92 * width, facecolor=(hue, opacity), edgecolor=hue, linewidth=0.8)
+            axes.bar(
+                middle, mean, 0.92 * width, facecolor=(hue, opacity), edgecolor=hue, linewidth=0.8
+            )
             if len(values) > 1:
                 reach = 2 * float(values.std(ddof=1))
                 ends = [[min(reach, mean - possible[0])], [min(reach, possible[1] - mean)]]
                 axes.errorbar(middle, mean, ends, color="black", linewidth=0.9, capsize=2.0)
             # Dots beside each other, so that equal ones show, in the order of the participants.
-            beside = np.linspace(-0.25, 0.25, len(values)) * width if len(values) > 1 else np.zeros(1)
-            axes.plot(middle + beside, values, ".", color="black", markersize=3.6, alpha=0.7, markeredgewidth=0)
+            beside = (
+                np.linspace(-0.25, 0.25, len(values)) * width if len(values) > 1 else np.zeros(1)
+            )
+            axes.plot(
+                middle + beside,
+                values,
+                ".",
+                color="black",
+                markersize=3.6,
+                alpha=0.7,
+                markeredgewidth=0,
+            )
     axes.set_xticks(range(len(methods)), [_below(rows, method) for method in methods])
     if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
         axes.set_xlabel("method, realizations drawn")
@@ -198,7 +242,9 @@ def _words(perturbation: str) -> str:
 def _keys(summary: pd.DataFrame) -> list[Artist]:
     keys = [line_key("one participant", color="black", marker=".", linestyle="")]
     if summary.participant.nunique() > 1:
-        keys.insert(0, line_key("± 2 SD over participants", color="black", marker="|", linewidth=0.9))
+        keys.insert(
+            0, line_key("± 2 SD over participants", color="black", marker="|", linewidth=0.9)
+        )
     if summary.groupby("method").realizations.nunique().max() > 1:
         keys = [
             patch_key("least data", color="#555555", alpha=FAINT),

@@ -22,7 +22,16 @@ P = ParamSpec("P")
 
 # Each has a contrast of 3:1 or more on white. The first six differ by 19 or more (CIEDE2000) to all eyes, also without
 # a kind of cone (Machado et al. 2009), the next three by 11, the last by 8; markers tell methods apart as well.
-PALETTE: tuple[str, ...] = ("#385997", "#AB0D07", "#0FA38C", "#C36AF4", "#8E990C", "#471D3C", "#F83976", "#975154")
+PALETTE: tuple[str, ...] = (
+    "#385997",
+    "#AB0D07",
+    "#0FA38C",
+    "#C36AF4",
+    "#8E990C",
+    "#471D3C",
+    "#F83976",
+    "#975154",
+)
 PALETTE += ("#951AFE", "#371C99", "#730C25", "#7785B3", "#907646", "#19806F", "#72376E")
 TRUTH = "#5E5E5E"  # wide and behind: as far from every method as they are from each other
 INK = "#444444"  # lines that are no data: limits, means, zero
@@ -36,7 +45,9 @@ Style = Literal["-", "--", ":", "-."]
 STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
 MARKERS = "osD^vPX<>hp*8dH"
 MARKED = 8  # markers on a curve
-LONG = 2000  # samples beyond which a curve is pixels in vector files, which would be of many megabytes
+LONG = (
+    2000  # samples beyond which a curve is pixels in vector files, which would be of many megabytes
+)
 EDGES = 0.0  # opacity of a band of which the edges alone are drawn
 
 
@@ -55,7 +66,12 @@ class Look(NamedTuple):
     def line(self) -> dict[str, Any]:
         """Settings of Matplotlib."""
         filled = "white" if self.hollow else self.hue
-        shown = {"color": self.hue, "linestyle": self.dash, "marker": self.marker, "markersize": 4.0}
+        shown = {
+            "color": self.hue,
+            "linestyle": self.dash,
+            "marker": self.marker,
+            "markersize": 4.0,
+        }
         return shown | {"markerfacecolor": filled, "markeredgewidth": 0.9}
 
     def curve(self, samples: int, place: int, several: int) -> dict[str, Any]:
@@ -104,13 +120,20 @@ def _as_written(figure: Figure) -> Figure:
 
     parts = [child for parent in (figure, *figure.axes) for child in parent.get_children()]
     texts = [part for part in parts if isinstance(part, Text)]
-    texts += [text for part in parts if isinstance(part, Legend) for text in (part.get_title(), *part.get_texts())]
+    texts += [
+        text
+        for part in parts
+        if isinstance(part, Legend)
+        for text in (part.get_title(), *part.get_texts())
+    ]
     # Other ticks have numbers: of these powers of ten are mathematics, and to make them all takes long.
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         texts.append(axis.label)
         if isinstance(named := axis.get_major_formatter(), FixedFormatter):
             named.seq = [printable(text) for text in named.seq]
-            texts += [label for tick in axis.get_major_ticks() for label in (tick.label1, tick.label2)]
+            texts += [
+                label for tick in axis.get_major_ticks() for label in (tick.label1, tick.label2)
+            ]
     for text in texts:
         text.set(text=printable(text.get_text()), parse_math=False)
     return figure
@@ -139,12 +162,16 @@ def lines(methods: Sequence[str]) -> dict[str, Look]:
     There are more methods than colours: where two that are shown have the same one, the later gets a free one.
     """
     known = tuple(METHODS)  # what else is installed must not change their colours
-    classes = {method.__name__: key for key, method in METHODS.items()}  # an object's label is its repr
+    classes = {
+        method.__name__: key for key, method in METHODS.items()
+    }  # an object's label is its repr
     own_keys = {method: classes.get(method.partition("(")[0], key_of(method)) for method in methods}
     keys = list(dict.fromkeys(own_keys.values()))
     hues: dict[str, str] = {}
     for key in sorted(keys, key=lambda key: known.index(key) if key in known else len(known)):
-        own = PALETTE[(known.index(key) if key in known else len(known) + keys.index(key)) % len(PALETTE)]
+        own = PALETTE[
+            (known.index(key) if key in known else len(known) + keys.index(key)) % len(PALETTE)
+        ]
         free = [hue for hue in PALETTE if hue not in hues.values()]
         hues[key] = own if own in free or not free else free[0]
     seen: dict[str, int] = {}
@@ -162,7 +189,13 @@ def hues(methods: Sequence[str]) -> dict[str, str]:
 
 
 def curve_with_band(
-    axes: Axes, time: Array, values: Array, band: Sequence[Array] | None, hue: str, opacity: float = 0.25, **look: Any
+    axes: Axes,
+    time: Array,
+    values: Array,
+    band: Sequence[Array] | None,
+    hue: str,
+    opacity: float = 0.25,
+    **look: Any,
 ) -> None:
     """Curve over time above its band (lower and upper end) of a lighter shade; a word where there is no value.
 
@@ -178,18 +211,30 @@ def curve_with_band(
             ends, many = np.stack([lower, upper], axis=1), len(time) > LONG
             axes.plot(time, ends, color=hue, alpha=0.5, linewidth=0.5, zorder=1.1, rasterized=many)
         else:
-            axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0, rasterized=len(time) > LONG)
+            axes.fill_between(
+                time,
+                lower,
+                upper,
+                color=hue,
+                alpha=opacity,
+                linewidth=0,
+                rasterized=len(time) > LONG,
+            )
     usual: dict[str, Any] = {"color": hue, "linewidth": 1.4}
     axes.plot(time, values, **(usual | look))
 
 
-def realizations(axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6) -> None:
+def realizations(
+    axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6
+) -> None:
     """Line for each realization of values, shape (realization, time)."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
 
     lines = [np.column_stack([time, each]) for each in values]
     # Hundreds of lines as paths would make a vector file of many megabytes.
-    axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, alpha=opacity, rasterized=True))
+    axes.add_collection(
+        LineCollection(lines, colors=colour, linewidths=width, alpha=opacity, rasterized=True)
+    )
     axes.autoscale_view()
 
 
@@ -216,7 +261,10 @@ def band_keys(draws: int, what: str) -> list[Artist]:
     """What a mean with a band looks like in a legend: over so many trials or bootstraps."""
     if draws == 1:
         return [line_key(f"the only {what}", color=GREY)]
-    return [line_key(f"mean over {what}s", color=GREY), patch_key("± 2 standard deviations", color=GREY, alpha=0.35)]
+    return [
+        line_key(f"mean over {what}s", color=GREY),
+        patch_key("± 2 standard deviations", color=GREY, alpha=0.35),
+    ]
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
@@ -225,12 +273,22 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
     columns = len(handles)
     while columns > 1:
         rows = -(-len(handles) // columns)
-        if sum(max(lengths[first : first + rows]) for first in range(0, len(handles), rows)) <= figure.get_figwidth():
+        if (
+            sum(max(lengths[first : first + rows]) for first in range(0, len(handles), rows))
+            <= figure.get_figwidth()
+        ):
             break
         columns -= 1
     columns = -(-len(handles) // -(-len(handles) // max(columns, 1)))  # rows of the same length
     rows = -(-len(handles) // columns)
-    figure.set_figheight(figure.get_figheight() + 0.17 * max(rows - 2, 0))  # which the axes would lose
+    figure.set_figheight(
+        figure.get_figheight() + 0.17 * max(rows - 2, 0)
+    )  # which the axes would lose
     figure.legend(
-        handles=list(handles), fontsize=8, frameon=False, loc="outside lower center", ncols=columns, columnspacing=1.4
+        handles=list(handles),
+        fontsize=8,
+        frameon=False,
+        loc="outside lower center",
+        ncols=columns,
+        columnspacing=1.4,
     )

@@ -48,9 +48,14 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
         _over_visits(grid[0, 1], visits)
     axes, keys = grid[0, 0], []
     for place, each in enumerate(visits):
-        hue, dash = style.PALETTE[place % len(style.PALETTE)], style.STYLES[place % len(style.STYLES)]
+        hue, dash = (
+            style.PALETTE[place % len(style.PALETTE)],
+            style.STYLES[place % len(style.STYLES)],
+        )
         band = (each.lower, each.upper)
-        style.curve_with_band(axes, each.time, each.stiffness, band, hue, linestyle=dash, linewidth=1.8)
+        style.curve_with_band(
+            axes, each.time, each.stiffness, band, hue, linestyle=dash, linewidth=1.8
+        )
         keys.append(style.line_key(each.label, color=hue, linestyle=dash))
     axes.set_xlabel(style.REALIZATION_TIME)
     axes.set_ylabel("stiffness (N·m/rad), 95 % band")
@@ -68,7 +73,9 @@ def _over_visits(axes: Axes, visits: Sequence[Visit]) -> None:
         axes.plot(places, row, marker, color=style.GREY, markersize=4, linestyle="none")
     for place, each in enumerate(visits):
         hue, band = style.PALETTE[place % len(style.PALETTE)], np.nan_to_num(each.half_band)
-        axes.errorbar(place, each.mean, band, fmt="o", color=hue, markersize=5, capsize=4, elinewidth=1.4)
+        axes.errorbar(
+            place, each.mean, band, fmt="o", color=hue, markersize=5, capsize=4, elinewidth=1.4
+        )
     axes.set_xticks(places, [str(place + 1) for place in places])
     axes.set_xlim(-0.5, len(visits) - 0.5)
     axes.set_xlabel("visit")

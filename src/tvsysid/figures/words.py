@@ -5,7 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-PROFILES = {"square": "square-wave stiffness", "sine": "sinusoidal stiffness", "constant": "constant stiffness"}
+PROFILES = {
+    "square": "square-wave stiffness",
+    "sine": "sinusoidal stiffness",
+    "constant": "constant stiffness",
+}
 PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
 TRAITS = ("system", "profile", "perturbation", "duration_s", "snr_db", "viscosity")
 """Settings in which scenarios differ."""
@@ -39,14 +43,26 @@ def trait(name: str, value: object) -> str:
 
 def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
     """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
-    names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
+    names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or [
+        "duration_s"
+    ]
     if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
         # Settings alone that differ tell variants of one system apart; and one that has none from all others.
-        settings = [re.split(r",(?![^(]*\))", str(scenario["system"]).partition(":")[2]) for scenario in scenarios]
-        own = [[each for each in one if any(each not in other for other in settings)] for one in settings]
+        settings = [
+            re.split(r",(?![^(]*\))", str(scenario["system"]).partition(":")[2])
+            for scenario in scenarios
+        ]
+        own = [
+            [each for each in one if any(each not in other for other in settings)]
+            for one in settings
+        ]
         texts = [", ".join(each).replace("_", " ") for each in own]
-        scenarios = [{**scenario, "system": text} for scenario, text in zip(scenarios, texts, strict=True)]
-    return [", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios]
+        scenarios = [
+            {**scenario, "system": text} for scenario, text in zip(scenarios, texts, strict=True)
+        ]
+    return [
+        ", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios
+    ]
 
 
 def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
@@ -59,7 +75,9 @@ def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> 
     if "perturbation" in words:
         words["perturbation"] = perturbation_name(scenario["perturbation"])
     if "viscosity" in words:
-        words["viscosity"] = "viscosity that varies with stiffness" if scenario["viscosity"] == "covarying" else ""
+        words["viscosity"] = (
+            "viscosity that varies with stiffness" if scenario["viscosity"] == "covarying" else ""
+        )
     return ", ".join(filter(None, words.values()))
 
 
@@ -67,7 +85,11 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
     """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be."""
     lines = [""]
     pieces = re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label)
-    short = [part for each in pieces for part in (re.findall("[^=]*=|[^=]+", each) if len(each) > width else [each])]
+    short = [
+        part
+        for each in pieces
+        for part in (re.findall("[^=]*=|[^=]+", each) if len(each) > width else [each])
+    ]
     for piece in short:
         for start in range(0, len(piece), width):
             part = piece[start : start + width]

@@ -65,5 +65,21 @@ __all__ += [
     "create",
     "describe",
 ]
-__all__ += ["deviating_channels", "found_as", "from_text", "key_of", "label_of", "load", "names", "parse"]
-__all__ += ["ScheduledIRF", "ScheduledImpedance", "SkirtDecomposition", "SubspaceCascade", "reason_to_skip", "typed"]
+__all__ += [
+    "deviating_channels",
+    "found_as",
+    "from_text",
+    "key_of",
+    "label_of",
+    "load",
+    "names",
+    "parse",
+]
+__all__ += [
+    "ScheduledIRF",
+    "ScheduledImpedance",
+    "SkirtDecomposition",
+    "SubspaceCascade",
+    "reason_to_skip",
+    "typed",
+]

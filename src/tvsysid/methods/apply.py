@@ -74,7 +74,9 @@ class Identified(NamedTuple):
     evidence: Evidence | None
 
 
-def identify(method: Identifies, ensemble: Ensemble, label: str = "", *, tune: bool = False) -> Identified:
+def identify(
+    method: Identifies, ensemble: Ensemble, label: str = "", *, tune: bool = False
+) -> Identified:
     """Identify as :func:`apply`, on one thread. ``tune`` chooses the settings from the data first.
 
     Raises
@@ -99,7 +101,9 @@ def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]
             "its settings cannot be chosen from data; leave out tune (--tune), and write key:tuned=true for those "
             "methods whose settings can"
         )
-    return own.tuned(ensemble) if fields(own) else (own, None)  # a method without settings has none to choose
+    return (
+        own.tuned(ensemble) if fields(own) else (own, None)
+    )  # a method without settings has none to choose
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -123,7 +127,10 @@ def _checked_torques(torques: object, ensemble: Ensemble, label: str) -> dict[st
         )
     whole = f"{label}: predict(ensemble) must be of shape (realization, time), here"
     shape = (len(ensemble), ensemble.samples)
-    return {checked_name(name, label): _numbers(torque, shape, whole) for name, torque in torques.items()}
+    return {
+        checked_name(name, label): _numbers(torque, shape, whole)
+        for name, torque in torques.items()
+    }
 
 
 def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
@@ -135,7 +142,10 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
             )
     own = getattr(found, "estimates", None)
     given = own if isinstance(own, Mapping) else _plain_attributes(found, label, ensemble.samples)
-    estimates = {checked_name(name, label): _estimate(str(name), value, label) for name, value in given.items()}
+    estimates = {
+        checked_name(name, label): _estimate(str(name), value, label)
+        for name, value in given.items()
+    }
     return AdoptedModel(
         method=label,
         sampling_rate=ensemble.sampling_rate,
@@ -170,15 +180,26 @@ def _numbers(given: object, shape: tuple[int, ...], expected: str) -> Array:
     if values.shape != shape:
         raise InputError(f"{expected} {shape}, it is {values.shape}")
     if values.dtype.kind not in "fiu" or np.isinf(values).any():
-        infinite = ", some of them infinite; give NaN where nothing can be said" if values.dtype.kind == "f" else ""
-        raise InputError(f"{what}: expected real numbers, got values of type {values.dtype}{infinite}")
+        infinite = (
+            ", some of them infinite; give NaN where nothing can be said"
+            if values.dtype.kind == "f"
+            else ""
+        )
+        raise InputError(
+            f"{what}: expected real numbers, got values of type {values.dtype}{infinite}"
+        )
     return np.array(values, dtype=np.float64)
 
 
 def checked_name(name: object, label: str) -> str:
     """Name of a quantity, pathway or axis, if files and tables may have it."""
     text = str(name)
-    if not text.isprintable() or not 0 < len(text) <= LONGEST_NAME or not text[0].isalpha() or "/" in text:
+    if (
+        not text.isprintable()
+        or not 0 < len(text) <= LONGEST_NAME
+        or not text[0].isalpha()
+        or "/" in text
+    ):
         raise InputError(
             f"{label}: expected names of 1 to {LONGEST_NAME} letters, the first a letter of the alphabet, and no "
             f"slash; got {text[: LONGEST_NAME + 1]!r}"
@@ -201,7 +222,10 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
     lengths = {"realization": len(ensemble), "time": ensemble.samples}
     lengths |= {name: len(values) for name, values in model.coordinates.items()}
     for name, estimate in model.estimates.items():
-        if {"realization", "time"} <= set(estimate.axes) and estimate.axes[:2] != ("realization", "time"):
+        if {"realization", "time"} <= set(estimate.axes) and estimate.axes[:2] != (
+            "realization",
+            "time",
+        ):
             raise InputError(
                 f"{label}: {name} is over {', '.join(estimate.axes)}; expected realization before time, first of all"
             )

@@ -8,7 +8,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, get_args
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Generic,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeVar,
+    get_args,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +29,13 @@ from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
-from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, angle_inflation, mean_left, still_samples
+from tvsysid.quality.statistics import (
+    LEAST_POWER,
+    MOSTLY_NEGATIVE,
+    angle_inflation,
+    mean_left,
+    still_samples,
+)
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 
@@ -75,13 +91,25 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
-    differs: ClassVar[str] = ""  # why its stiffness differs from the true one and from other methods', in a sentence
-    cites: ClassVar[tuple[str, ...]] = ()  # keys of tvsysid.methods.references; none of a method that is our own
-    inputs: ClassVar[tuple[Input, ...]] = ()  # signals that it needs beside angle and torque; channels of the ensemble
-    contiguous: ClassVar[bool] = False  # whether it needs realizations that follow each other in the record
+    differs: ClassVar[str] = (
+        ""  # why its stiffness differs from the true one and from other methods', in a sentence
+    )
+    cites: ClassVar[
+        tuple[str, ...]
+    ] = ()  # keys of tvsysid.methods.references; none of a method that is our own
+    inputs: ClassVar[
+        tuple[Input, ...]
+    ] = ()  # signals that it needs beside angle and torque; channels of the ensemble
+    contiguous: ClassVar[bool] = (
+        False  # whether it needs realizations that follow each other in the record
+    )
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
-    takes_deviations: ClassVar[bool] = False  # whether it subtracts the mean over realizations by itself
-    uses_recorded_angle: ClassVar[bool] = False  # whether it uses the angle at the rate at which it was recorded
+    takes_deviations: ClassVar[bool] = (
+        False  # whether it subtracts the mean over realizations by itself
+    )
+    uses_recorded_angle: ClassVar[bool] = (
+        False  # whether it uses the angle at the rate at which it was recorded
+    )
     # The only kinds of perturbation and of simulated joint that it serves, by names and settings as a study takes them;
     # any, where these are empty.
     perturbation: ClassVar[str] = ""
@@ -114,7 +142,9 @@ class Method(ABC):
                 *(_changing(ensemble) if self.time_invariant else ()),
             )
         details = {**model.diagnostics.details, **aligned(ensemble)}
-        diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details)
+        diagnostics = replace(
+            model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details
+        )
         for text in texts:
             warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
@@ -178,9 +208,13 @@ def said_by(method: object, attribute: str, expected: str, *kinds: type) -> Any:
         said = kinds[0]() if said is None else said
         fits = isinstance(said, kinds)
     except Exception as error:  # a property, which is anybody's code
-        raise InputError(f"{type(method).__name__}: {attribute} cannot be read: {describe_error(error)}") from error
+        raise InputError(
+            f"{type(method).__name__}: {attribute} cannot be read: {describe_error(error)}"
+        ) from error
     if not fits:
-        raise InputError(f"{type(method).__name__}: {attribute} must be {expected}, got {plain_text(said)}")
+        raise InputError(
+            f"{type(method).__name__}: {attribute} must be {expected}, got {plain_text(said)}"
+        )
     return said
 
 
@@ -191,10 +225,16 @@ def names_said(method: object, attribute: str) -> Any:
 
 def scheduled_by(method: object) -> Mapping[str, int]:
     """What a method says that it estimates over a variable of its own, and at how many values at most."""
-    expected = f"numbers of values from 1 to {MOST_VALUES} by name, as in {{'stiffness_at_emg': 20}}"
+    expected = (
+        f"numbers of values from 1 to {MOST_VALUES} by name, as in {{'stiffness_at_emg': 20}}"
+    )
     said: Mapping[str, int] = said_by(method, "scheduled_quantities", expected, dict, Mapping)
-    if wrong := [most for most in said.values() if type(most) is not int or not 1 <= most <= MOST_VALUES]:
-        raise InputError(f"{type(method).__name__}: scheduled_quantities must be {expected}, got {wrong[0]!r}")
+    if wrong := [
+        most for most in said.values() if type(most) is not int or not 1 <= most <= MOST_VALUES
+    ]:
+        raise InputError(
+            f"{type(method).__name__}: scheduled_quantities must be {expected}, got {wrong[0]!r}"
+        )
     return said
 
 
@@ -203,7 +243,9 @@ def inputs_of(method: object) -> tuple[Input, ...]:
     expected = "a tuple of tvsysid.methods.Input (with a comma after a single one)"
     inputs = said_by(method, "inputs", expected, tuple, list)
     if wrong := [item for item in inputs if not isinstance(item, Input)]:
-        raise InputError(f"{type(method).__name__}: inputs must be {expected}, got {plain_text(wrong[0])} in it")
+        raise InputError(
+            f"{type(method).__name__}: inputs must be {expected}, got {plain_text(wrong[0])} in it"
+        )
     return tuple(inputs)
 
 
@@ -225,7 +267,9 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
     skip = getattr(method, "skip", None)
     reason = skip(ensemble) if callable(skip) else None
     if reason and not isinstance(reason, str):
-        raise InputError(f"{type(method).__name__}: skip must return a reason in words, or None; got {type(reason)}")
+        raise InputError(
+            f"{type(method).__name__}: skip must return a reason in words, or None; got {type(reason)}"
+        )
     return reason or None
 
 
@@ -270,7 +314,10 @@ def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
 
 def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
     """Raise where no sample of a realization has a whole window about it."""
-    if missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples or samples > ensemble.angle.shape[1]:
+    if (
+        missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples
+        or samples > ensemble.angle.shape[1]
+    ):
         raise InputError(
             f"{what} need {samples} samples, a realization has {ensemble.samples} with {ensemble.context} of "
             "context on either side; give shorter ones, or longer realizations or context"
@@ -297,14 +344,18 @@ def check_positive(method: object, **settings: float) -> None:
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise InputError(f"{type(method).__name__}: {name} must be a number, got {value!r}")
         if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{type(method).__name__}: {name} must be positive and finite, got {value!r}")
+            raise InputError(
+                f"{type(method).__name__}: {name} must be positive and finite, got {value!r}"
+            )
 
 
 def check_whole(method: object, least: int, **settings: object) -> None:
     """Raise for a setting that is not a whole number from ``least`` on."""
     for name, value in settings.items():
         if type(value) is not int or value < least:
-            raise InputError(f"{type(method).__name__}: {name} must be a whole number from {least} on, got {value!r}")
+            raise InputError(
+                f"{type(method).__name__}: {name} must be a whole number from {least} on, got {value!r}"
+            )
 
 
 def check_choice(method: object, name: str, allowed: object) -> None:
@@ -334,10 +385,14 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    spectrum = PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 32)], ensemble.sampling_rate)
+    spectrum = PowerSpectrum.of(
+        ensemble.angle[:: max(1, len(ensemble) // 32)], ensemble.sampling_rate
+    )
     peak, share, width = spectrum.strongest_line()
     is_line = share > ONE_LINE and peak > 2 * width
-    known = model.stiffness[np.isfinite(model.stiffness) & (not is_line)]  # of a line, it is rounding
+    known = model.stiffness[
+        np.isfinite(model.stiffness) & (not is_line)
+    ]  # of a line, it is rounding
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
@@ -374,7 +429,9 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
     below, above = spectrum.shares((0.0, low), (high, math.inf))
     if min(below, above) < LEAST_POWER:
         side, limit, part, fault = (
-            ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")
+            ("below", low, below, "stiffness")
+            if below < above
+            else ("above", high, above, "viscosity and inertia")
         )
         yield (
             f"only {100 * part:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "

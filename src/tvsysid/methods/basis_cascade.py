@@ -107,23 +107,37 @@ class BasisCascade(in_turn.InTurn):
         base.check_choice(self, "nonlinearity", in_turn.Nonlinearity)
         check_basis(self, self.basis)
         order = self.slow_order
-        if order is not None and (isinstance(order, bool) or not isinstance(order, int) or order < 0):
-            raise InputError(f"BasisCascade: slow_order must be a whole number from 0 on, or None; got {order!r}")
+        if order is not None and (
+            isinstance(order, bool) or not isinstance(order, int) or order < 0
+        ):
+            raise InputError(
+                f"BasisCascade: slow_order must be a whole number from 0 on, or None; got {order!r}"
+            )
         if self.emg is not None:
             object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         usual = self.max_lag if self.emg is None else 0.0
-        reflex = in_turn.Reflex(usual if self.delay is None else self.delay, self.memory, self.nonlinearity, self.emg)
+        reflex = in_turn.Reflex(
+            usual if self.delay is None else self.delay, self.memory, self.nonlinearity, self.emg
+        )
         functions = evaluate(self.basis, ensemble.samples)
-        intrinsic = birf.BasisIRF(max_lag=self.max_lag, basis=self.basis, model="irf", prior=self.prior)
+        intrinsic = birf.BasisIRF(
+            max_lag=self.max_lag, basis=self.basis, model="irf", prior=self.prior
+        )
 
-        slow = None if self.slow_order is None else in_turn.slow_directions(self.slow_order, ensemble.samples)
+        slow = (
+            None
+            if self.slow_order is None
+            else in_turn.slow_directions(self.slow_order, ensemble.samples)
+        )
 
         def respond(drive: Array, output: Array) -> Array:
             return _response(drive, output, functions, self.prior)
 
-        return in_turn.identify_in_turn(repr(self), ensemble, reflex, self.max_lag, intrinsic, respond, slow)
+        return in_turn.identify_in_turn(
+            repr(self), ensemble, reflex, self.max_lag, intrinsic, respond, slow
+        )
 
 
 def _response(drive: Array, output: Array, functions: Array, prior: birf.Prior) -> Array:

@@ -92,11 +92,17 @@ class BasisIRF(base.Method):
         if self.reference is not None:
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
             if self.model != "parametric":
-                raise InputError("BasisIRF: with a reference, model must be 'parametric', of which the fit is known")
+                raise InputError(
+                    "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
+                )
 
     def _identify(self, ensemble: Ensemble) -> Model:
         functions = evaluate(self.basis, ensemble.samples)
-        return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
+        return (
+            self._parametric(ensemble, functions)
+            if self.model == "parametric"
+            else self._irf(ensemble, functions)
+        )
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
         instrument = None
@@ -115,7 +121,9 @@ class BasisIRF(base.Method):
         covariance = posterior.covariance * np.outer(system.scale, system.scale)
         count = functions.shape[1]
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
-        impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1)
+        impedance = np.stack(
+            [e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1
+        )
         if instrument is None:
             agreement = moments.second_order_agreement(impedance, len(ensemble))
         else:
@@ -124,7 +132,9 @@ class BasisIRF(base.Method):
         left = shared.residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
         coloured = products if instrument is None else None
-        errors = self._errors(ensemble, coloured, expansions, covariances, left, posterior.effective)
+        errors = self._errors(
+            ensemble, coloured, expansions, covariances, left, posterior.effective
+        )
         diagnostics = _diagnostics(posterior, agreement)
         banded: shared.PosteriorErrors | shared.WhereStrong = errors
         if instrument is not None:
@@ -154,7 +164,10 @@ class BasisIRF(base.Method):
         # A second-order fit, weighted by the angle's mean correlations.
         derivative = shared.derivative_filters(lags, ensemble.sampling_rate)
         projected = derivative @ moments
-        fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
+        fit = (
+            shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0]
+            @ projected
+        )
         beyond = moments - projected.T @ fit
         uncertain = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
         found = shared.agreement(
@@ -163,22 +176,34 @@ class BasisIRF(base.Method):
             np.full(len(weights), np.sum(beyond * uncertain)),
         )
         readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
-        covariances = tuple(np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True))
+        covariances = tuple(
+            np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
+        )
         left, products = shared.residual(ensemble, weights), shared.colour_products(ensemble)
-        errors = self._errors(ensemble, products, (inner,) * 3, covariances, left, posterior.effective)
+        errors = self._errors(
+            ensemble, products, (inner,) * 3, covariances, left, posterior.effective
+        )
         diagnostics = _diagnostics(posterior, found)
-        return shared.impulse_response_model(repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors)
+        return shared.impulse_response_model(
+            repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors
+        )
 
-    def _posterior(self, system: System, ensemble: Ensemble, share: float = 1.0) -> shared.Posterior:
+    def _posterior(
+        self, system: System, ensemble: Ensemble, share: float = 1.0
+    ) -> shared.Posterior:
         """Coefficients as if only a share of the samples were there; all of them are, but weigh less."""
         count = len(ensemble) * share
         moments = (system.gram * count, system.cross * count, system.square * count)
         return shared.PRIORS[self.prior](*moments, round(count * system.times))
 
     def _derivative_moments(self, ensemble: Ensemble, products: Array) -> shared.DerivativeMoments:
-        base.check_window("BasisIRF: the derivatives of the angle", 2 * shared.HALF_WIDTH + 1, ensemble)
+        base.check_window(
+            "BasisIRF: the derivatives of the angle", 2 * shared.HALF_WIDTH + 1, ensemble
+        )
         first = max(0, ensemble.context - shared.HALF_WIDTH)
-        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+        angle, torque = (
+            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
+        )
         return shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
 
     def _errors(
@@ -216,22 +241,34 @@ class BasisIRF(base.Method):
             moved = shared.Instrument.of("birf", ensemble, self.reference).moved
             return replace(self, reference=None)._evidence(moved, seed)
         parametric = self.model == "parametric"
-        per_function = 2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        per_function = (
+            2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        )
         predicted = self._identify(ensemble).predict(ensemble)
         share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
-        moments = self._derivative_moments(ensemble, shared.colour_products(ensemble)) if parametric else None
+        moments = (
+            self._derivative_moments(ensemble, shared.colour_products(ensemble))
+            if parametric
+            else None
+        )
 
         def log_evidence(basis: Basis) -> float:
             functions = evaluate(basis, ensemble.samples)
             if moments is None:
                 missing = base.missing_edge(per_function // 2, ensemble)
-                system, _ = _irf_system(ensemble, functions[missing : len(functions) - missing], per_function // 2)
+                system, _ = _irf_system(
+                    ensemble, functions[missing : len(functions) - missing], per_function // 2
+                )
             else:
                 missing = (len(functions) - len(moments.square)) // 2
-                system = _parametric_system(moments, _expansions(functions[missing : len(functions) - missing]))
+                system = _parametric_system(
+                    moments, _expansions(functions[missing : len(functions) - missing])
+                )
             return self._posterior(system, ensemble, share).log_evidence
 
-        return tuning.evidence_of_bases(self.basis, self.prior, ensemble.samples, log_evidence, per_function)
+        return tuning.evidence_of_bases(
+            self.basis, self.prior, ensemble.samples, log_evidence, per_function
+        )
 
     def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
@@ -276,7 +313,11 @@ def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
 
 
 def _instrumental(
-    posterior: shared.Posterior, expansions: tuple[Array, ...], scale: Array, ensemble: Ensemble, moved: Ensemble
+    posterior: shared.Posterior,
+    expansions: tuple[Array, ...],
+    scale: Array,
+    ensemble: Ensemble,
+    moved: Ensemble,
 ) -> shared.Posterior:
     r"""Coefficients by instruments Z in the left factor, from their posterior m, C in a fit to the instruments alone.
 
@@ -290,32 +331,46 @@ def _instrumental(
     at = slice(missing, ensemble.samples - missing)
     z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
     surplus = _expanded(np.einsum("irt,jrt->tij", z, x - z), expansions) * np.outer(scale, scale)
-    transform = np.linalg.inv(np.eye(len(scale)) + posterior.covariance @ surplus / posterior.noise_variance)
+    transform = np.linalg.inv(
+        np.eye(len(scale)) + posterior.covariance @ surplus / posterior.noise_variance
+    )
     mean = transform @ posterior.mean
     places = np.cumsum([each.shape[1] for each in expansions])[:-1]
-    impedance = [e @ part for e, part in zip(expansions, np.split(mean * scale, places), strict=True)]
+    impedance = [
+        e @ part for e, part in zip(expansions, np.split(mean * scale, places), strict=True)
+    ]
     left = ensemble.torque[:, ensemble.core][:, at] - sum(map(np.multiply, np.stack(impedance), x))
     freedom = max(left.size - posterior.effective, 1.0)
-    spread = _noise_through(expansions, scale, z, left, round(COLOUR * ensemble.sampling_rate)) * (left.size / freedom)
+    spread = _noise_through(expansions, scale, z, left, round(COLOUR * ensemble.sampling_rate)) * (
+        left.size / freedom
+    )
     inverse = transform @ posterior.covariance / posterior.noise_variance
     noise = float(np.vdot(left, left)) / freedom
-    return posterior._replace(mean=mean, covariance=inverse @ spread @ inverse.T, noise_variance=noise)
+    return posterior._replace(
+        mean=mean, covariance=inverse @ spread @ inverse.T, noise_variance=noise
+    )
 
 
-def _noise_through(expansions: tuple[Array, ...], scale: Array, signals: Array, left: Array, lags: int) -> Array:
+def _noise_through(
+    expansions: tuple[Array, ...], scale: Array, signals: Array, left: Array, lags: int
+) -> Array:
     r"""Variance of :math:`Z^T e`, (coefficient, coefficient), for noise with the autocorrelation of what is ``left``.
 
     Within each realization, up to so many ``lags`` apart, under half a Hann window.
     """
     samples = left.shape[1]
     lags = min(lags, samples - 1)
-    covariance = shared.autocovariance(left, lags) * (0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1)))
+    covariance = shared.autocovariance(left, lags) * (
+        0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1))
+    )
     size = next_fast_len(samples + lags, real=True)
     power = np.maximum(2 * rfft(covariance, size).real - covariance[0], 0.0) / size
     power[1 : (size + 1) // 2] *= 2  # of both signs of frequency
     found = np.zeros((len(scale), len(scale)))
     for each in signals.transpose(1, 0, 2):
-        spectra = rfft(np.concatenate([e.T * own for e, own in zip(expansions, each, strict=True)]), size)
+        spectra = rfft(
+            np.concatenate([e.T * own for e, own in zip(expansions, each, strict=True)]), size
+        )
         found += ((spectra * power) @ spectra.conj().T).real
     return found * np.outer(scale, scale)
 
@@ -331,7 +386,9 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     power = float(np.trace(moments)) / (unknowns * len(functions))
     cross = (phi_uy.T @ functions).ravel() / np.sqrt(power)
     scale = np.full(unknowns * count, 1 / np.sqrt(power))
-    return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(functions)
+    return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(
+        functions
+    )
 
 
 def _diagnostics(posterior: shared.Posterior, agreement: float) -> Diagnostics:

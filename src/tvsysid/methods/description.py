@@ -40,7 +40,9 @@ def describe(text: str) -> Description:
     target = target_of(key_of(text), "method")
     kind = target if isinstance(target, type) else type(target)
     stated = getattr(target, "assumptions", ())
-    assumptions = stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
+    assumptions = (
+        stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
+    )
     settings = []
     made = None
     if isinstance(target, type):
@@ -48,7 +50,9 @@ def describe(text: str) -> Description:
             made = parse(text)
         for name, item in settings_of(target)[0].items():
             default = getattr(made, name, item.default)
-            settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
+            settings.append(
+                f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}"
+            )
     method = target if made is None else made
     title = str(getattr(target, "title", kind.__name__))
     about = _purpose(method), _needs(method), _reports(method)
@@ -74,12 +78,18 @@ def _needs(method: object) -> tuple[str, ...]:
         needs.append(f"a perturbation of this kind: {perturbed}")
     if said_by(method, "contiguous", "true or false", bool):
         needs.append("realizations that follow each other")
-    return (*needs, "EMG, if emg= names its channel") if getattr(method, "emg", "") is None else tuple(needs)
+    return (
+        (*needs, "EMG, if emg= names its channel")
+        if getattr(method, "emg", "") is None
+        else tuple(needs)
+    )
 
 
 def _reports(method: object) -> tuple[str, ...]:
     """Quantities that a method estimates, always or sometimes, and pathways."""
     several = len(getattr(method, "pathway_names", ())) > 1
-    quantities = dict.fromkeys((*IMPEDANCE, *names_said(method, "quantities"), *scheduled_by(method)))
+    quantities = dict.fromkeys(
+        (*IMPEDANCE, *names_said(method, "quantities"), *scheduled_by(method))
+    )
     sometimes = names_said(method, "sometimes")
     return (*quantities, *sometimes, *(["the torque of each pathway"] if several else []))

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
+from tvsysid.methods.base import (
+    EXCITED_ABOVE,
+    Method,
+    check_choice,
+    check_positive,
+    fitting_lags,
+    whole_samples,
+)
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
@@ -82,16 +89,22 @@ class EnsembleIRF(Method):
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
         windows = shared.solve_windows(ensemble, lags, 0, solve)
         errors = self._errors(ensemble, windows)
-        return shared.window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
+        return shared.window_model(
+            repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors
+        )
 
-    def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> pseudoinverse.Solution:
+    def _solve(
+        self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array
+    ) -> pseudoinverse.Solution:
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
 
     def _directly(self, ensemble: Ensemble, lags: int) -> shared.Solver:
         first = max(0, ensemble.context - lags)
-        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+        angle, torque = (
+            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
+        )
 
         def solve(at: slice, *correlations: Array) -> pseudoinverse.Solution:
             within = slice(at.start, at.stop + 2 * lags)
@@ -99,7 +112,9 @@ class EnsembleIRF(Method):
 
         return solve
 
-    def _errors(self, ensemble: Ensemble, windows: shared.Windows) -> dict[str, shared.StandardError]:
+    def _errors(
+        self, ensemble: Ensemble, windows: shared.Windows
+    ) -> dict[str, shared.StandardError]:
         unknowns = 2 * windows.lags + 1
         if shared.independent_realizations(ensemble) > unknowns:
             return shared.window_errors(ensemble, windows)
@@ -119,7 +134,10 @@ class EnsembleIRF(Method):
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
             few, fault = (
-                ("fewer than", "the fit at each time is not determined and its random error is very large")
+                (
+                    "fewer than",
+                    "the fit at each time is not determined and its random error is very large",
+                )
                 if len(ensemble) < unknowns
                 else ("less than twice", "the random error is large")
             )

@@ -93,7 +93,9 @@ class EnsembleCascade(in_turn.InTurn):
         def respond(drive: Array, output: Array) -> Array:
             return _response(drive, output, half)
 
-        return in_turn.identify_in_turn(repr(self), ensemble, reflex, self.max_lag, intrinsic, respond)
+        return in_turn.identify_in_turn(
+            repr(self), ensemble, reflex, self.max_lag, intrinsic, respond
+        )
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1
@@ -117,5 +119,7 @@ def _response(drive: Array, output: Array, half: int) -> Array:
         begin, end = max(0, chunk.start - half), min(times, chunk.stop + half)
         summed = sliding_sum(phi[begin:end], half, half)[chunk.start - begin : chunk.stop - begin]
         mean = summed / count[chunk, None, None]
-        weights[chunk] = truncated(mean, cross[chunk], power[chunk], count[chunk] * len(drive)).weights
+        weights[chunk] = truncated(
+            mean, cross[chunk], power[chunk], count[chunk] * len(drive)
+        ).weights
     return weights

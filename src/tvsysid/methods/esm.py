@@ -26,7 +26,17 @@ FEWEST_AT_REST = 2  # independent realizations below which those leave nothing o
 MAX_LEAKAGE = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
 OVERSAMPLED = 1e-6  # share of the angle's power in the band's upper half below which it counts as sampled too fast
 EXCITED = 1e-6  # share of the strongest frequency's input power from which on a frequency counts as excited
-WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)  # s, of which a tuned one is the best
+WINDOWS = (
+    0.12,
+    0.16,
+    0.20,
+    0.26,
+    0.30,
+    0.36,
+    0.44,
+    0.56,
+    0.70,
+)  # s, of which a tuned one is the best
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
@@ -115,7 +125,11 @@ class EnsembleSpectral(base.Method):
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
-        instrument = None if self.reference is None else shared.Instrument.of("esm", ensemble, self.reference)
+        instrument = (
+            None
+            if self.reference is None
+            else shared.Instrument.of("esm", ensemble, self.reference)
+        )
         products = shared.colour_products(ensemble)
         mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
         angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
@@ -127,11 +141,16 @@ class EnsembleSpectral(base.Method):
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
         response: NDArray[np.complex128] = spectra.yu / input_power
         if instrument is not None:
-            told = _told(shared.short_time_spectra(moved, angle, length), shared.independent_realizations(ensemble))
+            told = _told(
+                shared.short_time_spectra(moved, angle, length),
+                shared.independent_realizations(ensemble),
+            )
             response, excited = response * told, excited * np.isfinite(told)
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
-        frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
+        frequencies = np.asarray(
+            np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64
+        )
         power = shared.hann(length) ** 2
         errors: SegmentErrors | shared.WhereStrong
         warned: tuple[str, ...] = ()
@@ -141,17 +160,25 @@ class EnsembleSpectral(base.Method):
             if self.stiffness == "dc":
                 warned = _leaking(response[:, 0].real, impedance[:, 0])
                 impedance[:, 0] = response[:, 0].real
-                at_rest = _variance_at_rest(angle, torque, impedance[:, 0], shared.independent_realizations(ensemble))
+                at_rest = _variance_at_rest(
+                    angle, torque, impedance[:, 0], shared.independent_realizations(ensemble)
+                )
             errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
             impedance = base.padded(impedance, *missing)
         else:
             found = shared.segment_fit(ensemble, instrument.moved, power, first, last)
-            impedance, values = (base.padded(each, *missing) for each in (found.impedance, np.sqrt(found.variances)))
-            freedom = np.full(values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0))
+            impedance, values = (
+                base.padded(each, *missing) for each in (found.impedance, np.sqrt(found.variances))
+            )
+            freedom = np.full(
+                values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0)
+            )
             errors = instrument.banded(shared.standard_errors(values, freedom))
             agreement = instrument.agreement(ensemble, impedance)
         stiffness, viscosity, inertia = impedance.T
-        diagnostics = Diagnostics(float(length), warnings=warned, details={"second_order_agreement": agreement})
+        diagnostics = Diagnostics(
+            float(length), warnings=warned, details={"second_order_agreement": agreement}
+        )
         return (FrequencyResponseModel if instrument is None else InstrumentalResponseModel)(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -231,7 +258,9 @@ class Segments(NamedTuple):
         weight = self.realizations * sliding_window_view(known, len(self.power)) @ self.power
         fitted = np.einsum("tmk,tkm->t", inverse, fourth)
         left = np.maximum(sums[:, 3, 3] - np.einsum("tm,tm->t", impedance, sums[:, :3, 3]), 0.0)
-        noise = np.where(weight > fitted, left / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
+        noise = np.where(
+            weight > fitted, left / np.where(weight > fitted, weight - fitted, 1.0), np.nan
+        )
         white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
         overlap = _overlap(self.power, len(self.colour.covariance))
         _, factors = self.colour.noise_and_factors(overlap / overlap[0])
@@ -264,19 +293,27 @@ def _segment_fit(
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
     start, stop = max(first, begin + centre), min(last, begin + centre + len(impedance))
     at_centre = impedance[start - begin - centre : stop - begin - centre].T
-    angle, velocity, acceleration, torque = (signal[:, start - first : stop - first] for signal in signals)
+    angle, velocity, acceleration, torque = (
+        signal[:, start - first : stop - first] for signal in signals
+    )
     fit = angle * at_centre[0]
     fit += velocity * at_centre[1]
     fit += acceleration * at_centre[2]
     left = torque - fit
     filters = shared.derivative_filters(reach, rate)
     longest = shared.colour_lags(ensemble)
-    colour = shared.Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
+    colour = shared.Colour.of(
+        ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products
+    )
     covariance = shared.angle_covariance(ensemble, products, 2 * min(centre, longest))
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
     agreement = shared.agreement_of(fit, left, angle, covariance)
     edges = first - begin, end - last
-    return Segments(moments, edges, power, shared.independent_realizations(ensemble), colour), impedance, agreement
+    return (
+        Segments(moments, edges, power, shared.independent_realizations(ensemble), colour),
+        impedance,
+        agreement,
+    )
 
 
 def _told(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
@@ -373,5 +410,7 @@ class SegmentErrors:
                     "set stiffness to 'fit'"
                 )
                 variances[:, 0] = np.nan
-        values, freedom = (base.padded(each, *self.missing) for each in (np.sqrt(variances), freedom))
+        values, freedom = (
+            base.padded(each, *self.missing) for each in (np.sqrt(variances), freedom)
+        )
         return shared.standard_errors(values, freedom, absent=absent)

@@ -18,9 +18,15 @@ from tvsysid.signals import Array, Ensemble
 
 LEAST = 0.25  # share of the largest torque from which on a peak counts as an impulse
 ABOUT = 0.06  # s about its peak in which an impulse acts
-IMPULSIVE, BUSY = 0.85, 0.3  # shares of the torque's power and of the time that impulses take, at least and at most
+IMPULSIVE, BUSY = (
+    0.85,
+    0.3,
+)  # shares of the torque's power and of the time that impulses take, at least and at most
 MOST_DAMPED = 0.35  # damping ratio up to which a joint rings for long enough
-CLEAR, LASTING_S = 3.5, 0.25  # standard deviations of the window after an impulse, and for how long then is looked
+CLEAR, LASTING_S = (
+    3.5,
+    0.25,
+)  # standard deviations of the window after an impulse, and for how long then is looked
 SMOOTH_S = 0.03  # standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
 REACH = 4.0  # standard deviations to which the window extends
 BAND = (1.0, 20.0)  # Hz in which the ridge is looked for
@@ -87,7 +93,9 @@ class ModalDecomposition(base.Method):
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where the torque is no impulses, or the joint is damped too much."""
         torque = ensemble.torque[:, ensemble.core]
-        near = np.concatenate([_impulses(torque[run].ravel(), ensemble.sampling_rate)[1] for run in ensemble.runs])
+        near = np.concatenate(
+            [_impulses(torque[run].ravel(), ensemble.sampling_rate)[1] for run in ensemble.runs]
+        )
         ordered = np.concatenate([torque[run].ravel() for run in ensemble.runs])
         share, busy = float(np.sum(ordered[near] ** 2) / np.sum(ordered**2)), float(near.mean())
         if share < IMPULSIVE or busy > BUSY:
@@ -97,7 +105,11 @@ class ModalDecomposition(base.Method):
                 "serves a joint that rings freely after impulses of torque"
             )
         stiffness, viscosity, inertia, _ = self._mean_impedance(ensemble)
-        damping = viscosity / (2 * math.sqrt(stiffness * inertia)) if stiffness > 0 < inertia else math.nan
+        damping = (
+            viscosity / (2 * math.sqrt(stiffness * inertia))
+            if stiffness > 0 < inertia
+            else math.nan
+        )
         if not damping <= MOST_DAMPED:
             return (
                 f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} N·m/rad, "
@@ -111,10 +123,20 @@ class ModalDecomposition(base.Method):
         Angle and torque are smoothed alike, which leaves noise and the impulses' edges out. Stiffness and viscosity
         have a few harmonics. The error is that of realizations as independent samples.
         """
-        rate, features = ensemble.sampling_rate, evaluate(FourierSeries(HARMONICS), ensemble.samples)
-        lags = np.arange(-math.ceil(REACH * SMOOTH_S * rate), math.ceil(REACH * SMOOTH_S * rate) + 1) / rate
+        rate, features = (
+            ensemble.sampling_rate,
+            evaluate(FourierSeries(HARMONICS), ensemble.samples),
+        )
+        lags = (
+            np.arange(-math.ceil(REACH * SMOOTH_S * rate), math.ceil(REACH * SMOOTH_S * rate) + 1)
+            / rate
+        )
         smooth = np.exp(-((lags / SMOOTH_S) ** 2) / 2)
-        slopes = smooth, -lags / SMOOTH_S**2 * smooth, (lags**2 / SMOOTH_S**4 - 1 / SMOOTH_S**2) * smooth
+        slopes = (
+            smooth,
+            -lags / SMOOTH_S**2 * smooth,
+            (lags**2 / SMOOTH_S**4 - 1 / SMOOTH_S**2) * smooth,
+        )
         angle, velocity, acceleration = (
             scipy.signal.oaconvolve(ensemble.angle, each[None], "valid", axes=1) for each in slopes
         )
@@ -142,7 +164,11 @@ class ModalDecomposition(base.Method):
             angle = recorded.reshape(len(own) * samples, -1).mean(axis=1)
             peaks = _impulses(own.torque[:, own.core].ravel(), rate)[0]
             for peak, following in pairwise([*peaks, len(angle) - reach + clear]):
-                last = min(peak + clear + round(LASTING_S * rate), following - clear, len(angle) - reach - 1)
+                last = min(
+                    peak + clear + round(LASTING_S * rate),
+                    following - clear,
+                    len(angle) - reach - 1,
+                )
                 times = np.arange(max(peak + clear, reach), last + 1)
                 if len(times) >= FEWEST:
                     found = track(angle, times, self.window, rate, inertia, decay)
@@ -152,7 +178,9 @@ class ModalDecomposition(base.Method):
         freedom = np.maximum(count - 1.0, 1.0)
         errors = {
             name: shared.StandardError(values, freedom)
-            for name, values in zip(shared.IMPEDANCE, (*error.T, np.full(samples, np.nan)), strict=True)
+            for name, values in zip(
+                shared.IMPEDANCE, (*error.T, np.full(samples, np.nan)), strict=True
+            )
         }
         constant = np.where(np.isnan(mean[:, 0]), np.nan, inertia)
         return ModalModel(
@@ -188,7 +216,9 @@ def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np
     return places.astype(np.int64), near
 
 
-def track(angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float, decay: float) -> Array:
+def track(
+    angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float, decay: float
+) -> Array:
     """Stiffness and viscosity at these consecutive samples of an angle, shape (time, 2), from how it rings about them.
 
     In a window about each time a wave that decays about so fast (1/s), its mirror image at the negative frequency and a
@@ -199,11 +229,15 @@ def track(angle: Array, times: NDArray[np.int64], width: float, rate: float, ine
     window = np.exp(-((lags / width) ** 2) / 2)
     segments = angle[times[:, None] + np.arange(-reach, reach + 1)]
     grid = 2 * np.pi * np.arange(BAND[0], min(BAND[1], rate / 2), 0.5)
-    speed = grid[np.argmax(np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid))), axis=1)]
+    speed = grid[
+        np.argmax(np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid))), axis=1)
+    ]
     for _ in range(ROUNDS):
         wave = np.exp(np.multiply.outer(1j * speed - decay, lags))
         columns = np.stack([wave, wave.conj(), np.ones(wave.shape)], axis=1)
-        weighted = columns.conj() * window * np.exp(2 * decay * lags)  # as much before the time as after it
+        weighted = (
+            columns.conj() * window * np.exp(2 * decay * lags)
+        )  # as much before the time as after it
         gram, cross = weighted @ columns.transpose(0, 2, 1), weighted @ segments[..., None]
         size = np.linalg.solve(gram, cross)[:, 0, 0]
         found = np.gradient(np.unwrap(np.angle(size)), 1 / rate)
@@ -215,7 +249,9 @@ def track(angle: Array, times: NDArray[np.int64], width: float, rate: float, ine
     return inertia * np.stack([stiffness, 2 * fade], axis=1)
 
 
-def _over_impulses(tracks: list[tuple[NDArray[np.int64], Array]], samples: int) -> tuple[Array, Array, Array]:
+def _over_impulses(
+    tracks: list[tuple[NDArray[np.int64], Array]], samples: int
+) -> tuple[Array, Array, Array]:
     """Mean over impulses (time, 2), its standard error, and how many there are at each time."""
     values = np.full((max(len(tracks), 1), samples, 2), np.nan)
     for row, (times, track) in zip(values, tracks, strict=False):

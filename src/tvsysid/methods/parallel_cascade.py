@@ -106,35 +106,56 @@ class ParallelCascade(base.Method):
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
         rectified = hammerstein.stretches(ensemble)
         if self.nonlinearity == "rectifier":
-            fits = [self._turns(ensemble, each[None], np.ones(1), lags, before) for each in rectified]
+            fits = [
+                self._turns(ensemble, each[None], np.ones(1), lags, before) for each in rectified
+            ]
             direction = (1, -1)[int(np.argmax([fit.explained for fit in fits]))]
-            return self._model(ensemble, max(fits, key=_explained), Stretch(direction=direction), 1.0, direction)
+            return self._model(
+                ensemble, max(fits, key=_explained), Stretch(direction=direction), 1.0, direction
+            )
         drives, limits = hammerstein.polynomial_drives(ensemble, DEGREE)
         starts = [rectified.sum(axis=0)] if self.nonlinearity == "hk" else rectified
         columns = drives.reshape(DEGREE, -1).T
         begins = [np.linalg.lstsq(columns, start.ravel(), rcond=None)[0] for start in starts]
-        fit = max((self._turns(ensemble, drives, begin, lags, before) for begin in begins), key=_explained)
-        slope, direction = hammerstein.slope_of_stretch(np.tensordot(fit.coefficients, drives, 1), rectified)
+        fit = max(
+            (self._turns(ensemble, drives, begin, lags, before) for begin in begins), key=_explained
+        )
+        slope, direction = hammerstein.slope_of_stretch(
+            np.tensordot(fit.coefficients, drives, 1), rectified
+        )
         drive = hammerstein.VelocityPolynomial(tuple((fit.coefficients / slope).tolist()), limits)
         return self._model(ensemble, fit, drive, slope, direction)
 
-    def _turns(self, ensemble: Ensemble, drives: Array, start: Array, lags: int, before: int) -> Cascade:
+    def _turns(
+        self, ensemble: Ensemble, drives: Array, start: Array, lags: int, before: int
+    ) -> Cascade:
         rows = hammerstein.rows_with_history(ensemble, drives, lags, before)
         return parallel_cascade(rows, lags, start, self.nonlinearity)
 
-    def _model(self, ensemble: Ensemble, fit: Cascade, drive: Drive, slope: float, direction: int) -> TwoPathwayModel:
+    def _model(
+        self, ensemble: Ensemble, fit: Cascade, drive: Drive, slope: float, direction: int
+    ) -> TwoPathwayModel:
         gram, cross = (each[None] / fit.samples for each in (fit.gram, fit.cross))
-        readout, fitted = second_order_readout(gram, cross, fit.intrinsic.inverse[None], ensemble.sampling_rate)
-        beyond, chance = fit.intrinsic.explained - fitted, np.zeros(1)  # of so many samples, chance explains nothing
+        readout, fitted = second_order_readout(
+            gram, cross, fit.intrinsic.inverse[None], ensemble.sampling_rate
+        )
+        beyond, chance = (
+            fit.intrinsic.explained - fitted,
+            np.zeros(1),
+        )  # of so many samples, chance explains nothing
         details = {
             "second_order_agreement": agreement(fitted, beyond, chance),
             "direction": float(direction),
             "turns": float(fit.turns),
         }
         times = ensemble.samples - 2 * base.missing_edge(len(cross[0]) // 2, ensemble)
-        weights, impedance = (np.tile(each, (times, 1)) for each in (fit.intrinsic.weights, readout[0] @ cross[0]))
+        weights, impedance = (
+            np.tile(each, (times, 1)) for each in (fit.intrinsic.weights, readout[0] @ cross[0])
+        )
         diagnostics = Diagnostics(fit.parameters, details=details)
-        plain = shared.impulse_response_model(repr(self), ensemble, weights, impedance, diagnostics, {})
+        plain = shared.impulse_response_model(
+            repr(self), ensemble, weights, impedance, diagnostics, {}
+        )
         reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
         return hammerstein.cascade_model(plain, ensemble, reflex, drive)
 

@@ -61,7 +61,10 @@ METHODS: dict[str, type[Method]] = {
 }
 
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # those that van de Ruit et al. 2021 compare
-DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # what an ensemble is identified by; the first gives the answer
+DEFAULT_METHODS = (
+    "adaptive",
+    *PAPER_METHODS,
+)  # what an ensemble is identified by; the first gives the answer
 STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # what studies compare
 CLOSED_LOOP = (
     "sds:reference=disturbance",
@@ -69,12 +72,24 @@ CLOSED_LOOP = (
     "birf:reference=disturbance",
     "kbr:reference=disturbance,weighting=residual",
 )  # methods as they serve a joint in closed loop, whose disturbance is the channel of this name
-GROUPS = {"method": "tvsysid.methods", "scenario": "tvsysid.scenarios"}  # of entry points that a package offers
+GROUPS = {
+    "method": "tvsysid.methods",
+    "scenario": "tvsysid.scenarios",
+}  # of entry points that a package offers
 VERBS = {  # what an object of each kind must have, and how it is written
-    "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),
-    "system": ("simulate", "simulate(self, duration, perturbation, snr_db, seed, rate) that returns a Simulation"),
+    "method": (
+        "identify",
+        "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)",
+    ),
+    "system": (
+        "simulate",
+        "simulate(self, duration, perturbation, snr_db, seed, rate) that returns a Simulation",
+    ),
     "profile": ("__call__", "__call__(self, time) that returns a value for each time"),
-    "perturbation": ("generate", "generate(self, samples, rate, random) that returns an angle for each sample"),
+    "perturbation": (
+        "generate",
+        "generate(self, samples, rate, random) that returns an angle for each sample",
+    ),
 }
 
 
@@ -95,14 +110,20 @@ def names() -> tuple[str, ...]:
 def clashes() -> tuple[str, ...]:
     """What installed packages offer under one of the package's own keys, in a sentence each."""
     sentence = "{!r} is offered by the installed package {} too; the package's own is used. Name the other {}"
-    return tuple(sentence.format(key, *_origin(point)) for key, point in installed().items() if key in METHODS)
+    return tuple(
+        sentence.format(key, *_origin(point))
+        for key, point in installed().items()
+        if key in METHODS
+    )
 
 
 def installed(what: str = "method") -> dict[str, EntryPoint]:
     """Methods, or what else is in ``GROUPS``, of installed packages by name, sorted; none of them is loaded."""
     found: dict[str, EntryPoint] = {}
     for distribution in distributions():
-        with suppress(Exception):  # unreadable metadata of whatever package must not stop the others
+        with suppress(
+            Exception
+        ):  # unreadable metadata of whatever package must not stop the others
             for point in distribution.entry_points.select(group=GROUPS[what]):
                 found.setdefault(point.name, point)
     return dict(sorted(found.items()))
@@ -125,7 +146,9 @@ def origin_of(text: str) -> str:
 
 def _origin(point: EntryPoint) -> tuple[str, str]:
     """Package that offers it, and where it is, as ``module:Class``."""
-    return getattr(point.dist, "name", None) or "without a name", point.value.partition("[")[0].replace(" ", "")
+    return getattr(point.dist, "name", None) or "without a name", point.value.partition("[")[
+        0
+    ].replace(" ", "")
 
 
 def create(key: str, **settings: Any) -> Identifies:
@@ -183,7 +206,9 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
     dataclass, whatever its name.
     """
     if not text.isprintable():
-        raise InputError(f"{what} {text!r}: expected a name and settings without control characters")
+        raise InputError(
+            f"{what} {text!r}: expected a name and settings without control characters"
+        )
     key, rest = _split(text)
     target, settings = target_of(key, what) if usual is None else type(usual), {}
     for part in filter(None, parts(rest)):
@@ -208,7 +233,9 @@ def found_as(value: object, known: Mapping[str, object], what: str) -> Any:
         return known[value]
     key, _, rest = value.partition(":")
     if not rest or (key not in known and "=" in rest.partition(":")[0]):
-        raise InputError(f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object")
+        raise InputError(
+            f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object"
+        )
     return from_text(value, what, known.get(key))
 
 
@@ -222,12 +249,19 @@ def load(name: str, what: str = "object") -> Any:
     label = f"{what} {name!r}"
     if where.endswith(".py") or "/" in where or "\\" in where:
         stem = Path(where.replace("\\", "/")).name.removesuffix(".py")
-        raise InputError(f"{label}: expected the name of a module, got a file; go to its folder and give {stem}:{path}")
+        raise InputError(
+            f"{label}: expected the name of a module, got a file; go to its folder and give {stem}:{path}"
+        )
     if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
-        raise InputError(f"{label}: expected module:Class, as in mypackage.mymodule:My{what.title()}")
+        raise InputError(
+            f"{label}: expected module:Class, as in mypackage.mymodule:My{what.title()}"
+        )
     importlib.invalidate_caches()  # the file may have been written a moment ago
     try:
-        with np.errstate(), warnings.catch_warnings():  # what it changes there is no business of other methods
+        with (
+            np.errstate(),
+            warnings.catch_warnings(),
+        ):  # what it changes there is no business of other methods
             module = importlib.import_module(where)
     except (Exception, SystemExit, GeneratorExit) as error:
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
@@ -236,11 +270,15 @@ def load(name: str, what: str = "object") -> Any:
                 f"{label}: there is no module {absent!r}; the current folder and the installed packages were searched. "
                 "Go to the folder that holds it, or install its package"
             ) from error
-        raise InputError(f"{label}: module {where!r} fails while it is imported: {describe_error(error)}") from error
+        raise InputError(
+            f"{label}: module {where!r} fails while it is imported: {describe_error(error)}"
+        ) from error
     target: object = module
     for word in path.split("."):
         if not hasattr(target, word):
-            raise InputError(f"{label}: module {where!r} has no {path!r}; {_contents(module, what)}")
+            raise InputError(
+                f"{label}: module {where!r} has no {path!r}; {_contents(module, what)}"
+            )
         target = getattr(target, word)
     return target
 
@@ -253,9 +291,15 @@ def typed(method: Method) -> str:
     >>> typed(ShortDataSegments(window=0.2)), typed(KernelRegression())
     ('sds:window=0.2', 'kbr')
     """
-    usual, values = type(method)(), {item.name: getattr(method, item.name) for item in fields(method)}
+    usual, values = (
+        type(method)(),
+        {item.name: getattr(method, item.name) for item in fields(method)},
+    )
     changed = {name: value for name, value in values.items() if value != getattr(usual, name)}
-    words = [f"{name}={value if isinstance(value, str) else repr(value)}" for name, value in changed.items()]
+    words = [
+        f"{name}={value if isinstance(value, str) else repr(value)}"
+        for name, value in changed.items()
+    ]
     return ":".join(filter(None, (method.key, ",".join(words).replace(" ", ""))))
 
 
@@ -285,14 +329,21 @@ def target_of(key: str, what: str) -> Any:
         return load(key, what)
     point = installed(what).get(key)
     if point is None:
-        known = ", ".join(names() if what == "method" else installed(what)) or "none, for no installed package has any"
+        known = (
+            ", ".join(names() if what == "method" else installed(what))
+            or "none, for no installed package has any"
+        )
         own = "module:Class" if what == "method" else "module:name"
-        raise InputError(f"unknown {what} {key!r}; the {what}s are {known}; a {what} of your own is named {own}")
+        raise InputError(
+            f"unknown {what} {key!r}; the {what}s are {known}; a {what} of your own is named {own}"
+        )
     package, place = _origin(point)
     try:
         return load(place, what)
     except InputError as error:
-        raise InputError(f"{what} {key!r} of the installed package {package} cannot be loaded: {error}") from error
+        raise InputError(
+            f"{what} {key!r} of the installed package {package} cannot be loaded: {error}"
+        ) from error
 
 
 def _made(key: str, target: object, settings: Mapping[str, Any], what: str) -> Any:
@@ -314,10 +365,18 @@ def _made(key: str, target: object, settings: Mapping[str, Any], what: str) -> A
     unknown = [name for name in settings if name not in known and not takes_any]
     if unknown:
         has = f"its settings are {', '.join(known)}" if fields_of else "it has none"
-        others = [name for name, method in METHODS.items() if what == "method" and unknown[0] in settings_of(method)[0]]
+        others = [
+            name
+            for name, method in METHODS.items()
+            if what == "method" and unknown[0] in settings_of(method)[0]
+        ]
         with_it = f"; methods with that setting are {', '.join(others)}" if others else ""
         raise InputError(f"{label}: unknown setting {unknown[0]!r}; {has}{with_it}")
-    missing = [name for name, item in fields_of.items() if item.default is item.empty and name not in settings]
+    missing = [
+        name
+        for name, item in fields_of.items()
+        if item.default is item.empty and name not in settings
+    ]
     if missing:
         raise InputError(
             f"{label}: {said} needs {', '.join(missing)}; give a value, as in "
@@ -328,10 +387,14 @@ def _made(key: str, target: object, settings: Mapping[str, Any], what: str) -> A
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise InputError(f"{label}: {said} cannot be made with these settings: {describe_error(error)}") from error
+        raise InputError(
+            f"{label}: {said} cannot be made with these settings: {describe_error(error)}"
+        ) from error
 
 
-def _own(kind: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Method | Tuned:
+def _own(
+    kind: Any, tuned: bool = False, preset: str | None = None, **settings: Any
+) -> Method | Tuned:
     """One of the package's own methods."""
     if not isinstance(tuned, bool):
         raise InputError(f"{kind.key}: tuned must be true or false, got {tuned!r}")
@@ -344,7 +407,11 @@ def settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
     found: dict[str, inspect.Parameter] = {}
     with suppress(TypeError, ValueError):  # compiled classes may not say
         found = dict(inspect.signature(target).parameters)
-    named = {name: item for name, item in found.items() if item.kind not in (item.VAR_POSITIONAL, item.VAR_KEYWORD)}
+    named = {
+        name: item
+        for name, item in found.items()
+        if item.kind not in (item.VAR_POSITIONAL, item.VAR_KEYWORD)
+    }
     return named, any(item.kind is item.VAR_KEYWORD for item in found.values())
 
 

@@ -16,9 +16,21 @@ from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
-WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)  # s, of which a tuned one is the best
+WINDOWS = (
+    0.02,
+    0.04,
+    0.06,
+    0.08,
+    0.10,
+    0.14,
+    0.20,
+    0.30,
+    0.40,
+)  # s, of which a tuned one is the best
 FEWEST = 3  # samples for each lag below which a window has no band: with fewer, 95 % bands held the truth in 78 to 90 %
-FEWEST_REALIZATIONS = 2  # independent ones below which there is none: in one, the noise is hardly known (80 to 86 %)
+FEWEST_REALIZATIONS = (
+    2  # independent ones below which there is none: in one, the noise is hardly known (80 to 86 %)
+)
 
 
 @dataclass(frozen=True)
@@ -93,7 +105,9 @@ class ShortDataSegments(Method):
         errors = SegmentErrors(windows, products, noise, ensemble.samples, counted)
         return shared.window_model(repr(self), ensemble, windows, noise, errors)
 
-    def _by_reference(self, ensemble: Ensemble, lags: int, half: int, reference: str) -> ImpulseResponseModel:
+    def _by_reference(
+        self, ensemble: Ensemble, lags: int, half: int, reference: str
+    ) -> ImpulseResponseModel:
         """Two-stage least squares."""
         instrument = shared.Instrument.of("sds", ensemble, reference)
         lagged = shared.lagged_reference(ensemble, reference, lags, half)
@@ -103,7 +117,9 @@ class ShortDataSegments(Method):
 
         windows = shared.solve_windows(ensemble, lags, half, solve, lagged)
         errors = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
-        model = shared.window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
+        model = shared.window_model(
+            repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors
+        )
         return replace(model, diagnostics=instrument.seen(model.diagnostics))
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
@@ -119,7 +135,9 @@ class ShortDataSegments(Method):
         if self.reference is not None:
             moved = shared.Instrument.of("sds", ensemble, self.reference).moved
             return replace(self, reference=None)._evidence(moved, seed)
-        return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
+        return tuning.evidence_by_halves(
+            self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
+        )
 
     def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
@@ -142,7 +160,9 @@ class SegmentErrors:
     def standard_errors(self) -> dict[str, shared.StandardError]:
         """By quantity."""
         windows, unknowns = self.windows, 2 * self.windows.lags + 1
-        enough = (windows.independent >= FEWEST * unknowns) & (windows.realizations >= FEWEST_REALIZATIONS)
+        enough = (windows.independent >= FEWEST * unknowns) & (
+            windows.realizations >= FEWEST_REALIZATIONS
+        )
         if not enough.any():
             why = (
                 f"windows over {self.counted} hold {windows.independent.max():.0f} independent samples for {unknowns} "

@@ -82,6 +82,8 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     from pydantic import ConfigDict, PydanticUserError, TypeAdapter  # noqa: PLC0415  # heavy
 
     for config in (ConfigDict(arbitrary_types_allowed=True), None):
-        with suppress(PydanticUserError):  # a class with a configuration of its own, or no type at all
+        with suppress(
+            PydanticUserError
+        ):  # a class with a configuration of its own, or no type at all
             return TypeAdapter(kind, config=config)
     return TypeAdapter(Any)

@@ -23,7 +23,10 @@ MOST = 20  # lines that are looked for
 LINES = 0.99  # share of the angle's variance that lines must explain
 WEAK = 1e-4  # share of it from which on a peak counts as a line
 BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are looked for
-LIKELY, SURE = 0.05, 1e-4  # probabilities of as much noise below which a skirt is fitted, and warned of
+LIKELY, SURE = (
+    0.05,
+    1e-4,
+)  # probabilities of as much noise below which a skirt is fitted, and warned of
 NOISELESS = 1e-5  # share of the torque's variance below which what is left is rounding and filters
 ON_GRID = 0.02  # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
@@ -72,7 +75,9 @@ class SkirtDecomposition(base.Method):
         "Impedance changes over a realization as a sum of a few harmonics, alike in all realizations.",
         "The joint is of second order, its inertia constant.",
     )
-    differs: ClassVar[str] = "It changes as a few harmonics of the period can: what changes faster comes out slower."
+    differs: ClassVar[str] = (
+        "It changes as a few harmonics of the period can: what changes faster comes out slower."
+    )
     cites: ClassVar[tuple[str, ...]] = ("lataire2012",)
     perturbation: ClassVar[str] = "multisine"
 
@@ -96,7 +101,9 @@ class SkirtDecomposition(base.Method):
                 f"{100 * LINES:g} % are needed; perturb with some sines of fixed frequencies and impose the angle"
             )
         if lines.size < 2:
-            return f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
+            return (
+                f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
+            )
         if (self.harmonics or 0) > _most_harmonics(lines, ensemble):
             return (
                 f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a change of "
@@ -121,10 +128,17 @@ class SkirtDecomposition(base.Method):
                 break
             chosen = max(likely)
         posterior, labels, agreeing = _second_order(skirts, lines, features.shape[1])
-        left, warned = [str(each) for each, chance in chances.items() if chance < SURE], tuple[str, ...]()
+        left, warned = (
+            [str(each) for each, chance in chances.items() if chance < SURE],
+            tuple[str, ...](),
+        )
         share = np.var(skirts.left) / np.var(ensemble.torque[:, ensemble.core])
         if share > NOISELESS and (left or agreeing < SURE):
-            found = f"skirts of harmonic {', '.join(left)}" if left else "lines that do not agree with each other"
+            found = (
+                f"skirts of harmonic {', '.join(left)}"
+                if left
+                else "lines that do not agree with each other"
+            )
             warned = (
                 f"the torque has {found}, where the impedance that is fitted changes by {chosen} harmonics, which no "
                 "band counts: it changes faster, or is not of second order; give more harmonics, or use kbr",
@@ -137,7 +151,9 @@ class SkirtDecomposition(base.Method):
             own = covariance[np.ix_(place, place)]
             values.append(expansion @ posterior.mean[place])
             variance = np.einsum("tj,jk,tk->t", expansion, own, expansion)
-            errors[name] = shared.StandardError(np.sqrt(variance), skirts.freedom, arc_length(expansion, own))
+            errors[name] = shared.StandardError(
+                np.sqrt(variance), skirts.freedom, arc_length(expansion, own)
+            )
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -159,15 +175,21 @@ class SkirtDecomposition(base.Method):
         run = max(ensemble.runs, key=len)
         lines = _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
         beside = np.abs(lines * ensemble.duration - np.round(lines * ensemble.duration))
-        return lines[beside > ON_GRID] if ensemble.mean_subtracted else lines  # on the grid, the mean has left its own
+        return (
+            lines[beside > ON_GRID] if ensemble.mean_subtracted else lines
+        )  # on the grid, the mean has left its own
 
     def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
         """Each line as a complex wave (line, realization, time) fitted to the angle of each trial, and that angle."""
         assert ensemble.onsets is not None
         assert ensemble.trials is not None
         angle = ensemble.angle[:, ensemble.core]
-        turning = np.exp(2j * np.pi * lines[:, None, None] * (ensemble.onsets[:, None] + ensemble.time))
-        if ensemble.mean_subtracted and np.ptp(ensemble.trials) == 0:  # as angle and torque have lost theirs
+        turning = np.exp(
+            2j * np.pi * lines[:, None, None] * (ensemble.onsets[:, None] + ensemble.time)
+        )
+        if (
+            ensemble.mean_subtracted and np.ptp(ensemble.trials) == 0
+        ):  # as angle and torque have lost theirs
             turning -= turning.mean(axis=1, keepdims=True)
         for trial in np.unique(ensemble.trials):
             own = ensemble.trials == trial
@@ -224,7 +246,14 @@ def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
     return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2 - ON_GRID) - 1
 
 
-def _chance(harmonic: int, chosen: int, lines: Array, skirts: Skirts, waves: ComplexArray, ensemble: Ensemble) -> float:
+def _chance(
+    harmonic: int,
+    chosen: int,
+    lines: Array,
+    skirts: Skirts,
+    waves: ComplexArray,
+    ensemble: Ensemble,
+) -> float:
     """Return the probability that noise alone leaves such skirts of a harmonic of the period.
 
     Where these meet skirts of up to the harmonic ``chosen``, which are fitted, nothing is left to see.
@@ -239,7 +268,9 @@ def _chance(harmonic: int, chosen: int, lines: Array, skirts: Skirts, waves: Com
     return float(gammaincc(seen.sum(), ratio[seen].sum())) if seen.any() else 1.0
 
 
-def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Posterior, tuple[str, ...], float]:
+def _second_order(
+    skirts: Skirts, lines: Array, count: int
+) -> tuple[shared.Posterior, tuple[str, ...], float]:
     """Functions of stiffness and viscosity, and the inertia, from the responses of all lines.
 
     Also the probability that noise alone makes the lines differ as much from them.
@@ -255,7 +286,9 @@ def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Post
     covariance = np.linalg.inv(flat.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
     names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
-    posterior = shared.Posterior(mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True)
+    posterior = shared.Posterior(
+        mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True
+    )
     rest = skirts.mean - flat @ mean
     misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
     return posterior, (*names, "inertia"), float(chdtrc(len(rest) - len(mean), misfit))
@@ -275,11 +308,18 @@ def _found(angle: Array, rate: float) -> Array:
         for _ in range(5):
             first, second = windows @ (left * np.exp(-2j * np.pi * line * time))
             line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
-        if not 0 < line < rate / 2 or np.min(np.abs(lines - line), initial=np.inf) < 2 * rate / samples:
+        if (
+            not 0 < line < rate / 2
+            or np.min(np.abs(lines - line), initial=np.inf) < 2 * rate / samples
+        ):
             break
         turns = 2 * np.pi * np.outer(np.append(lines, line), time)
         columns = np.concatenate([np.cos(turns), np.sin(turns)])
-        rest = angle - angle.mean() - np.linalg.lstsq(columns.T, angle - angle.mean(), rcond=None)[0] @ columns
+        rest = (
+            angle
+            - angle.mean()
+            - np.linalg.lstsq(columns.T, angle - angle.mean(), rcond=None)[0] @ columns
+        )
         if np.sum(left**2) - np.sum(rest**2) < WEAK * total:
             break
         lines, left = np.append(lines, line), rest

@@ -116,7 +116,9 @@ class SubspaceCascade(Method):
         "The reflex is a static nonlinearity before a linear system of low order.",
         "The joint does not change, or changes little within the window.",
     )
-    differs: ClassVar[str] = "It is one constant, or a mean over its window, some mean where the joint changes faster."
+    differs: ClassVar[str] = (
+        "It is one constant, or a mean over its window, some mean where the joint changes faster."
+    )
     cites: ClassVar[tuple[str, ...]] = ("jalaleddini2017", "jalaleddini2017segments")
 
     def __post_init__(self) -> None:
@@ -164,17 +166,25 @@ class SubspaceCascade(Method):
         return 2 * self.terms * (1 + (self.order or 2))
 
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
-        lags, depth = fitting_lags(type(self).__name__, self.delay, ensemble), whole_samples(self.horizon, ensemble)
+        lags, depth = (
+            fitting_lags(type(self).__name__, self.delay, ensemble),
+            whole_samples(self.horizon, ensemble),
+        )
         drives, limits = polynomial_drives(ensemble, self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
         axis = 0 if ensemble.mean_subtracted else None
         inputs = np.stack([each - each.mean(axis=axis) for each in drives], axis=-1)
         lines = [Line.of(ensemble, inputs, run, lags) for run in ensemble.runs]
-        pieces = [piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth]
+        pieces = [
+            piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth
+        ]
         found = subspace.dynamics(pieces, depth, self.order)
         rows = subspace.joined([subspace.rows_of(piece, found) for piece in pieces])
         left = subspace.project(rows)
-        rest = [piece._replace(output=piece.output - piece.regressors() @ left.response) for piece in pieces]
+        rest = [
+            piece._replace(output=piece.output - piece.regressors() @ left.response)
+            for piece in pieces
+        ]
         reflex = subspace.dynamics(rest, depth, found.order, lagged=False)
         later = subspace.joined([subspace.rows_of(piece, reflex) for piece in pieces])
         sizes = [len(piece.output) for piece in pieces]
@@ -201,7 +211,10 @@ class SubspaceCascade(Method):
         centres, between = grid(ensemble.samples, max(1, 2 * half // STEPS))
         longest = whole_samples(MEMORY, ensemble)
         past = max(lasting(each.impulse_response(longest)) for each in (found, reflex))
-        whole = [[subspace.rows_of(line.piece, each, free=False) for line in lines] for each in (found, reflex)]
+        whole = [
+            [subspace.rows_of(line.piece, each, free=False) for line in lines]
+            for each in (found, reflex)
+        ]
         fits: list[Fit | None] = []
         for centre in centres:
             windows = [line.windows(centre, half, past) for line in lines]
@@ -211,15 +224,34 @@ class SubspaceCascade(Method):
                 continue
             rows, later = (
                 subspace.joined(
-                    [line.chosen(window) for line, each in zip(of, windows, strict=True) for window in each]
+                    [
+                        line.chosen(window)
+                        for line, each in zip(of, windows, strict=True)
+                        for window in each
+                    ]
                 )
                 for of in whole
             )
-            fits.append(fit(rows, subspace.project(rows), later, reflex, sizes, ensemble.sampling_rate, weights))
+            fits.append(
+                fit(
+                    rows,
+                    subspace.project(rows),
+                    later,
+                    reflex,
+                    sizes,
+                    ensemble.sampling_rate,
+                    weights,
+                )
+            )
         return fits, between
 
     def _model(
-        self, ensemble: Ensemble, fits: Sequence[Fit | None], between: Array, drive: VelocityPolynomial, slope: float
+        self,
+        ensemble: Ensemble,
+        fits: Sequence[Fit | None],
+        between: Array,
+        drive: VelocityPolynomial,
+        slope: float,
     ) -> TwoPathwayModel:
         """Model from fits, the share of each in a time (time, fit), and what the drive was divided by."""
         lags, rate = whole_samples(self.delay, ensemble), ensemble.sampling_rate
@@ -229,21 +261,30 @@ class SubspaceCascade(Method):
                 "SubspaceCascade: in no window the velocity is known as long before as the reflex lasts, some "
                 f"{MEMORY:g} s; give realizations that follow each other, more context, or window=None"
             )
-        lasts = max(lasting(fit.reflex.impulse_response(whole_samples(MEMORY, ensemble))) for fit in known)
+        lasts = max(
+            lasting(fit.reflex.impulse_response(whole_samples(MEMORY, ensemble))) for fit in known
+        )
 
         edge = missing_edge(lags, ensemble)
 
         def over_time(values: Sequence[Array], missing: int = 0) -> Array:
             given = iter(values)
-            table = np.stack([np.full_like(values[0], np.nan) if fit is None else next(given) for fit in fits])
+            table = np.stack(
+                [np.full_like(values[0], np.nan) if fit is None else next(given) for fit in fits]
+            )
             # What has no share in a time does not count there, be it known or not.
-            mixed = np.asarray(np.where(between[..., None] > 0, between[..., None] * table, 0.0).sum(axis=1))
+            mixed = np.asarray(
+                np.where(between[..., None] > 0, between[..., None] * table, 0.0).sum(axis=1)
+            )
             return padded(mixed[missing : len(mixed) - missing], missing)
 
         errors = over_time([fit.errors for fit in known], edge)
         freedom = np.array(min(fit.freedom for fit in known), dtype=np.float64)
         arc = np.inf if self.window else 0.0
-        bands = {name: StandardError(values, freedom, arc) for name, values in zip(IMPEDANCE, errors.T, strict=True)}
+        bands = {
+            name: StandardError(values, freedom, arc)
+            for name, values in zip(IMPEDANCE, errors.T, strict=True)
+        }
         stiffness, viscosity, inertia = over_time([fit.impedance for fit in known], edge).T
         gain = over_time([np.array([fit.reflex.static_gain * slope]) for fit in known])[:, 0]
         order = known[0].reflex.order
@@ -254,11 +295,14 @@ class SubspaceCascade(Method):
             time=ensemble.time,
             estimates={
                 **impedance_estimates(stiffness, viscosity, inertia, bands),
-                "reflex_gain": Estimate(gain, UNITS["reflex_gain"], error=StandardError.none(len(gain), NO_BAND)),
+                "reflex_gain": Estimate(
+                    gain, UNITS["reflex_gain"], error=StandardError.none(len(gain), NO_BAND)
+                ),
             },
             impulse_response=over_time([fit.response for fit in known], edge),
             lags=np.arange(-lags, lags + 1) / rate,
-            reflex_response=over_time([fit.reflex.impulse_response(lasts) * slope for fit in known]) * rate,
+            reflex_response=over_time([fit.reflex.impulse_response(lasts) * slope for fit in known])
+            * rate,
             reflex_lags=(lags + np.arange(lasts)) / rate,
             drive=drive,
             diagnostics=Diagnostics(
@@ -306,14 +350,23 @@ def fit(
         weights = subspace.weights_of(rest, dynamics)
     found = subspace.hammerstein(rest, dynamics, weights)
     moments, own = (np.asarray(each.T @ each / count) for each in (rows.signals, left.signals))
-    inverse, own = (np.asarray(np.linalg.pinv(each, subspace.ROUNDING, hermitian=True)) for each in (moments, own))
+    inverse, own = (
+        np.asarray(np.linalg.pinv(each, subspace.ROUNDING, hermitian=True))
+        for each in (moments, own)
+    )
     cross = moments @ response
     (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
     freedom = max(1, count - len(cross) - len(found.weights) - found.order * (2 + len(sizes)))
     answers = left.signals @ (own @ moments @ readout.T) / count
     variances = coloured_variances(answers, found.left, sizes, round(COLOUR * rate))
     errors = np.sqrt(np.maximum(variances, 0.0) * count / freedom)
-    chance = float(found.left @ found.left) / freedom / count * np.trace(own @ moments) * (1 - 3 / len(cross))
+    chance = (
+        float(found.left @ found.left)
+        / freedom
+        / count
+        * np.trace(own @ moments)
+        * (1 - 3 / len(cross))
+    )
     shares = np.array([fitted, cross @ response - fitted, chance])
     return Fit(response * rate, shares, readout @ cross, errors, freedom, found)
 
@@ -334,7 +387,11 @@ class Line(NamedTuple):
     def of(cls, ensemble: Ensemble, inputs: Array, run: NDArray[np.int64], lags: int) -> Line:
         """From a run of realizations; the inputs (realization, time, input) come a delay of so many lags later."""
         level = 0.0 if ensemble.mean_subtracted else 1.0
-        core, before, after = ensemble.core, slice(0, ensemble.context), slice(ensemble.core.stop, None)
+        core, before, after = (
+            ensemble.core,
+            slice(0, ensemble.context),
+            slice(ensemble.core.stop, None),
+        )
         angle, torque, inputs = (
             np.concatenate([x[run[0], before], *x[run, core], x[run[-1], after]])
             for x in (
@@ -348,14 +405,22 @@ class Line(NamedTuple):
 
     def core(self) -> subspace.Piece:
         """Realizations alone, as far as lags reach."""
-        first, last = max(0, self.first), min(len(self.piece.output), self.first + self.realizations * self.samples)
+        first, last = (
+            max(0, self.first),
+            min(len(self.piece.output), self.first + self.realizations * self.samples),
+        )
         output, lagged, inputs = self.piece
-        return subspace.Piece(output[first:last], lagged[first : last + 2 * self.piece.lags], inputs[first:last])
+        return subspace.Piece(
+            output[first:last], lagged[first : last + 2 * self.piece.lags], inputs[first:last]
+        )
 
     def windows(self, centre: int, half: int, past: int) -> list[slice]:
         """Samples about one of each realization's; none of the first, before which the inputs are not known."""
         starts = self.first + centre + self.samples * np.arange(self.realizations)
-        bounds = [(max(past, int(at) - half), min(len(self.piece.output), int(at) + half + 1)) for at in starts]
+        bounds = [
+            (max(past, int(at) - half), min(len(self.piece.output), int(at) + half + 1))
+            for at in starts
+        ]
         return [slice(first, last) for first, last in bounds if last > first]
 
 
@@ -382,6 +447,9 @@ def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags:
     pieces = np.split(columns, ends)
     for size in sorted(set(sizes)):
         alike = np.stack([piece for piece in pieces if len(piece) == size])
-        total += [autocovariance(alike[..., column], lags) * alike[..., 0].size for column in range(columns.shape[1])]
+        total += [
+            autocovariance(alike[..., column], lags) * alike[..., 0].size
+            for column in range(columns.shape[1])
+        ]
     taper = np.r_[1.0, 2 * (1 - np.arange(1, lags + 1) / (lags + 1))]
     return np.asarray(total[1:] @ (taper * total[0] / len(noise)))

@@ -18,8 +18,24 @@ from tvsysid.metrics.errors import (
 )
 from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
 
-__all__ = ["CATALOGUE", "Metric", "bandpassed_vaf", "bias_error", "coverage", "debiased_bias_error", "left_out"]
-__all__ += ["mean_bias", "random_error", "rise_time", "share_covered", "time_varying_vaf", "total_error", "vaf"]
+__all__ = [
+    "CATALOGUE",
+    "Metric",
+    "bandpassed_vaf",
+    "bias_error",
+    "coverage",
+    "debiased_bias_error",
+    "left_out",
+]
+__all__ += [
+    "mean_bias",
+    "random_error",
+    "rise_time",
+    "share_covered",
+    "time_varying_vaf",
+    "total_error",
+    "vaf",
+]
 __all__ += ["weighted_mean"]
 
 
@@ -40,7 +56,9 @@ class Metric:
 
 CATALOGUE: dict[str, Metric] = {
     "bias_error": Metric("bias error", "N·m/rad", 0.0, True, bias_error),
-    "debiased_bias_error": Metric("bias error freed of random error", "N·m/rad", 0.0, True, debiased_bias_error),
+    "debiased_bias_error": Metric(
+        "bias error freed of random error", "N·m/rad", 0.0, True, debiased_bias_error
+    ),
     "mean_bias": Metric("mean bias", "N·m/rad", 0.0, True, mean_bias),
     "random_error": Metric("random error", "N·m/rad", 0.0, False, random_error),
     "total_error": Metric("total error", "N·m/rad", 0.0, True, total_error),
@@ -48,5 +66,7 @@ CATALOGUE: dict[str, Metric] = {
     "vaf": Metric("variance accounted for", "%", 100.0, False, vaf),
     "bandpassed_vaf": Metric("variance accounted for, 1-10 Hz", "%", 100.0, False, bandpassed_vaf),
     "coverage": Metric("coverage of the 95 % band", "%", 95.0, True, coverage),
-    "time_varying_vaf": Metric("variance accounted for over time", "%", 100.0, False, time_varying_vaf),
+    "time_varying_vaf": Metric(
+        "variance accounted for over time", "%", 100.0, False, time_varying_vaf
+    ),
 }

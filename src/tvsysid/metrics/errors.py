@@ -20,7 +20,9 @@ def _trials(estimates: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
     """Estimates as (trial, time), and the times at which every trial has one."""
     values = np.asarray(estimates, dtype=np.float64)
     if values.ndim != 2 or values.size == 0:
-        raise InputError(f"estimates: expected an array of axes (trial, time), got shape {values.shape}")
+        raise InputError(
+            f"estimates: expected an array of axes (trial, time), got shape {values.shape}"
+        )
     return values, np.asarray(np.isfinite(values).all(axis=0))
 
 
@@ -28,7 +30,9 @@ def _against(estimates: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
     values, known = _trials(estimates)
     true = np.asarray(truth, dtype=np.float64)
     if true.shape != values.shape[1:]:
-        raise InputError(f"truth: expected one value for each of {values.shape[1]} times, got shape {true.shape}")
+        raise InputError(
+            f"truth: expected one value for each of {values.shape[1]} times, got shape {true.shape}"
+        )
     return values[:, known], true[known]
 
 
@@ -102,7 +106,9 @@ def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None
     return _root(_power_of_mean(values - true, weights))
 
 
-def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
+def debiased_bias_error(
+    estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None
+) -> Value:
     r"""Bias error without what the random error contributes to it.
 
     .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
@@ -191,7 +197,9 @@ def rise_time(
     values, _ = _trials(estimates)
     times = np.asarray(time, dtype=np.float64)
     if times.shape != values.shape[1:]:
-        raise InputError(f"time: expected one value for each of {values.shape[1]} estimates, got shape {times.shape}")
+        raise InputError(
+            f"time: expected one value for each of {values.shape[1]} estimates, got shape {times.shape}"
+        )
     near = np.abs(times - switch) <= within + 1e-9
     times, mean = times[near], weighted_mean(values[:, near], weights)
     places = np.arange(len(times))
@@ -204,7 +212,9 @@ def rise_time(
     return np.where(crossed, np.round(risen, 12), np.nan)[()]
 
 
-def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
+def coverage(
+    lower: ArrayLike, upper: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None
+) -> Value:
     """Share in per cent of trials and times at which a band holds the truth, its edges included.
 
     The band's edges have the shape (trial, time), the truth (time,). Where either edge is NaN there is no band, and the

@@ -62,7 +62,10 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
 
 def bandpassed_vaf(
-    torque: ArrayLike, predicted: ArrayLike, sampling_rate: float, band: tuple[float, float] = (1.0, 10.0)
+    torque: ArrayLike,
+    predicted: ArrayLike,
+    sampling_rate: float,
+    band: tuple[float, float] = (1.0, 10.0),
 ) -> Array:
     """Variance accounted for in each realization, after a band-pass that takes away most of the inertia's part.
 
@@ -90,7 +93,9 @@ def bandpassed_vaf(
 
 
 SHORTEST_FILTERED = 18  # samples that are too few to filter
-LONGEST_MATRIX = 512  # samples up to which the filter is applied as a matrix product, several times faster
+LONGEST_MATRIX = (
+    512  # samples up to which the filter is applied as a matrix product, several times faster
+)
 
 
 @lru_cache(maxsize=16)

@@ -26,8 +26,15 @@ Basis = Callable[[Array], Array]
 def evaluate(basis: Basis, samples: int) -> Array:
     """Values (time, function) of a basis over a realization of so many samples; raises if it gives none such."""
     periodic = bool(getattr(basis, "periodic", False))
-    values = np.asarray(basis(np.linspace(0.0, 1.0, samples, endpoint=not periodic)), dtype=np.float64)
-    if values.ndim != 2 or len(values) != samples or values.shape[1] == 0 or not np.isfinite(values).all():
+    values = np.asarray(
+        basis(np.linspace(0.0, 1.0, samples, endpoint=not periodic)), dtype=np.float64
+    )
+    if (
+        values.ndim != 2
+        or len(values) != samples
+        or values.shape[1] == 0
+        or not np.isfinite(values).all()
+    ):
         raise InputError(
             f"basis {basis!r}: expected finite values of shape ({samples}, functions) for {samples} times, "
             f"got shape {values.shape}"
@@ -123,7 +130,9 @@ class GaussianBumps:
         distance = time[:, None] - centres
         if self.periodic:
             distance = (distance + 0.5) % 1.0 - 0.5
-        return np.asarray(np.exp(-((distance / self.width) ** 2) / 2) / math.sqrt(2 * math.pi * self.width))
+        return np.asarray(
+            np.exp(-((distance / self.width) ** 2) / 2) / math.sqrt(2 * math.pi * self.width)
+        )
 
 
 @dataclass(frozen=True)

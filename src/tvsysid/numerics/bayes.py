@@ -64,7 +64,9 @@ def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
     projections = vectors.T @ cross
     start = projections * _reciprocal(values)
     alpha = len(values) / max(float(start @ start), np.finfo(float).tiny)
-    beta = samples / max(square - float(start @ projections), SMALLEST_RESIDUAL * square, np.finfo(float).tiny)
+    beta = samples / max(
+        square - float(start @ projections), SMALLEST_RESIDUAL * square, np.finfo(float).tiny
+    )
     evidence = -math.inf
     for iteration in range(1, 501):
         precision = alpha + beta * values
@@ -168,7 +170,9 @@ def _reciprocal(values: Array) -> Array:
 
 def _residual(gram: Array, cross: Array, square: float, mean: Array) -> float:
     """Squared length of y - X m, no less than rounding."""
-    return max(square - 2 * float(mean @ cross) + float(mean @ gram @ mean), SMALLEST_RESIDUAL * square)
+    return max(
+        square - 2 * float(mean @ cross) + float(mean @ gram @ mean), SMALLEST_RESIDUAL * square
+    )
 
 
 def _solve(gram: Array, cross: Array) -> Array:

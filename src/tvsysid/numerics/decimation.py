@@ -33,4 +33,6 @@ def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
     head = 2 * x[..., :1] - x[..., half:0:-1]
     tail = 2 * x[..., -1:] - x[..., -2 : -2 - half : -1]
     windows = sliding_window_view(np.concatenate([head, x, tail], axis=-1), taps, axis=-1)
-    return np.asarray(np.einsum("...t,t", windows[..., ::factor, :], decimation_weights(factor, taps)))
+    return np.asarray(
+        np.einsum("...t,t", windows[..., ::factor, :], decimation_weights(factor, taps))
+    )

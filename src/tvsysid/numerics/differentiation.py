@@ -30,7 +30,9 @@ def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Arra
     phase = np.outer(omega, lags)
     sine = np.linalg.lstsq(-2 * np.sin(phase) / omega[:, None], np.ones_like(omega), rcond=None)[0]
     # The weights of the second derivative sum to zero, so that an offset has none.
-    cosine = np.linalg.lstsq(2 * (1 - np.cos(phase)) / omega[:, None] ** 2, np.ones_like(omega), rcond=None)[0]
+    cosine = np.linalg.lstsq(
+        2 * (1 - np.cos(phase)) / omega[:, None] ** 2, np.ones_like(omega), rcond=None
+    )[0]
     weights = np.zeros((3, 2 * half_width + 1))
     weights[0, half_width] = 1.0
     weights[1] = np.concatenate([-sine[::-1], [0.0], sine])

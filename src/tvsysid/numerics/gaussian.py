@@ -85,7 +85,9 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
         step = -gap / slope if slope < -0.1 else gap
         before = place, gap
         noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
-    return Fit(solution.mean * scale, noise, solution.effective, iteration, solution.inverse_factor, scale)
+    return Fit(
+        solution.mean * scale, noise, solution.effective, iteration, solution.inverse_factor, scale
+    )
 
 
 class InstrumentalFit(NamedTuple):
@@ -112,13 +114,21 @@ def instrumental(both: Statistics, precision: Array, weak: float) -> Instrumenta
     noise, system = max(0.02 * both.square / both.number, _floor(both)), precision * of_x * of_z
     for iteration in range(1, ITERATIONS + 1):
         shrink = 1 / (both.powers + noise * weak)
-        left = gram[count:] - (both.mixed[count:] * shrink) @ both.mixed.T  # of Z with X and Z, less the nuisance
+        left = (
+            gram[count:] - (both.mixed[count:] * shrink) @ both.mixed.T
+        )  # of Z with X and Z, less the nuisance
         inverse = np.linalg.inv(left[:, :count] + np.diag(noise * system))
         mean = inverse @ (both.cross[count:] - both.mixed[count:] @ (shrink * both.shared))
         unshared = both.shared - mean @ both.mixed[:count]
-        residual = both.square - 2 * float(mean @ both.cross[:count]) + float(mean @ gram[:count, :count] @ mean)
+        residual = (
+            both.square
+            - 2 * float(mean @ both.cross[:count])
+            + float(mean @ gram[:count, :count] @ mean)
+        )
         residual += float(np.sum(shrink * unshared**2 * (both.powers * shrink - 2)))
-        effective = count - noise * float(system @ np.diag(inverse)) + float(np.sum(both.powers * shrink))
+        effective = (
+            count - noise * float(system @ np.diag(inverse)) + float(np.sum(both.powers * shrink))
+        )
         before, noise = noise, max(2 * residual / max(both.number - effective, 1.0), _floor(both))
         if abs(noise / before - 1) <= STANDS:
             break
@@ -163,7 +173,11 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
     )
     shrink = 1 / (statistics.powers + noise * weak)
     right = scaled.cross - scaled.mixed @ (shrink * statistics.shared)
-    quadratic = statistics.square - float(np.sum(shrink * statistics.shared**2)) - float(right @ solution.mean)
+    quadratic = (
+        statistics.square
+        - float(np.sum(shrink * statistics.shared**2))
+        - float(right @ solution.mean)
+    )
     left = statistics.number - int(fixed.sum())
     known = 1 - noise * scaled_precision * solution.variances
     return LogDensity(
@@ -219,7 +233,9 @@ def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Stati
     gram = blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1)
     square -= float(np.sum(shrink * shared**2))
     cross = cross - mixed @ (shrink * shared)
-    return Statistics(gram, cross, square, number, np.zeros((len(cross), 0)), np.zeros(0), np.zeros(0))
+    return Statistics(
+        gram, cross, square, number, np.zeros((len(cross), 0)), np.zeros(0), np.zeros(0)
+    )
 
 
 class _Solution(NamedTuple):
@@ -237,7 +253,8 @@ def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
     diagonal = np.diag(statistics.gram)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = statistics._replace(
-        gram=statistics.gram * np.outer(scale, scale).T,  # Fortran-ordered, as BLAS takes it without a copy
+        gram=statistics.gram
+        * np.outer(scale, scale).T,  # Fortran-ordered, as BLAS takes it without a copy
         cross=statistics.cross * scale,
         mixed=statistics.mixed * scale[:, None],
     )
@@ -253,7 +270,11 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     shrink = 1 / (powers + noise * weak)
     explained = mixed * np.sqrt(shrink)
     right = cross - mixed @ (shrink * shared)
-    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1) if len(powers) else gram.copy(order="F")
+    system = (
+        blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1)
+        if len(powers)
+        else gram.copy(order="F")
+    )
     system.ravel(order="A")[:: len(system) + 1] += noise * precision
     factor, failed = lapack.dpotrf(system, lower=1)
     if failed:  # columns without power, or alike to rounding
@@ -265,9 +286,20 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     left = shared - mean @ mixed
     terms = shrink * left
     # The quadratic form in the Gram matrix, by what the system does to the mean.
-    quadratic = float(mean @ right) - noise * float(precision @ mean**2) + float(np.sum((mean @ explained) ** 2))
-    residual = square - 2 * float(mean @ cross) + quadratic + float(np.sum(terms * (powers * terms - 2 * left)))
+    quadratic = (
+        float(mean @ right)
+        - noise * float(precision @ mean**2)
+        + float(np.sum((mean @ explained) ** 2))
+    )
+    residual = (
+        square
+        - 2 * float(mean @ cross)
+        + quadratic
+        + float(np.sum(terms * (powers * terms - 2 * left)))
+    )
     spread = float(np.sum(shrink))
     if len(powers):
         spread += float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
-    return _Solution(mean, inverse_factor, variances, residual, effective + len(powers) - noise * weak * spread)
+    return _Solution(
+        mean, inverse_factor, variances, residual, effective + len(powers) - noise * weak * spread
+    )

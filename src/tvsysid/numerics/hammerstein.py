@@ -24,7 +24,9 @@ TURNS = 10  # of either pathway, at most
 LEAST_GAIN = 5e-4  # share of the output's power by which a turn must improve the fit
 
 Nonlinearity = Literal["rectifier", "hk", "sls"]
-Rows = tuple[Array, Array]  # signals (signal, realization, before + time) and output (realization, time)
+Rows = tuple[
+    Array, Array
+]  # signals (signal, realization, before + time) and output (realization, time)
 
 
 class LaggedProducts(NamedTuple):
@@ -42,7 +44,10 @@ class LaggedProducts(NamedTuple):
     def plus(self, other: LaggedProducts) -> LaggedProducts:
         """Sums over the samples of both."""
         return LaggedProducts(
-            self.gram + other.gram, self.cross + other.cross, self.square + other.square, self.samples + other.samples
+            self.gram + other.gram,
+            self.cross + other.cross,
+            self.square + other.square,
+            self.samples + other.samples,
         )
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
@@ -59,10 +64,16 @@ class LaggedProducts(NamedTuple):
 def lagged_products(signals: Array, output: Array) -> LaggedProducts:
     """Sums of products of lagged signals (signal, realization, before + time), with an output (realization, time)."""
     times = output.shape[1]
-    late = sliding_window_view(signals, times, axis=2)[:, :, ::-1]  # (signal, realization, lag, time)
-    cross = [late[:, :, lag].reshape(len(signals), -1) @ output.ravel() for lag in range(late.shape[2])]
+    late = sliding_window_view(signals, times, axis=2)[
+        :, :, ::-1
+    ]  # (signal, realization, lag, time)
+    cross = [
+        late[:, :, lag].reshape(len(signals), -1) @ output.ravel() for lag in range(late.shape[2])
+    ]
     gram = lagged_gram(signals, late.shape[2] - 1)
-    return LaggedProducts(gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size)
+    return LaggedProducts(
+        gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size
+    )
 
 
 def lagged_gram(signals: Array, before: int) -> Array:
@@ -77,7 +88,10 @@ def lagged_gram(signals: Array, before: int) -> Array:
     times = length - before
     now = signals[:, :, before:].reshape(count, -1)
     with_now = np.stack(
-        [now @ signals[:, :, before - lag : length - lag].reshape(count, -1).T for lag in range(before + 1)]
+        [
+            now @ signals[:, :, before - lag : length - lag].reshape(count, -1).T
+            for lag in range(before + 1)
+        ]
     )
     gram = np.empty((count, before + 1, count, before + 1))
     gram[:, 0] = with_now.transpose(1, 2, 0)
@@ -124,7 +138,9 @@ def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Arr
 
     factor, weights, left = minimum(coefficients)
     for _ in range(STEPS):
-        answers = np.tensordot(products.gram, weights, (3, 0))  # (signal, lag, signal): with J_l = g * u_l
+        answers = np.tensordot(
+            products.gram, weights, (3, 0)
+        )  # (signal, lag, signal): with J_l = g * u_l
         normal = np.tensordot(weights, answers, (0, 1))
         shared = np.tensordot(coefficients, answers, (0, 0))  # (lag, signal)
         tangents = qr(coefficients[:, None])[0][:, 1:]
@@ -133,7 +149,9 @@ def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Arr
         if np.all(downhill**2 <= GRADIENT**2 * np.diag(normal) * products.square):
             break
         for _ in range(12):
-            step = np.linalg.solve(normal + damping * np.mean(np.diag(normal)) * np.eye(len(normal)), downhill)
+            step = np.linalg.solve(
+                normal + damping * np.mean(np.diag(normal)) * np.eye(len(normal)), downhill
+            )
             tried = coefficients + tangents @ step
             tried /= np.linalg.norm(tried)
             found = minimum(tried)
@@ -147,14 +165,18 @@ def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Arr
     return coefficients, _fitted(products, coefficients)[0].weights
 
 
-def hunter_korenberg(products: LaggedProducts, rows: Sequence[Rows], start: Array) -> tuple[Array, Array]:
+def hunter_korenberg(
+    products: LaggedProducts, rows: Sequence[Rows], start: Array
+) -> tuple[Array, Array]:
     """Coefficients (signal,) and response (lag,) by the iteration of Hunter & Korenberg (1986).
 
     A two-sided filter that undoes the response, half as long to either side, gives from the output what the static
     function must have given; the signals are fitted to that, and the response to their sum. Ends where the fit does
     not become better. In the ``rows``, signals are as long as the output.
     """
-    reach = min((products.gram.shape[1] - 1) // 2, *((output.shape[1] - 1) // 4 for _, output in rows))
+    reach = min(
+        (products.gram.shape[1] - 1) // 2, *((output.shape[1] - 1) // 4 for _, output in rows)
+    )
     regressors = np.concatenate(
         [each[:, :, reach : each.shape[2] - reach].reshape(len(each), -1) for each, _ in rows], 1
     )
@@ -167,7 +189,10 @@ def hunter_korenberg(products: LaggedProducts, rows: Sequence[Rows], start: Arra
             break
         best, least = (coefficients, found.weights), left
         wanted = coefficients @ regressors
-        undone = windows @ response(moments, windows.T @ wanted, float(wanted @ wanted), wanted.size).weights
+        undone = (
+            windows
+            @ response(moments, windows.T @ wanted, float(wanted @ wanted), wanted.size).weights
+        )
         coefficients = np.linalg.lstsq(regressors.T, undone, rcond=None)[0]
     return best
 
@@ -196,7 +221,9 @@ class Cascade(NamedTuple):
     parameters: float
 
 
-def parallel_cascade(rows: Sequence[Rows], lags: int, start: Array, nonlinearity: Nonlinearity) -> Cascade:
+def parallel_cascade(
+    rows: Sequence[Rows], lags: int, start: Array, nonlinearity: Nonlinearity
+) -> Cascade:
     """Identify two parallel pathways in turn, each from the output that the other leaves.
 
     The first of the signals is the input of the one, so many samples ``lags`` ahead: its response reaches as far to
@@ -205,7 +232,11 @@ def parallel_cascade(rows: Sequence[Rows], lags: int, start: Array, nonlinearity
     """
     products = reduce(LaggedProducts.plus, (lagged_products(*each) for each in rows))
     near = slice(2 * lags + 1)
-    gram, cross, link = products.gram[0, near, 0, near], products.cross[0, near], products.gram[0, near, 1:]
+    gram, cross, link = (
+        products.gram[0, near, 0, near],
+        products.cross[0, near],
+        products.gram[0, near, 1:],
+    )
     reflex = products._replace(gram=products.gram[1:, :, 1:], cross=products.cross[1:])
     best, coefficients, weights = None, start, np.zeros(reflex.cross.shape[1])
     for turn in range(1, TURNS + 1):
@@ -217,7 +248,9 @@ def parallel_cascade(rows: Sequence[Rows], lags: int, start: Array, nonlinearity
             square=reflex.square - 2 * float(answer @ cross) + float(answer @ gram @ answer),
         )
         if nonlinearity == "hk":
-            coefficients, weights = hunter_korenberg(beside, [_less(answer, *each) for each in rows], start)
+            coefficients, weights = hunter_korenberg(
+                beside, [_less(answer, *each) for each in rows], start
+            )
         elif nonlinearity == "sls":
             coefficients, weights = separable_least_squares(beside, coefficients)
         else:
@@ -226,7 +259,9 @@ def parallel_cascade(rows: Sequence[Rows], lags: int, start: Array, nonlinearity
         if best is not None and explained < best.explained + LEAST_GAIN:
             break
         count = float(intrinsic.rank + _fitted(beside, coefficients)[0].rank + len(start) - 1)
-        best = Cascade(intrinsic, gram, left, coefficients, weights, explained, reflex.samples, turn, count)
+        best = Cascade(
+            intrinsic, gram, left, coefficients, weights, explained, reflex.samples, turn, count
+        )
     assert best is not None
     return best
 
@@ -235,7 +270,9 @@ def _less(answer: Array, signals: Array, output: Array) -> Rows:
     """Signals but for the first, as long as the output, and the output less the first one's answer."""
     before = signals.shape[2] - output.shape[1]
     angle = signals[0, :, before - len(answer) + 1 :]
-    return signals[1:, :, before:], output - (_windows(angle, len(answer)) @ answer).reshape(output.shape)
+    return signals[1:, :, before:], output - (_windows(angle, len(answer)) @ answer).reshape(
+        output.shape
+    )
 
 
 def _fitted(products: LaggedProducts, coefficients: Array) -> tuple[Solution, float]:

@@ -23,7 +23,9 @@ HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 LEAST = 1e-3  # of that prior's variance, however long the lag
 BLOCKS = 5  # groups of realizations, each predicted by what the others tell
-HARDLY_MOVED = 0.1  # share of the angle that a reference predicts below which short windows cannot use it
+HARDLY_MOVED = (
+    0.1  # share of the angle that a reference predicts below which short windows cannot use it
+)
 
 
 def lag_samples(rate: float) -> tuple[int, int]:
@@ -40,7 +42,9 @@ def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.i
     return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
 
 
-def predicted(reference: Array, angle: Array, core: slice, rate: float, groups: NDArray[np.int64]) -> Array:
+def predicted(
+    reference: Array, angle: Array, core: slice, rate: float, groups: NDArray[np.int64]
+) -> Array:
     """Angle (realization, time) that a reference predicts, at all samples of the angle.
 
     The reference has as many more samples at either end as the lags need (:func:`lag_samples`). The coefficients are
@@ -58,11 +62,21 @@ def predicted(reference: Array, angle: Array, core: slice, rate: float, groups: 
         moments = len(target) * window_moments(lagged, lagged, late, early)[:, ::-1, ::-1]
         cross = len(target) * diagonal_moments(target, lagged, early + late)[:, ::-1]
         gram = expanded(moments, functions[core])
-        of_groups.append((own, gram * np.outer(deviation, deviation), (cross.T @ functions[core]).ravel() * deviation))
+        of_groups.append(
+            (
+                own,
+                gram * np.outer(deviation, deviation),
+                (cross.T @ functions[core]).ravel() * deviation,
+            )
+        )
     gram, right = (np.sum([each[place] for each in of_groups], axis=0) for place in (1, 2))
     square = float(np.vdot(angle[:, core], angle[:, core]))
     found = ridge(gram, right, square, angle[:, core].size)
-    weight = found.noise_variance * found.effective / max(float(found.mean @ found.mean), np.finfo(float).tiny)
+    weight = (
+        found.noise_variance
+        * found.effective
+        / max(float(found.mean @ found.mean), np.finfo(float).tiny)
+    )
     penalty = weight * np.eye(len(right))
     out = np.empty_like(angle)
     for own, its_gram, its_right in of_groups:
@@ -76,4 +90,6 @@ def _prior_deviation(early: int, late: int, rate: float) -> Array:
     """Prior standard deviations of the coefficients, relative ones: (lag x function,)."""
     lags = np.maximum(np.arange(-early, late + 1), 0) / rate
     harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
-    return np.asarray(np.sqrt(np.outer(np.exp(-lags / FADES) + LEAST, 1 / (1 + harmonics**2))).ravel())
+    return np.asarray(
+        np.sqrt(np.outer(np.exp(-lags / FADES) + LEAST, 1 / (1 + harmonics**2))).ravel()
+    )

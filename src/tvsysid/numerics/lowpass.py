@@ -33,7 +33,9 @@ def lag_weights(lag: float) -> tuple[Array, float]:
     system = (np.exp(-1j * np.outer(omega, others)) - 1) / wanted[:, None]
     target = 1 - (1 - pole) / wanted
     found = np.linalg.lstsq(
-        np.concatenate([system.real, system.imag]), np.concatenate([target.real, target.imag]), rcond=None
+        np.concatenate([system.real, system.imag]),
+        np.concatenate([target.real, target.imag]),
+        rcond=None,
     )[0]
     weights = np.insert(found, HALF_WIDTH, 1 - pole - found.sum())
     weights.flags.writeable = False
@@ -50,6 +52,12 @@ def low_pass(u: Array, lag: float, sampling_rate: float) -> Array:
     if lag == 0:
         return u
     weights, pole = lag_weights(lag * sampling_rate)
-    driven = np.convolve(np.pad(u, 2 * HALF_WIDTH, "reflect", reflect_type="odd"), weights, mode="valid")
+    driven = np.convolve(
+        np.pad(u, 2 * HALF_WIDTH, "reflect", reflect_type="odd"), weights, mode="valid"
+    )
     at_rest = driven[0] / (1 - pole)
-    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -pole], driven, zi=[pole * at_rest])[0][HALF_WIDTH:-HALF_WIDTH])
+    return np.asarray(
+        scipy.signal.lfilter([1.0], [1.0, -pole], driven, zi=[pole * at_rest])[0][
+            HALF_WIDTH:-HALF_WIDTH
+        ]
+    )

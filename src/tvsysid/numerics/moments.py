@@ -53,7 +53,9 @@ def window_matrices(later: Array, earlier: Array) -> Array:
     the second and of the second with the first, as far as the window is long.
     """
     reach = later.shape[1] - 1
-    strip = np.zeros((len(later), 2 * reach + 1))  # of a sample with those from `reach` earlier to `reach` later
+    strip = np.zeros(
+        (len(later), 2 * reach + 1)
+    )  # of a sample with those from `reach` earlier to `reach` later
     strip[:, reach:] = later
     for apart in range(1, min(reach + 1, len(later))):
         strip[apart:, reach - apart] = earlier[:-apart, apart]
@@ -77,7 +79,9 @@ def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
         known = min(stop + reach, b.shape[1]) - start
         np.matmul(a[:, start:stop].T, b[:, start : start + known], out=product[:, :known])
         row, column = product.strides
-        moments[start:stop] = as_strided(product, (stop - start, reach + 1), (row + column, column), writeable=False)
+        moments[start:stop] = as_strided(
+            product, (stop - start, reach + 1), (row + column, column), writeable=False
+        )
     moments /= len(a)
     return moments
 
@@ -94,7 +98,12 @@ def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, 
     """
     phi_uu = window_moments(u, u, lags, lags)[:, ::-1, ::-1]
     inner = y[:, lags : y.shape[1] - lags]
-    return phi_uu, diagonal_moments(inner, u, 2 * lags)[:, ::-1], np.mean(inner * inner, axis=0), inner.mean(axis=0)
+    return (
+        phi_uu,
+        diagonal_moments(inner, u, 2 * lags)[:, ::-1],
+        np.mean(inner * inner, axis=0),
+        inner.mean(axis=0),
+    )
 
 
 def expanded(moments: Array, functions: Array) -> Array:
@@ -103,8 +112,14 @@ def expanded(moments: Array, functions: Array) -> Array:
     gram = np.zeros((unknowns**2, count**2))
     for chunk in time_chunks(len(functions), unknowns):
         at = functions[chunk]
-        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
-    return gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
+        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(
+            len(at), -1
+        )
+    return (
+        gram.reshape(unknowns, unknowns, count, count)
+        .transpose(0, 2, 1, 3)
+        .reshape(unknowns * count, -1)
+    )
 
 
 def coloured_moments(products: Array, weights: Array, correlation: Array) -> Array:
@@ -134,7 +149,9 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
     for distance in range(-reach, reach + 1):
         begin, end = half + max(-half, -half - distance), half + min(half, half - distance) + 1
         rows = sums[farthest + distance : farthest + distance + length]
-        double += correlation[abs(distance)] * (rows[:, end : end + inner] - rows[:, begin : begin + inner])
+        double += correlation[abs(distance)] * (
+            rows[:, end : end + inner] - rows[:, begin : begin + inner]
+        )
     out = np.zeros((times, quantities))
     for apart in range(length):
         pairs = weights[:, :, apart:] * weights[:, :, : length - apart]
@@ -179,6 +196,8 @@ def convolve_lags(u: Array, response: Array) -> Array:
         stop = min(start + BLOCK, times)
         band = np.zeros((stop - start + length - 1, stop - start))
         row, column = band.strides
-        as_strided(band, (stop - start, length), (row + column, row))[:] = response[start:stop, ::-1]
+        as_strided(band, (stop - start, length), (row + column, row))[:] = response[
+            start:stop, ::-1
+        ]
         np.matmul(u[:, start : stop + length - 1], band, out=out[:, start:stop])
     return out

@@ -26,7 +26,9 @@ def autocovariance(x: Array, lags: int) -> Array:
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
     spectrum = rfft(x, size, axis=1)
-    power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
+    power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum(
+        "rf,rf->f", spectrum.imag, spectrum.imag
+    )
     products = irfft(power, size)[: lags + 1]
     return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
 
@@ -52,7 +54,9 @@ def cross_covariance(x: Array, y: Array, lags: int) -> Array:
     size = next_fast_len(count + lags, real=True)
     product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
     offsets = np.arange(-lags, lags + 1)
-    return np.asarray(np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / x.size, 0.0))
+    return np.asarray(
+        np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / x.size, 0.0)
+    )
 
 
 def angle_products(angle: Array, width: int, lags: int) -> Array:
@@ -62,7 +66,12 @@ def angle_products(angle: Array, width: int, lags: int) -> Array:
     """
     missing = max(0, width + lags - angle.shape[1])
     if missing:
-        angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
+        angle = np.pad(
+            angle,
+            ((0, 0), (missing - missing // 2, missing // 2)),
+            mode="reflect",
+            reflect_type="odd",
+        )
     return diagonal_moments(angle, angle, width - 1 + lags)
 
 
@@ -107,11 +116,15 @@ def power_in_band(correlation: Array, low: float, high: float) -> float:
     .. math:: 1 + 2 \sum_{d > 0} \rho(d)\, \frac{1}{f_2 - f_1} \int_{f_1}^{f_2} \cos(2 \pi f d)\, df
     """
     lags = np.arange(1, len(correlation))
-    mean = (np.sin(2 * np.pi * high * lags) - np.sin(2 * np.pi * low * lags)) / (2 * np.pi * lags * (high - low))
+    mean = (np.sin(2 * np.pi * high * lags) - np.sin(2 * np.pi * low * lags)) / (
+        2 * np.pi * lags * (high - low)
+    )
     return 1 + 2 * float(correlation[1:] @ mean)
 
 
-def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[float, float]) -> float:
+def white_share(
+    noise: Array, signal: Array, sampling_rate: float, band: tuple[float, float]
+) -> float:
     r"""How many samples of white noise one sample of this noise is worth to a fit of a signal, at most 1.
 
     A factor fitted by least squares to frequencies in the band (Hz) has the variance
@@ -123,9 +136,13 @@ def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[f
     window = 1 - np.cos(2 * np.pi * np.arange(times) / times)
     frequency = np.arange(times // 2 + 1) * sampling_rate / times
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    once = (frequency == 0) | (2 * frequency == sampling_rate)  # the others stand for negative ones too
+    once = (frequency == 0) | (
+        2 * frequency == sampling_rate
+    )  # the others stand for negative ones too
     weight = np.where(once, 1.0, 2.0)[inside]
-    power, strength = (weight * np.mean(abs(rfft(x * window)) ** 2, axis=0)[inside] for x in (noise, signal))
+    power, strength = (
+        weight * np.mean(abs(rfft(x * window)) ** 2, axis=0)[inside] for x in (noise, signal)
+    )
     product = float(power @ strength)
     return min(1.0, float(power.mean() * strength.sum()) / product) if product > 0 else 1.0
 

@@ -29,7 +29,11 @@ class Solution(NamedTuple):
 
 
 def truncated(
-    phi_uu: Array, phi_uy: Array, y_variance: Array, samples: Array | float, order: Order = "natural"
+    phi_uu: Array,
+    phi_uy: Array,
+    y_variance: Array,
+    samples: Array | float,
+    order: Order = "natural",
 ) -> Solution:
     r"""Truncated pseudo-inverse whose rank minimises the description length at each time (Lortie & Kearney 2001).
 
@@ -51,7 +55,9 @@ def truncated(
         place = np.argsort(ranking, axis=1)
     counts = np.arange(1, explained.shape[1] + 1)
     length = np.broadcast_to(np.asarray(samples, dtype=float), y_variance.shape)[:, None]
-    cost = (1 + counts * np.log(length) / length) * (y_variance[:, None] - np.cumsum(explained, axis=1))
+    cost = (1 + counts * np.log(length) / length) * (
+        y_variance[:, None] - np.cumsum(explained, axis=1)
+    )
     cost[counts > np.count_nonzero(reciprocal, axis=1)[:, None]] = np.inf
     return _solution(vectors, projections, reciprocal, np.argmin(cost, axis=1) + 1, place)
 
@@ -67,7 +73,11 @@ def _spectrum(phi_uu: Array, phi_uy: Array) -> tuple[Array, Array, Array]:
     values, vectors = np.linalg.eigh(phi_uu)
     values, vectors = values[:, ::-1], vectors[:, :, ::-1]
     usable = values > values.shape[1] * np.finfo(float).eps * values[:, :1]
-    return vectors, (phi_uy[:, None, :] @ vectors)[:, 0], np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
+    return (
+        vectors,
+        (phi_uy[:, None, :] @ vectors)[:, 0],
+        np.where(usable, 1 / np.where(usable, values, 1.0), 0.0),
+    )
 
 
 def _solution(

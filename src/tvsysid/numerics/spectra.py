@@ -28,7 +28,9 @@ class ShortTimeSpectra(NamedTuple):
     yy: Array
 
 
-def short_time_spectra(u: Array, y: Array, length: int, products: Array | None = None) -> ShortTimeSpectra:
+def short_time_spectra(
+    u: Array, y: Array, length: int, products: Array | None = None
+) -> ShortTimeSpectra:
     r"""Spectral densities of Hann-windowed segments about each time, averaged over realizations.
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
@@ -57,8 +59,12 @@ def _from_moments(u: Array, y: Array, length: int, products: Array | None) -> Sh
 
     if products is None or products.shape[1] < length:
         products = diagonal_moments(u, u, length - 1)
-    later, earlier, yy = (correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, y), (y, u), (y, y)))
-    yu = (later + earlier) @ (0.5 * twice * np.cos(turns)) - 1j * ((later - earlier) @ np.sin(turns))
+    later, earlier, yy = (
+        correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, y), (y, u), (y, y))
+    )
+    yu = (later + earlier) @ (0.5 * twice * np.cos(turns)) - 1j * (
+        (later - earlier) @ np.sin(turns)
+    )
     uu, yy = (each @ (twice * np.cos(turns)) for each in (correlation(products[:, :length]), yy))
     return ShortTimeSpectra(uu, yu, yy)
 
@@ -109,7 +115,8 @@ def power_spectrum(x: Array) -> Array:
     centred = x - x.mean(axis=1, keepdims=True)
     spectrum = rfft(centred * hann(x.shape[1]), axis=1)
     return np.asarray(
-        np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
+        np.einsum("rf,rf->f", spectrum.real, spectrum.real)
+        + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
     )
 
 
@@ -127,10 +134,16 @@ class PowerSpectrum(NamedTuple):
     def shares(self, *bands: tuple[float, float]) -> list[float]:
         """Return the shares of the variance that lie within bands, each from a frequency to another in Hz."""
         total = self.power.sum()
-        inside = [self.power[(self.frequency >= low) & (self.frequency <= high)].sum() for low, high in bands]
+        inside = [
+            self.power[(self.frequency >= low) & (self.frequency <= high)].sum()
+            for low, high in bands
+        ]
         return [float(share / total) if total > 0 else 0.0 for share in inside]
 
     def strongest_line(self) -> tuple[float, float, float]:
         """Return the frequency with most power, the share within so many Hz of it, and these."""
-        peak, width = float(self.frequency[np.argmax(self.power)]), 0.5 + 1.5 * float(self.frequency[1])
+        peak, width = (
+            float(self.frequency[np.argmax(self.power)]),
+            0.5 + 1.5 * float(self.frequency[1]),
+        )
         return peak, self.shares((peak - width, peak + width))[0], width

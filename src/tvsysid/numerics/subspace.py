@@ -19,7 +19,9 @@ from scipy.linalg import cholesky, solve_triangular
 from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import lagged_gram
 
-ROUNDING = 1e-9  # share of the largest singular value below which a direction of the inputs is rounding
+ROUNDING = (
+    1e-9  # share of the largest singular value below which a direction of the inputs is rounding
+)
 RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
 COLLINEAR = 1e-12  # eigenvalue of products of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
@@ -110,7 +112,9 @@ class Hammerstein(NamedTuple):
         return _impulse_response(self.numerator, self.denominator, samples)
 
 
-def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, lagged: bool = True) -> Dynamics:
+def dynamics(
+    pieces: Sequence[Piece], horizon: int, order: int | None = None, lagged: bool = True
+) -> Dynamics:
     r"""Poles of the system from inputs to output, by past-input MOESP.
 
     With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon`` samples, the part of the
@@ -123,7 +127,9 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, la
     left, singular, _ = np.linalg.svd(_from_past(pieces, horizon, lagged), full_matrices=False)
     if order is None:
         candidates = singular[: horizon // 2 + 1]
-        order = 1 + int(np.argmax(candidates[:-1] / np.maximum(candidates[1:], ROUNDING * singular[0])))
+        order = 1 + int(
+            np.argmax(candidates[:-1] / np.maximum(candidates[1:], ROUNDING * singular[0]))
+        )
     observability = left[:, :order]
     poles = np.linalg.eigvals(np.linalg.lstsq(observability[:-1], observability[1:], rcond=None)[0])
     size = np.abs(poles)
@@ -180,7 +186,9 @@ def weights_of(rows: Rows, found: Dynamics) -> Array:
     total, error = float(target @ target), np.inf
     for _ in range(ROUNDS):
         numerator = np.linalg.lstsq(product @ weights, target, rcond=ROUNDING)[0]
-        turned = np.linalg.lstsq(np.einsum("tni,n->ti", product, numerator), target, rcond=ROUNDING)[0]
+        turned = np.linalg.lstsq(
+            np.einsum("tni,n->ti", product, numerator), target, rcond=ROUNDING
+        )[0]
         if not turned.any():
             break
         weights = turned / np.linalg.norm(turned) * np.sign(turned[np.argmax(turned != 0)])
@@ -205,9 +213,14 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     is the Cholesky factor of the columns' products. A slight ridge serves inputs that are nearly collinear.
     """
     further = 2 * pieces[0].lags * lagged  # samples that the lagged signal has more than the others
-    signals = [np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (further, 0))) for piece in pieces]
+    signals = [
+        np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (further, 0)))
+        for piece in pieces
+    ]
     if lagged:
-        signals = [np.vstack([each, piece.lagged]) for each, piece in zip(signals, pieces, strict=True)]
+        signals = [
+            np.vstack([each, piece.lagged]) for each, piece in zip(signals, pieces, strict=True)
+        ]
     lags = np.arange(2 * horizon + further)
     gram = reduce(np.add, (lagged_gram(each[:, None], lags[-1]) for each in signals))
     gram = gram.reshape(gram[..., 0, 0].size, -1)
@@ -219,7 +232,9 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     inputs = np.concatenate([future, past])
     size = np.sqrt(np.diag(gram)[inputs, None])
     size[size == 0] = 1.0
-    factor = cholesky(gram[np.ix_(inputs, inputs)] / (size * size.T) + RIDGE * np.eye(len(inputs)), lower=True)
+    factor = cholesky(
+        gram[np.ix_(inputs, inputs)] / (size * size.T) + RIDGE * np.eye(len(inputs)), lower=True
+    )
     outputs = gram[inputs, :horizon][:, ::-1] / size
     return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
 
@@ -232,7 +247,9 @@ def _basis(columns: Array) -> Array:
     """Return an orthonormal basis of what columns span, beyond rounding."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     basis = columns / np.where(size > 0, size, 1.0)
-    for _ in range(2):  # products of columns that are nearly collinear are not accurate enough for one step
+    for _ in range(
+        2
+    ):  # products of columns that are nearly collinear are not accurate enough for one step
         values, vectors = np.linalg.eigh(basis.T @ basis)
         kept = values > COLLINEAR
         basis = basis @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -14,7 +14,17 @@ from tvsysid.errors import InputError
 from tvsysid.methods import label_of, parse
 from tvsysid.methods.apply import Identifies
 from tvsysid.numerics.bands import critical_value
-from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, excesses, identified, rises, scatter, sizes
+from tvsysid.planning.curves import (
+    RECORDS,
+    Curve,
+    answered,
+    curves_of,
+    excesses,
+    identified,
+    rises,
+    scatter,
+    sizes,
+)
 from tvsysid.planning.setups import Pilot, Setup, positive, seconds_of
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Ensemble
@@ -101,7 +111,11 @@ class Plan(Shown, Frozen):
             return f"{wish}: no method suffices, of those tried; see why in the table."
         best, period = self.best, self.setups[self.best.setup].period
         assert best.realizations is not None
-        more = ", as those at both ends lack context" if best.seconds > best.realizations * period else ""
+        more = (
+            ", as those at both ends lack context"
+            if best.seconds > best.realizations * period
+            else ""
+        )
         return (
             f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of {period:g} s; "
             f"record {best.duration}{more}."
@@ -112,7 +126,9 @@ class Plan(Shown, Frozen):
 
     def _repr_html_(self) -> str:
         table = self.table()
-        return summary_html("Plan", str(self), list(map(str, table.columns)), table.itertuples(index=False))
+        return summary_html(
+            "Plan", str(self), list(map(str, table.columns)), table.itertuples(index=False)
+        )
 
     def table(self) -> pd.DataFrame:
         """A row for each setup and method, with units in the names: the fields of its ``answers``."""
@@ -134,7 +150,9 @@ class Plan(Shown, Frozen):
         ]
         return pd.DataFrame(rows).astype({"realizations": "Int64"})
 
-    def verify(self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress | None = None) -> list[Verified]:
+    def verify(
+        self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress | None = None
+    ) -> list[Verified]:
         """Simulate each answer anew, so many times: random error of the stiffness as predicted, and as reached.
 
         Of what was planned from a pilot, more of the same is simulated, so that this verifies the law and not what was
@@ -157,11 +175,20 @@ class Plan(Shown, Frozen):
                 for trial in range(trials):
                     told(done, len(planned) * trials)
                     part = self.setups[each.setup].simulated(each.realizations, seed + trial)
-                    values += list(identified(self.methods[each.method], each.method, [part.ensemble], {}))
+                    values += list(
+                        identified(self.methods[each.method], each.method, [part.ensemble], {})
+                    )
                     done += 1
                 known, curve = answered(np.array(values)), self.curves[each.setup, each.method]
-                predicted, reached = curve.at(each.realizations).random, curve.excess * scatter(known)
-                found.append(Verified(each.setup, each.method, each.realizations, predicted, reached, len(known)))
+                predicted, reached = (
+                    curve.at(each.realizations).random,
+                    curve.excess * scatter(known),
+                )
+                found.append(
+                    Verified(
+                        each.setup, each.method, each.realizations, predicted, reached, len(known)
+                    )
+                )
         return found
 
 
@@ -248,11 +275,25 @@ def plan(
                 own = excess[id(each.recorded)]  # whatever is planned from a pilot
                 found = {name: replace(curve, excess=own[name]) for name, curve in found.items()}
             curves |= {(label, method): curve for method, curve in found.items()}
-            needed = {name: curve.needed(precision / HALF, BEYOND * most[label]) for name, curve in found.items()}
-            counts = {name: min(number or most[label], most[label]) for name, number in needed.items()}
+            needed = {
+                name: curve.needed(precision / HALF, BEYOND * most[label])
+                for name, curve in found.items()
+            }
+            counts = {
+                name: min(number or most[label], most[label]) for name, number in needed.items()
+            }
             risen = rises(each, chosen, counts, STEPS, seed + RECORDS, advance)
             answers += [
-                _answer(each, name, curve, needed[name], counts[name], risen[name], precision, resolution)
+                _answer(
+                    each,
+                    name,
+                    curve,
+                    needed[name],
+                    counts[name],
+                    risen[name],
+                    precision,
+                    resolution,
+                )
                 for name, curve in found.items()
             ]
         told(total, total)
@@ -279,7 +320,9 @@ def _setups(given: Ensemble | Setup | Sequence[Setup]) -> dict[str, Setup]:
 def _most(setup: Setup) -> int:
     most = min(MOST, int(LONGEST / setup.period))
     if most < 10:
-        raise InputError(f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the most")
+        raise InputError(
+            f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the most"
+        )
     return most
 
 
@@ -296,8 +339,20 @@ def _answer(
     elif needed is None:
         why = [f"{BEYOND * tried} realizations are too few"]
     if resolution is not None and not rise <= resolution:
-        why += [f"it takes {rise:.2g} s to follow a step" if math.isfinite(rise) else "it does not follow a step"]
+        why += [
+            f"it takes {rise:.2g} s to follow a step"
+            if math.isfinite(rise)
+            else "it does not follow a step"
+        ]
     seconds = seconds_of(setup, needed or tried)
     return Answer(
-        str(setup), method, needed, seconds, HALF * errors.random, errors.bias, rise, curve.excess, "; ".join(why)
+        str(setup),
+        method,
+        needed,
+        seconds,
+        HALF * errors.random,
+        errors.bias,
+        rise,
+        curve.excess,
+        "; ".join(why),
     )

@@ -20,11 +20,16 @@ from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-LEAST, RECORDS = 5, 6  # realizations of the smallest ensembles; records from which ensembles are cut
+LEAST, RECORDS = (
+    5,
+    6,
+)  # realizations of the smallest ensembles; records from which ensembles are cut
 SURE = 0.1  # relative standard error of a random error, with which no more ensembles of that size are simulated
 NEAR = 2.5  # octaves of realizations over which a bias is averaged
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
-STEEP = 4.0  # times the random error of twice as many realizations: with so few, a method breaks down
+STEEP = (
+    4.0  # times the random error of twice as many realizations: with so few, a method breaks down
+)
 ROUNDS = 10  # in which weights are found from what was fitted
 WITHIN = 0.4  # s about a step, at most, in which an estimate rises
 
@@ -98,7 +103,12 @@ def sizes(most: int) -> list[int]:
 
 
 def curves_of(
-    setup: Setup, methods: Mapping[str, Identifies], most: int, draws: int, seed: int, advance: Callable[[int], object]
+    setup: Setup,
+    methods: Mapping[str, Identifies],
+    most: int,
+    draws: int,
+    seed: int,
+    advance: Callable[[int], object],
 ) -> dict[str, Curve]:
     """Curve of each method; ``advance`` is called with the number of ensembles that are done or not needed."""
     rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
@@ -111,11 +121,15 @@ def curves_of(
             known = _answers(method, label, [part.ensemble for part in parts], why)
             advance(draws)
             if len(known) > 1 and np.isfinite(known).all(axis=0).any():
-                rows[label].append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
+                rows[label].append(
+                    (count, scatter(known), debiased_bias_error(known, truth), len(known))
+                )
     return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
 
 
-def excesses(pilot: Pilot, methods: Mapping[str, Identifies], draws: int, seed: int) -> dict[str, float]:
+def excesses(
+    pilot: Pilot, methods: Mapping[str, Identifies], draws: int, seed: int
+) -> dict[str, float]:
     """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
 
     The root mean square over time, of the median of random halves and of simulated pairs; 1 at least, since a pilot
@@ -127,13 +141,19 @@ def excesses(pilot: Pilot, methods: Mapping[str, Identifies], draws: int, seed: 
     if recorded is None or half < LEAST:
         return dict.fromkeys(methods, 1.0)
     own, random, found = pilot.as_recorded(), np.random.default_rng(seed), {}
-    records = [own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)]
+    records = [
+        own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)
+    ]
     parts = [each.ensemble for each in _cut(records, half, draws)]
     orders = [random.permutation(len(recorded)) for _ in parts]
-    halves = [recorded.select(np.sort(order[at : at + half])) for order in orders for at in (0, half)]
+    halves = [
+        recorded.select(np.sort(order[at : at + half])) for order in orders for at in (0, half)
+    ]
     for label, method in methods.items():
         made = _answers(method, label, parts, {}, SURE / 2)
-        pairs = identified(method, label, halves[: 2 * len(made)], {}).reshape(-1, 2, recorded.samples)
+        pairs = identified(method, label, halves[: 2 * len(made)], {}).reshape(
+            -1, 2, recorded.samples
+        )
         drawn = answered(pairs[:, 0] - pairs[:, 1])
         if len(made) > 1 and len(drawn):
             apart = [made[i] - made[j] for i in range(len(made)) for j in range(i)]
@@ -175,13 +195,21 @@ def rises(
         levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
         within = min(WITHIN, 0.2 * setup.period)
         known, time = answered(both), parts[0].time
-        risen = float(rise_time(time, known, *levels, setup.period / 4, within)) if len(known) else math.nan
+        risen = (
+            float(rise_time(time, known, *levels, setup.period / 4, within))
+            if len(known)
+            else math.nan
+        )
         found[label] = float(np.maximum(risen, time[1]))  # no sooner than a sample
     return found
 
 
 def _answers(
-    method: Identifies, label: str, ensembles: Sequence[Ensemble], why: dict[str, str], sure: float = SURE
+    method: Identifies,
+    label: str,
+    ensembles: Sequence[Ensemble],
+    why: dict[str, str],
+    sure: float = SURE,
 ) -> Array:
     """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure; without failures."""
     known = np.empty((0, ensembles[0].samples))
@@ -193,7 +221,9 @@ def _answers(
     return known
 
 
-def identified(method: Identifies, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]) -> Array:
+def identified(
+    method: Identifies, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]
+) -> Array:
     """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails. ``why`` gets the reason."""
     found: list[Array] = []
     with warnings.catch_warnings():
@@ -233,7 +263,9 @@ def uncertainty(estimates: Array) -> float:
     away = known - known.mean(axis=0)
     gram = away @ away.T / freedom
     squared, square = np.trace(gram) ** 2, float(np.sum(gram**2))
-    times = (squared * (1 + 1 / freedom) - 2 * square / freedom) / max(square - squared / freedom, 1e-12 * squared)
+    times = (squared * (1 + 1 / freedom) - 2 * square / freedom) / max(
+        square - squared / freedom, 1e-12 * squared
+    )
     return 1 / math.sqrt(2 * freedom * max(times, 1.0))
 
 

@@ -41,9 +41,7 @@ REFLEX = (
     "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and the plan does not "
     "know of that bias"
 )
-NEGATIVE = (
-    "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in Python torque_sign=-1)"
-)
+NEGATIVE = "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in Python torque_sign=-1)"
 
 
 class Simulated(NamedTuple):
@@ -103,14 +101,18 @@ class Protocol:
                 stretch = self.period / profile.period
                 profile = replace(profile, period=self.period, offset=profile.offset * stretch)
             if not (is_dataclass(system) and hasattr(system, "stiffness")):
-                raise InputError(f"stiffness: {label_of(self.system)} takes none; give None, and set it in the system")
+                raise InputError(
+                    f"stiffness: {label_of(self.system)} takes none; give None, and set it in the system"
+                )
             system = replace(system, stiffness=profile)  # type: ignore[type-var]
         return system, found_as(self.perturbation, PERTURBATIONS, "perturbation")
 
     def _made(self, duration: float, snr_db: float, seed: int) -> Simulation:
         system, perturbation = self._parts
         rate = self.rate * max(1, -(-SIMULATED_HZ // self.rate))
-        made = system.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+        made = system.simulate(
+            duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate
+        )
         return checked_simulation(made, label_of(self.system))
 
     @cached_property
@@ -120,7 +122,9 @@ class Protocol:
         if self.noise is None:
             return self.snr_db + louder
         probe = self._made(PROBE, 0.0, 0)
-        noisy, clean = (decimate(each, self.rate).torque for each in (probe.recording, probe.noiseless))
+        noisy, clean = (
+            decimate(each, self.rate).torque for each in (probe.recording, probe.noiseless)
+        )
         return louder + 20 * math.log10(float(np.std(noisy - clean)) / self.noise)
 
     def simulated(self, count: int, seed: int) -> Simulated:
@@ -161,7 +165,11 @@ class Pilot:
 
     @classmethod
     def of(
-        cls, ensemble: Ensemble, *, amplitude: float | None = None, perturbation: str | Perturbation | None = None
+        cls,
+        ensemble: Ensemble,
+        *,
+        amplitude: float | None = None,
+        perturbation: str | Perturbation | None = None,
     ) -> Pilot:
         """Identify a pilot's ensemble, by ``adaptive`` if it has the realizations that this needs, else by ``kbr``.
 
@@ -192,7 +200,10 @@ class Pilot:
         frequencies, noise = _density(left, rate, left.shape[1])
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
-        for text, holds in ((REFLEX, "reflex_gain" in model.estimates), (NEGATIVE, np.nanmean(model.stiffness) < 0)):
+        for text, holds in (
+            (REFLEX, "reflex_gain" in model.estimates),
+            (NEGATIVE, np.nanmean(model.stiffness) < 0),
+        ):
             if holds:
                 warnings.warn(text, DataQualityWarning, stacklevel=2)
         return cls(
@@ -204,7 +215,9 @@ class Pilot:
             noise * scale,
             rate,
             ensemble.context,
-            math.sqrt(scale) * float(np.std(ensemble.angle)) if amplitude is None else positive("amplitude", amplitude),
+            math.sqrt(scale) * float(np.std(ensemble.angle))
+            if amplitude is None
+            else positive("amplitude", amplitude),
             perturbation,
             recorded,
         )
@@ -214,7 +227,9 @@ class Pilot:
             found_as(self.perturbation, PERTURBATIONS, "perturbation")
 
     def __str__(self) -> str:
-        name = "the pilot's perturbation" if self.perturbation is None else label_of(self.perturbation)
+        name = (
+            "the pilot's perturbation" if self.perturbation is None else label_of(self.perturbation)
+        )
         return f"{name} of {self.amplitude:.2g} rad"
 
     def described(self) -> str:
@@ -237,9 +252,15 @@ class Pilot:
         random = np.random.default_rng(seed)
         motion = differentiate(self._angle(samples, random), self.sampling_rate)
         place = (np.arange(motion.shape[1]) - self.context) % len(self.stiffness)
-        torque = self.stiffness[place] * motion[0] + self.viscosity[place] * motion[1] + self.inertia * motion[2]
+        torque = (
+            self.stiffness[place] * motion[0]
+            + self.viscosity[place] * motion[1]
+            + self.inertia * motion[2]
+        )
         torque += _gaussian(self.noise, self.frequencies, self.sampling_rate, len(torque), random)
-        recording = Recording(motion[0], torque, self.sampling_rate, start=-self.context / self.sampling_rate)
+        recording = Recording(
+            motion[0], torque, self.sampling_rate, start=-self.context / self.sampling_rate
+        )
         ensemble = segment(recording, self.period, self.context / self.sampling_rate)
         return Simulated(ensemble, np.tile(self.stiffness, (len(ensemble), 1)))
 
@@ -278,7 +299,11 @@ def seconds_of(setup: Setup, count: float) -> float:
 
 def positive(name: str, value: object) -> float:
     """Return the value as a float, if it is a positive finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 < value < math.inf:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float, np.number))
+        or not 0 < value < math.inf
+    ):
         raise InputError(f"{name}: expected a positive number, got {value!r}")
     return float(value)
 
@@ -301,7 +326,9 @@ def _rms(density: Array, frequencies: Array) -> float:
     return math.sqrt(float(np.trapezoid(density, frequencies)))
 
 
-def _gaussian(density: Array, at: Array, rate: float, samples: int, random: np.random.Generator) -> Array:
+def _gaussian(
+    density: Array, at: Array, rate: float, samples: int, random: np.random.Generator
+) -> Array:
     """Gaussian noise of a spectral density."""
     size = next_fast_len(samples, real=True)
     frequencies = rfftfreq(size, 1 / rate)
@@ -314,5 +341,7 @@ def _filled(values: Array, times: int) -> Array:
     """Values (time,) with what is not known at the ends as beside it."""
     known = np.isfinite(values)
     if not known.any():
-        raise InputError("pilot: stiffness or viscosity could not be identified; record more, or state the joint")
+        raise InputError(
+            "pilot: stiffness or viscosity could not be identified; record more, or state the joint"
+        )
     return np.interp(np.arange(times), np.flatnonzero(known), values[known])

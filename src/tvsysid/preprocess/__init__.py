@@ -11,6 +11,21 @@ from tvsysid.preprocess.mains import find_mains, remove_mains
 from tvsysid.preprocess.preparation import Preparation, prepare
 from tvsysid.preprocess.segment import align_channels, decimate, segment, subtract_mean, trim
 
-__all__ = ["Account", "Gap", "Preparation", "Step", "align", "align_channels", "block_weights", "bootstrap"]
-__all__ += ["bootstrap_weights", "decimate", "exclude_residual_outliers", "exclude_task_outliers", "find_gaps"]
+__all__ = [
+    "Account",
+    "Gap",
+    "Preparation",
+    "Step",
+    "align",
+    "align_channels",
+    "block_weights",
+    "bootstrap",
+]
+__all__ += [
+    "bootstrap_weights",
+    "decimate",
+    "exclude_residual_outliers",
+    "exclude_task_outliers",
+    "find_gaps",
+]
 __all__ += ["find_mains", "prepare", "remove_mains", "segment", "subtract_mean", "trim"]

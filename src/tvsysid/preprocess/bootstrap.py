@@ -11,7 +11,9 @@ from tvsysid.errors import InputError
 from tvsysid.signals import Ensemble
 
 
-def bootstrap(ensemble: Ensemble, count: int, seed: int, size: int | None = None) -> Iterator[Ensemble]:
+def bootstrap(
+    ensemble: Ensemble, count: int, seed: int, size: int | None = None
+) -> Iterator[Ensemble]:
     """Ensembles of realizations drawn with replacement, each made when it is asked for.
 
     Parameters
@@ -68,15 +70,21 @@ def block_weights(realizations: int, size: int, count: int, seed: int) -> NDArra
 def _checked(realizations: int, size: int, count: int, seed: int) -> np.random.Generator:
     for name, number in (("realizations", realizations), ("size", size), ("count", count)):
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 1:
-            raise InputError(f"bootstrap: {name} must be a whole number of one or more, got {number!r}")
+            raise InputError(
+                f"bootstrap: {name} must be a whole number of one or more, got {number!r}"
+            )
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
-        raise InputError(f"bootstrap: seed must be a whole number of zero or more, got {seed!r}") from error
+        raise InputError(
+            f"bootstrap: seed must be a whole number of zero or more, got {seed!r}"
+        ) from error
 
 
 def _counted(drawn: NDArray[np.int64], realizations: int) -> NDArray[np.int64]:
     """How often each realization is in each row of indices, shape (row, realization)."""
     count = len(drawn)
-    apart = drawn + np.arange(count)[:, None] * realizations  # so that rows are counted by themselves
+    apart = (
+        drawn + np.arange(count)[:, None] * realizations
+    )  # so that rows are counted by themselves
     return np.bincount(apart.ravel(), minlength=count * realizations).reshape(count, realizations)

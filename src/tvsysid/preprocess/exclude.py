@@ -70,14 +70,24 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
 
     signals = every_signal(ensemble, moved)
     signals["channels"][reference] = ensemble.channels[reference][:, reach : reach + left]
-    aligned = replace(ensemble, **signals, context=ensemble.context - reach, onsets=ensemble.onsets + shifts / rate)
-    account = replace(Account.of(ensemble, "alignment", np.abs(shifts) / rate, max_shift, "s"), shifts=shifts / rate)
+    aligned = replace(
+        ensemble,
+        **signals,
+        context=ensemble.context - reach,
+        onsets=ensemble.onsets + shifts / rate,
+    )
+    account = replace(
+        Account.of(ensemble, "alignment", np.abs(shifts) / rate, max_shift, "s"),
+        shifts=shifts / rate,
+    )
     if not account.kept.any():
         raise InputError(
             f"align: every realization needs a shift of more than {max_shift:g} s; "
             f"are the signs of the torque and of channel {reference!r} the same, and their times?"
         )
-    return Step(aligned.select(account.kept), account, aligned.torque[:, aligned.core], target.mean(axis=0))
+    return Step(
+        aligned.select(account.kept), account, aligned.torque[:, aligned.core], target.mean(axis=0)
+    )
 
 
 def _best_shifts(torque: Array, target: Array) -> NDArray[np.int64]:
@@ -88,7 +98,9 @@ def _best_shifts(torque: Array, target: Array) -> NDArray[np.int64]:
     samples = target.shape[1]
     windows = sliding_window_view(torque, samples, axis=1)
     # The target's own power is the same for all shifts.
-    errors = np.einsum("rst,rst->rs", windows, windows) - 2 * np.einsum("rst,rt->rs", windows, target)
+    errors = np.einsum("rst,rst->rs", windows, windows) - 2 * np.einsum(
+        "rst,rt->rs", windows, target
+    )
     return np.asarray(np.argmin(errors, axis=1) - (torque.shape[1] - samples) // 2)
 
 
@@ -111,7 +123,9 @@ def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
     Even if all is Gaussian some 1 in 90 realizations (exp(-4.5)) reaches 3 SD, because the component has two degrees of
     freedom.
     """
-    return _exclude("task component", ensemble, task_component(ensemble.torque[:, ensemble.core]), limit)
+    return _exclude(
+        "task component", ensemble, task_component(ensemble.torque[:, ensemble.core]), limit
+    )
 
 
 def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: float = 3.0) -> Step:
@@ -137,7 +151,9 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     """
     rate = ensemble.sampling_rate
     if not 0 < cutoff < rate / 2:
-        raise InputError(f"exclude_residual_outliers: cutoff must be between 0 and {rate / 2:g} Hz, got {cutoff!r}")
+        raise InputError(
+            f"exclude_residual_outliers: cutoff must be between 0 and {rate / 2:g} Hz, got {cutoff!r}"
+        )
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  # heavy
 
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
@@ -158,13 +174,19 @@ def task_component(torque: Array) -> Array:
 def _exclude(step: str, ensemble: Ensemble, judged: Array, limit: float) -> Step:
     """Exclude realizations that leave mean ± limit · SD over realizations at any time."""
     if not (isinstance(limit, (int, float, np.number)) and math.isfinite(limit) and limit > 0):
-        raise InputError(f"{step}: limit must be a positive number of standard deviations, got {limit!r}")
+        raise InputError(
+            f"{step}: limit must be a positive number of standard deviations, got {limit!r}"
+        )
     if len(judged) < 2:
-        raise InputError(f"{step}: expected at least two realizations to tell which are unlike the others, got one")
+        raise InputError(
+            f"{step}: expected at least two realizations to tell which are unlike the others, got one"
+        )
     mean, sd = judged.mean(axis=0), judged.std(axis=0, ddof=1)
     distance = np.abs(judged - mean)
     reached = np.divide(distance, sd, out=np.zeros_like(distance), where=sd > 0).max(axis=1)
     account = Account.of(ensemble, step, reached, limit, "SD")
     if not account.kept.any():
-        raise InputError(f"{step}: every realization leaves the mean by {limit:g} SD somewhere; give a higher limit")
+        raise InputError(
+            f"{step}: every realization leaves the mean by {limit:g} SD somewhere; give a higher limit"
+        )
     return Step(ensemble.select(account.kept), account, judged, mean, limit * sd)

@@ -10,7 +10,10 @@ from tvsysid.signals import Recording
 
 SHORTEST_S, SHORTEST = 0.03, 10  # of a gap, in s and in samples
 FEW, LARGEST_SHARE = 3, 0.05  # more gaps than that, of more of a record, are rests, or coarse steps
-STRAIGHT, ROUNDING = 1e-2, 1e-12  # share of the usual bend, and of the largest value, below which a signal is straight
+STRAIGHT, ROUNDING = (
+    1e-2,
+    1e-12,
+)  # share of the usual bend, and of the largest value, below which a signal is straight
 STEPS = 1.5  # of the torque's converter that a torque at rest bends by at most
 
 
@@ -51,13 +54,20 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     torque = np.abs(slopes[1])
     step = np.min(torque, where=torque > tolerance[1], initial=np.inf)
     beside = np.pad(bends[1], 1)
-    moves = (np.maximum(beside[first], beside[last + 1]) > STEPS * step) | (torque[first] > tolerance[1])
+    moves = (np.maximum(beside[first], beside[last + 1]) > STEPS * step) | (
+        torque[first] > tolerance[1]
+    )
     length, shortest = last - first + 2, max(SHORTEST_S * rate, SHORTEST)
     gap = moves & (length >= shortest)
     brief = (length >= shortest / 3) & (length < shortest)
-    if brief.sum() > gap.sum() or (gap.sum() > FEW and length[gap].sum() > LARGEST_SHARE * len(recording)):
+    if brief.sum() > gap.sum() or (
+        gap.sum() > FEW and length[gap].sum() > LARGEST_SHARE * len(recording)
+    ):
         return ()
     trials = np.searchsorted(starts, first[gap], "right") - 1
     within = np.stack([first[gap], last[gap] + 2]) - starts[trials]
     times = recording.origin + recording.start + within / rate
-    return tuple(Gap(int(trial), float(start), float(stop)) for trial, start, stop in zip(trials, *times, strict=True))
+    return tuple(
+        Gap(int(trial), float(start), float(stop))
+        for trial, start, stop in zip(trials, *times, strict=True)
+    )

@@ -31,7 +31,9 @@ def find_mains(recording: Recording) -> tuple[float, float]:
     if window < SHORTEST_S * rate:
         return found[::-1]
     step = rate / window
-    pieces = np.concatenate([sliding_window_view(trial, window)[:: window // 2] for trial in trials])
+    pieces = np.concatenate(
+        [sliding_window_view(trial, window)[:: window // 2] for trial in trials]
+    )
     taper = np.hanning(window)
     spectra = np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * taper)
     power = 2 * np.mean(np.abs(spectra) ** 2, axis=0) / (rate * np.sum(taper**2))
@@ -65,13 +67,18 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
     True
     """
     if recording.recorded_angle is not None or not 0 < frequency < recording.sampling_rate / 2:
-        raise InputError(f"remove_mains: expected a recording at more than {2 * frequency:g} Hz, before decimation")
+        raise InputError(
+            f"remove_mains: expected a recording at more than {2 * frequency:g} Hz, before decimation"
+        )
     weights = scipy.signal.windows.hann(2 * round(FOLLOWED_S * recording.sampling_rate / 2) + 1)
 
     def less_line(values: Array) -> Array:
         turn = np.exp(2j * np.pi * frequency / recording.sampling_rate * np.arange(len(values)))
         changing = (values - values.mean()) / turn
-        count, sums = (scipy.signal.oaconvolve(each, weights, "same") for each in (np.ones(len(values)), changing))
+        count, sums = (
+            scipy.signal.oaconvolve(each, weights, "same")
+            for each in (np.ones(len(values)), changing)
+        )
         return np.asarray(values - 2 * (sums / count * turn).real)
 
     def without(values: Array) -> Array:

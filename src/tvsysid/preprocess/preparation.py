@@ -32,7 +32,9 @@ class Preparation(Shown):
     @property
     def steps(self) -> tuple[Step, ...]:
         """The steps that were taken, in order."""
-        return tuple(step for step in (self.alignment, self.task, self.residual) if step is not None)
+        return tuple(
+            step for step in (self.alignment, self.task, self.residual) if step is not None
+        )
 
     @property
     def account(self) -> Account:

@@ -6,7 +6,10 @@ import numpy as np
 
 from tvsysid.signals import Array, Ensemble
 
-SLOWEST, FASTEST = 5.0, 45.0  # Hz between which a perturbation moves the angle, but hardly a behaviour
+SLOWEST, FASTEST = (
+    5.0,
+    45.0,
+)  # Hz between which a perturbation moves the angle, but hardly a behaviour
 MOST = 0.5  # share of the angle's power there that lines must hold
 STANDS_OUT = 10.0  # times the power of what all realizations share two harmonics to either side
 SURE = 2.0  # standard errors from zero
@@ -32,6 +35,8 @@ def repeated_lines(ensemble: Ensemble) -> tuple[Array, float]:
     if share <= MOST:
         return np.zeros(0), share
     energy = (frequency * (shared[1] * shared[0].conj()).imag)[lines].sum()
-    left = (frequency * ((torque - shared[1]) * (angle - shared[0]).conj()).imag)[:, band].sum(axis=1)
+    left = (frequency * ((torque - shared[1]) * (angle - shared[0]).conj()).imag)[:, band].sum(
+        axis=1
+    )
     answers = np.sign(energy) * left.mean() > SURE * left.std() / np.sqrt(len(left))
     return (np.zeros(0) if answers else frequency[lines]), share

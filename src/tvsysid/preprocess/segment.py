@@ -20,7 +20,9 @@ from tvsysid.signals import Array, Ensemble, Recording
 
 ROUNDING = 1e-9
 SMEARED = 0.015  # s to either side of a gap over which decimation smears it
-SLOWEST = 40.0  # Hz below which too little of a joint's response is left to tell stiffness from inertia
+SLOWEST = (
+    40.0  # Hz below which too little of a joint's response is left to tell stiffness from inertia
+)
 DIFFER = (
     "the perturbation must differ from realization to realization: a multisine needs lines that are no multiples of "
     "1/period"
@@ -107,7 +109,9 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     shortest = min(trial.stop - trial.start for trial in recording.trials)
     taps = SHARP * factor + 1 if sharp else TAPS
     if shortest < taps:
-        raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples")
+        raise InputError(
+            f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples"
+        )
     if rate < SLOWEST:
         warnings.warn(
             f"decimated to {rate:g} Hz, nothing faster than {rate / 2:g} Hz is left, which hardly tells a joint's "
@@ -121,7 +125,9 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
 
     starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
     recorded = np.concatenate([_recorded(recording, trial, factor) for trial in recording.trials])
-    lowered = every_signal(replace(recording, recorded_angle=None), lower) | {"recorded_angle": recorded}
+    lowered = every_signal(replace(recording, recorded_angle=None), lower) | {
+        "recorded_angle": recorded
+    }
     return replace(recording, **lowered, sampling_rate=rate, trial_starts=starts)
 
 
@@ -173,16 +179,24 @@ def align_channels(recording: Recording, delay: float) -> Recording:
     shortest = min(trial.stop - trial.start for trial in recording.trials)
     if lost >= shortest:
         seconds = shortest / recording.sampling_rate
-        raise InputError(f"align_channels: a delay of {delay:g} s leaves nothing of a trial of {seconds:g} s")
+        raise InputError(
+            f"align_channels: a delay of {delay:g} s leaves nothing of a trial of {seconds:g} s"
+        )
     head, tail = (lost, 0) if samples < 0 else (0, lost)
     kept = [slice(trial.start + head, trial.stop - tail) for trial in recording.trials]
 
     def earlier(torque: Array) -> Array:
-        late = between(np.pad(torque, SINC, "reflect", reflect_type="odd"), samples - whole)[SINC:-SINC]
+        late = between(np.pad(torque, SINC, "reflect", reflect_type="odd"), samples - whole)[
+            SINC:-SINC
+        ]
         return late[np.clip(np.arange(head, len(torque) - tail) + whole, 0, len(torque) - 1)]
 
-    signals = every_signal(recording, lambda values: np.concatenate([values[trial] for trial in kept]))
-    signals["torque"] = np.concatenate([earlier(recording.torque[trial]) for trial in recording.trials])
+    signals = every_signal(
+        recording, lambda values: np.concatenate([values[trial] for trial in kept])
+    )
+    signals["torque"] = np.concatenate(
+        [earlier(recording.torque[trial]) for trial in recording.trials]
+    )
     return replace(
         recording,
         **signals,
@@ -205,13 +219,17 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     """
     check_seconds("trim", ends=ends, margin=margin)
     if margin > ends:
-        raise InputError(f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter one")
+        raise InputError(
+            f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter one"
+        )
     rate = recording.sampling_rate
     outside, kept_outside = round(ends * rate), round(margin * rate)
     cut = outside - kept_outside
     shortest = min(trial.stop - trial.start for trial in recording.trials)
     if shortest <= 2 * outside:
-        raise InputError(f"trim: ends of {ends:g} s leave nothing of a trial of {shortest / rate:g} s")
+        raise InputError(
+            f"trim: ends of {ends:g} s leave nothing of a trial of {shortest / rate:g} s"
+        )
     inner = [slice(trial.start + cut, trial.stop - cut) for trial in recording.trials]
 
     def trimmed(x: Array) -> Array:
@@ -227,7 +245,9 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     )
 
 
-def segment(recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()) -> Ensemble:
+def segment(
+    recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()
+) -> Ensemble:
     """Cut each trial into all the realizations that it holds whole, which begin at multiples of the period from time 0.
 
     Parameters
@@ -246,21 +266,28 @@ def segment(recording: Recording, period: float | None, context: float = 0.5, ga
     check_seconds("segment", context=context)
     margin = round(context * rate)
     if period is None:
-        return _cut(recording, [[margin]] * len(recording.trials), _longest(recording, margin), margin)
+        return _cut(
+            recording, [[margin]] * len(recording.trials), _longest(recording, margin), margin
+        )
     check_seconds("segment", period=period)
     if round(period * rate) < 1:
-        raise InputError(f"segment: a period of {period!r} s is shorter than a sample at {rate:g} Hz")
+        raise InputError(
+            f"segment: a period of {period!r} s is shorter than a sample at {rate:g} Hz"
+        )
     samples = _whole_samples(period, rate)
     firsts: list[list[int]] = []
     left_out = 0
     reach, first_time = margin + math.ceil(SMEARED * rate), recording.origin + recording.start
     lost = [
-        (gap.trial, (gap.start - first_time) * rate - reach, (gap.stop - first_time) * rate + reach) for gap in gaps
+        (gap.trial, (gap.start - first_time) * rate - reach, (gap.stop - first_time) * rate + reach)
+        for gap in gaps
     ]
     for number, trial in enumerate(recording.trials):
         length = trial.stop - trial.start
         # First multiple of the period at or after the trial's first sample, as a sample of the trial.
-        first = math.ceil(round(recording.start * rate) / samples) * samples - round(recording.start * rate)
+        first = math.ceil(round(recording.start * rate) / samples) * samples - round(
+            recording.start * rate
+        )
         whole = range(first, length - samples + 1, samples)
         firsts.append([i for i in whole if i >= margin and i + samples + margin <= length])
         left_out += len(whole) - len(firsts[-1])
@@ -268,7 +295,9 @@ def segment(recording: Recording, period: float | None, context: float = 0.5, ga
             firsts[-1] = [i for i in firsts[-1] if i + samples <= start or i >= stop]
     if not any(firsts):
         if lost:
-            raise InputError(f"segment: no realization of {period:g} s is without a gap; give no gaps to keep them all")
+            raise InputError(
+                f"segment: no realization of {period:g} s is without a gap; give no gaps to keep them all"
+            )
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"
         if len(recording.trials) > 1:
@@ -293,7 +322,11 @@ def _longest(recording: Recording, margin: int) -> int:
 
 
 def _cut(
-    recording: Recording, firsts: Iterable[Iterable[int]], samples: int, margin: int, left_out: int = 0
+    recording: Recording,
+    firsts: Iterable[Iterable[int]],
+    samples: int,
+    margin: int,
+    left_out: int = 0,
 ) -> Ensemble:
     """Realizations with their context; by trial, the sample of it with which each begins."""
     places = [(number, first) for number, each in enumerate(firsts) for first in each]
@@ -349,7 +382,11 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     """
     if len(ensemble) < 2:
         out, context = ensemble.left_out, ensemble.context / ensemble.sampling_rate
-        lost = f" ({1 + out} fit in, {out} left out for want of {context:g} s of context on both sides)" if out else ""
+        lost = (
+            f" ({1 + out} fit in, {out} left out for want of {context:g} s of context on both sides)"
+            if out
+            else ""
+        )
         less = ", or with less context (--context 0 leaves out none)" if out else ""
         raise InputError(
             f"subtract_mean: expected at least two realizations, got one{lost}; its mean is the signal itself; record "
@@ -366,7 +403,9 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
                 f"{100 * left:.1g} %, so that nothing but noise is left; {DIFFER}"
             )
     lines, share = repeated_lines(ensemble)
-    if lines.size and not channels:  # of a channel that differs, such as the disturbance, it was seen above
+    if (
+        lines.size and not channels
+    ):  # of a channel that differs, such as the disturbance, it was seen above
         raise InputError(
             f"subtract_mean: the perturbation is the same in all {len(ensemble)} realizations: lines at "
             f"{', '.join(f'{line:g}' for line in lines)} Hz hold {100 * share:.0f} % of the angle's fast movement, and "
@@ -374,7 +413,9 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
     changes = pair | {"recorded_angle": ensemble.angle_as_recorded}
-    return replace(ensemble, **changes, channels={**ensemble.channels, **deviations}, mean_subtracted=True)
+    return replace(
+        ensemble, **changes, channels={**ensemble.channels, **deviations}, mean_subtracted=True
+    )
 
 
 def _differing(values: Array, deviations: Array) -> float:

@@ -2,7 +2,14 @@
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves
-from tvsysid.quality.diagnosis import Diagnosis, Finding, diagnose, diagnose_recording, find_reference, find_reflex
+from tvsysid.quality.diagnosis import (
+    Diagnosis,
+    Finding,
+    diagnose,
+    diagnose_recording,
+    find_reference,
+    find_reflex,
+)
 
 __all__ = [
     "FAULTS",

@@ -10,7 +10,10 @@ from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.signals import Array
 
-SEGMENT, WELCH = 0.64, 2.0  # length in s of the segments whose coherence is shown, and of those whose spectrum is
+SEGMENT, WELCH = (
+    0.64,
+    2.0,
+)  # length in s of the segments whose coherence is shown, and of those whose spectrum is
 FARTHEST = 0.3  # lags in s that are shown, to either side
 
 
@@ -66,7 +69,9 @@ def curves(data: FittedEnsemble) -> Curves:
     """All that the pictures show."""
     rate, fit = data.rate, data.fit
     length = min(fit.torque.shape[1], round(WELCH * rate))
-    angle, torque, residual = (_power(values, length, rate) for values in (fit.motion[0], fit.torque, fit.residual))
+    angle, torque, residual = (
+        _power(values, length, rate) for values in (fit.motion[0], fit.torque, fit.residual)
+    )
     return Curves(
         np.asarray(np.fft.rfftfreq(length, 1 / rate), dtype=np.float64),
         angle,
@@ -111,5 +116,8 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
         cause = data.unpredicted(signal)
         scale = np.sqrt(np.mean(cause**2) * np.mean(residual**2))
         if scale > 0:
-            row[:] = [np.mean(cause[:, inner] * residual[:, reach + lag : inner.stop + lag]) / scale for lag in lags]
+            row[:] = [
+                np.mean(cause[:, inner] * residual[:, reach + lag : inner.stop + lag]) / scale
+                for lag in lags
+            ]
     return lags / data.rate, correlation, np.asarray(1.96 / np.sqrt(residual[:, inner].size))

@@ -11,7 +11,16 @@ from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, SMOOTH, FittedEnsemble, NotJudged, SecondOrder, Seen, fit_motion
+from tvsysid.quality.fitted import (
+    ANSWERED,
+    NO_ANSWER,
+    SMOOTH,
+    FittedEnsemble,
+    NotJudged,
+    SecondOrder,
+    Seen,
+    fit_motion,
+)
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
 from tvsysid.quality.structure import feedback
 from tvsysid.signals import Array
@@ -47,7 +56,9 @@ def delay(data: FittedEnsemble) -> Seen:
     timely = data.synchronised(samples)
     step, error, apart = (1000 * each / data.rate for each in _remaining(timely))
     late = 1000 * samples / data.rate
-    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > max(abs(apart), abs(step) / SETTLED)
+    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > max(
+        abs(apart), abs(step) / SETTLED
+    )
     if significant and (reason := _other_cause(data, timely, late, clear)):
         raise NotJudged(reason)
     edge = "at least " if abs(round(samples)) >= _reach(data) else ""
@@ -65,9 +76,12 @@ def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
     def fitted(signal: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Step at each sample times its weight, and the weight, with noise as a signal is made of it."""
         parts, left, later = (
-            gaussian_filter1d(signal(each), SMOOTH, axis=-1) for each in (data.fit.parts, data.fit.residual, change)
+            gaussian_filter1d(signal(each), SMOOTH, axis=-1)
+            for each in (data.fit.parts, data.fit.residual, change)
         )
-        alone, left = (fit_motion(parts, each, data.rate, 0).residual[:, SINC:-SINC] for each in (later, left))
+        alone, left = (
+            fit_motion(parts, each, data.rate, 0).residual[:, SINC:-SINC] for each in (later, left)
+        )
         return left * alone, alone**2
 
     moments, weights = fitted(data.whitened)
@@ -78,20 +92,25 @@ def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
     # A misfit is alike in all realizations, and differs from time to time.
     apart = moments - step * weights
     parts = np.array([each.sum() for each in np.array_split(apart, PARTS, axis=1)])
-    scatter = (float(np.sum(each**2)) * len(each) / (len(each) - 1) for each in (apart.sum(axis=1), parts))
+    scatter = (
+        float(np.sum(each**2)) * len(each) / (len(each) - 1) for each in (apart.sum(axis=1), parts)
+    )
     error = math.sqrt(max(scatter)) / float(weights.sum())
     return step, error, float(plain.sum() / plain_weights.sum()) - step
 
 
 def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clear: bool) -> str:
     """What else in these data looks like a delay in ms, or like one that does not make the fit clearly better."""
-    inertia, smooth = (float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance))
+    inertia, smooth = (
+        float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance)
+    )
     if (abs(late) < LARGE or not clear) and not inertia / HIDDEN < smooth < HIDDEN * inertia:
         return "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a delay"
     with suppress(NotJudged):
         # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
         if late < -FAULTS["delay"].limit and (
-            feedback(timely).value > SHIFTED or (not clear and FAULTS["feedback"].beyond(feedback(data).value))
+            feedback(timely).value > SHIFTED
+            or (not clear and FAULTS["feedback"].beyond(feedback(data).value))
         ):
             return "torque noise moves the angle, which looks like an early torque"
     return ""
@@ -114,9 +133,14 @@ def clock_skew(data: FittedEnsemble) -> Seen:
     (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
     # What each half leaves with the other's shift, against what it leaves with its own.
     trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
-    worse = [half.regressors.fit(_later(half, others)).squares - own.squares for half, others, own in trades]
+    worse = [
+        half.regressors.fit(_later(half, others)).squares - own.squares
+        for half, others, own in trades
+    ]
     skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
-    what = f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
+    what = (
+        f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
+    )
     return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
 
 
@@ -132,7 +156,9 @@ def _later(data: FittedEnsemble, samples: float) -> Array:
     """Torque taken so many samples later, where it was fitted."""
     fit, whole = data.fit, round(samples)
     torque = between(data.torque, samples - whole)
-    late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
+    late = np.clip(
+        np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1
+    )
     return torque[:, late]
 
 

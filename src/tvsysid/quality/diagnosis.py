@@ -24,7 +24,11 @@ from tvsysid.signals import Ensemble, Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")  # do not take the torque for an answer
+OF_ANY_SIGNAL = (
+    "few-realizations",
+    "repeated-realizations",
+    "same-channel",
+)  # do not take the torque for an answer
 OF_REPETITION = (
     "drift",
     "misaligned-realizations",
@@ -103,7 +107,11 @@ class Finding:
         unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
         sign = "±" if self.value < 0 else ""
         too_low = fault.wrong == "below" or size < fault.lowest
-        allowed = f"at least {fault.lowest or fault.limit:g}" if too_low else f"at most {sign}{fault.limit:g}"
+        allowed = (
+            f"at least {fault.lowest or fault.limit:g}"
+            if too_low
+            else f"at most {sign}{fault.limit:g}"
+        )
         caveat = ", but not significant" if self.state == "uncertain" else ""
         return f"{value} {unit}, {allowed} is in order{caveat}"
 
@@ -155,8 +163,13 @@ class Diagnosis(Shown):
         import pandas as pd  # noqa: PLC0415  # heavy
 
         own = ("name", "state", "found", "value", "what")
-        rows = [{name: getattr(check, name) for name in own} | check.fault._asdict() for check in self.checks]
-        return pd.DataFrame(rows, columns=[*own[:4], "unit", "wrong", "limit", "lowest", "what", "effect", "remedy"])
+        rows = [
+            {name: getattr(check, name) for name in own} | check.fault._asdict()
+            for check in self.checks
+        ]
+        return pd.DataFrame(
+            rows, columns=[*own[:4], "unit", "wrong", "limit", "lowest", "what", "effect", "remedy"]
+        )
 
     @property
     def verdict(self) -> str:
@@ -178,7 +191,10 @@ class Diagnosis(Shown):
                 reasons.setdefault(check.what, []).append(check.name)
         unknown = [f"{', '.join(names)} ({why})" for why, names in reasons.items()]
         lines = {"uncertain": uncertain, "not judged": unknown}
-        return (*(f"{state}: {'; '.join(told)}" for state, told in lines.items() if told), *self.remarks)
+        return (
+            *(f"{state}: {'; '.join(told)}" for state, told in lines.items() if told),
+            *self.remarks,
+        )
 
     def __repr__(self) -> str:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
@@ -191,12 +207,21 @@ class Diagnosis(Shown):
         return "\n".join([*lines, *self.notes])
 
     def _repr_html_(self) -> str:
-        rows = [(each.name, each.what, each.strength, each.fault.effect, each.fault.remedy) for each in self.findings]
-        return summary_html("Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes)
+        rows = [
+            (each.name, each.what, each.strength, each.fault.effect, each.fault.remedy)
+            for each in self.findings
+        ]
+        return summary_html(
+            "Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes
+        )
 
 
 def diagnose(
-    ensemble: Ensemble, reference: str | None = None, *, repeats: bool = True, recording: Recording | None = None
+    ensemble: Ensemble,
+    reference: str | None = None,
+    *,
+    repeats: bool = True,
+    recording: Recording | None = None,
 ) -> Diagnosis:
     r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
 
@@ -256,14 +281,23 @@ def diagnose(
     if recording is not None:
         found |= diagnose_recording(recording)
     if not repeats:
-        found |= {name: Finding(name, math.nan, False, "the behaviour is not repeated") for name in OF_REPETITION}
+        found |= {
+            name: Finding(name, math.nan, False, "the behaviour is not repeated")
+            for name in OF_REPETITION
+        }
     if found["same-channel"].found:
         # Nothing else that is seen then is of a joint.
         why = "angle and torque are one signal"
-        found |= {name: Finding(name, math.nan, False, why) for name in found if name not in OF_ANY_SIGNAL}
+        found |= {
+            name: Finding(name, math.nan, False, why) for name in found if name not in OF_ANY_SIGNAL
+        }
     seen, checks = curves(data), tuple(found[name] for name in FAULTS if name in found)
-    words = f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
-    misleading = any(found[name].found for name in ("same-channel", "same-perturbation", "wrong-period"))
+    words = (
+        f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
+    )
+    misleading = any(
+        found[name].found for name in ("same-channel", "same-perturbation", "wrong-period")
+    )
     remarks = timing.shorter_period(timely) if repeats and not misleading else ()
     return Diagnosis(checks, _measures(timely, seen), seen, words, remarks)
 
@@ -280,7 +314,10 @@ def find_reference(ensemble: Ensemble, channel: str) -> Finding:
 
 def diagnose_recording(recording: Recording) -> dict[str, Finding]:
     """Look for ``gaps`` and ``mains`` in a record that is not decimated."""
-    return {check.__name__: _finding(check.__name__, check, recording) for check in (losses.gaps, losses.mains)}
+    return {
+        check.__name__: _finding(check.__name__, check, recording)
+        for check in (losses.gaps, losses.mains)
+    }
 
 
 @single_thread()
@@ -313,7 +350,9 @@ TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
 
 
 @single_thread()
-def _looked_at(data: FittedEnsemble, reference: str | None) -> tuple[FittedEnsemble, dict[str, Finding]]:
+def _looked_at(
+    data: FittedEnsemble, reference: str | None
+) -> tuple[FittedEnsemble, dict[str, Finding]]:
     """Fit less drifting offsets and a delay, and a finding for each fault."""
     found: dict[str, Finding] = {}
 
@@ -356,9 +395,13 @@ def _measures(data: FittedEnsemble, seen: Curves) -> dict[str, tuple[float, str]
     angle = data.core("angle")
     power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
     within = int(np.searchsorted(np.cumsum(power), MOST_POWER * power.sum()))
-    frequency = np.sqrt(values[0] / values[2]) / (2 * np.pi) if values[0] * values[2] > 0 else np.nan
+    frequency = (
+        np.sqrt(values[0] / values[2]) / (2 * np.pi) if values[0] * values[2] > 0 else np.nan
+    )
     bandwidth = (within + 1) / data.ensemble.duration
-    inside = seen.coherence[:, (seen.coherence_frequency > 0) & (seen.coherence_frequency <= bandwidth)]
+    inside = seen.coherence[
+        :, (seen.coherence_frequency > 0) & (seen.coherence_frequency <= bandwidth)
+    ]
     measures = {
         "mean stiffness": (values[0], "N·m/rad"),
         "mean viscosity": (values[1], "N·m·s/rad"),
@@ -369,7 +412,10 @@ def _measures(data: FittedEnsemble, seen: Curves) -> dict[str, tuple[float, str]
         "condition of lagged angles": (_condition(data), "1"),
         "coherence within the bandwidth": (np.median(inside) if inside.size else np.nan, "1"),
         "explained torque": (100 * explained, "%"),
-        "signal-to-noise ratio": (10 * np.log10(max(explained, 1e-9) / max(1 - explained, 1e-9)), "dB"),
+        "signal-to-noise ratio": (
+            10 * np.log10(max(explained, 1e-9) / max(1 - explained, 1e-9)),
+            "dB",
+        ),
     }
     return {name: (float(value), unit) for name, (value, unit) in measures.items()}
 
@@ -379,4 +425,6 @@ def _condition(data: FittedEnsemble) -> float:
     lags = min(round(LAGS * data.rate), (data.angle.shape[1] - 1) // 2)
     spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
     # What rounding leaves of the smallest eigenvalue tells nothing.
-    return float(1 / max(spread[0] / spread[-1], np.finfo(float).eps)) if spread[-1] > 0 else math.inf
+    return (
+        float(1 / max(spread[0] / spread[-1], np.finfo(float).eps)) if spread[-1] > 0 else math.inf
+    )

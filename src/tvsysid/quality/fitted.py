@@ -71,7 +71,13 @@ class SecondOrder:
     @property
     def impedance(self) -> Array:
         """Stiffness, viscosity and inertia at each sample, shape (3, time)."""
-        return np.stack([self.stiffness[self.bins], self.viscosity[self.bins], np.full(len(self.bins), self.inertia)])
+        return np.stack(
+            [
+                self.stiffness[self.bins],
+                self.viscosity[self.bins],
+                np.full(len(self.bins), self.inertia),
+            ]
+        )
 
     @cached_property
     def parts(self) -> Array:
@@ -96,7 +102,9 @@ class SecondOrder:
 
     def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrder:
         """Fit to some of the realizations by themselves."""
-        return fit_motion(self.motion[:, realizations], self.torque[realizations], self.rate, self.first)
+        return fit_motion(
+            self.motion[:, realizations], self.torque[realizations], self.rate, self.first
+        )
 
 
 def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[np.int64]:
@@ -107,10 +115,14 @@ def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[
     return np.minimum(np.arange(samples) // length, count - 1)
 
 
-def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context: int) -> SecondOrder:
+def fit_second_order(
+    angle: Array, torque: Array, sampling_rate: float, context: int
+) -> SecondOrder:
     """Fit to deviations from the mean, shape (realization, context + time + context), where derivatives are known."""
     region = known_region(angle.shape[1] - 2 * context, context)
-    motion = differentiate(angle, sampling_rate)[:, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH]
+    motion = differentiate(angle, sampling_rate)[
+        :, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH
+    ]
     return fit_motion(motion, torque[:, region], sampling_rate, region.start)
 
 
@@ -125,7 +137,9 @@ class Regressors:
         self._motion, self._rate, self._first = motion, sampling_rate, first
         self._bins = time_bins(motion.shape[2], motion.shape[1], sampling_rate)
         self._edges = np.flatnonzero(np.diff(self._bins, prepend=-1))
-        gram = np.array([[self._moment(a, b) for b in motion[:2]] for a in motion[:2]]).transpose(2, 0, 1)
+        gram = np.array([[self._moment(a, b) for b in motion[:2]] for a in motion[:2]]).transpose(
+            2, 0, 1
+        )
         ridge = 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() + np.finfo(float).tiny
         self._gram = gram + ridge * np.eye(2)
         self._with_acceleration = self._with(motion[2])
@@ -138,14 +152,18 @@ class Regressors:
 
     def _with(self, signal: Array) -> Array:
         """Moments of angle and velocity with a signal, shape (bin, 2)."""
-        return np.stack([self._moment(self._motion[0], signal), self._moment(self._motion[1], signal)], axis=1)
+        return np.stack(
+            [self._moment(self._motion[0], signal), self._moment(self._motion[1], signal)], axis=1
+        )
 
     def _solve(self, moments: Array) -> Array:
         return np.asarray(np.linalg.solve(self._gram, moments[..., None])[..., 0])
 
     def _inertia(self, torque: Array, by_torque: Array) -> tuple[float, float]:
         """Inertia, and what it has in common with the torque where stiffness and viscosity leave both."""
-        common = np.sum(self._moment(self._motion[2], torque)) - np.sum(self._with_acceleration * by_torque)
+        common = np.sum(self._moment(self._motion[2], torque)) - np.sum(
+            self._with_acceleration * by_torque
+        )
         return float(common) / self._left if self._left > 0 else 0.0, float(common)
 
     def fit(self, torque: Array) -> SecondOrder:
@@ -153,14 +171,18 @@ class Regressors:
         by_torque = self._solve(self._with(torque))
         inertia, _ = self._inertia(torque, by_torque)
         stiffness, viscosity = (by_torque - inertia * self._by_motion).T
-        return SecondOrder(self._motion, torque, self._rate, self._first, self._bins, stiffness, viscosity, inertia)
+        return SecondOrder(
+            self._motion, torque, self._rate, self._first, self._bins, stiffness, viscosity, inertia
+        )
 
     def left(self, torque: Array) -> float:
         """Share of the torque's variance that a fit to it leaves, in a third of the time of the fit's own."""
         total, moments = float(np.sum(torque**2)), self._with(torque)
         by_torque = self._solve(moments)
         inertia, common = self._inertia(torque, by_torque)
-        return 1 - float(np.sum(moments * by_torque) + inertia * common) / total if total > 0 else 1.0
+        return (
+            1 - float(np.sum(moments * by_torque) + inertia * common) / total if total > 0 else 1.0
+        )
 
 
 def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -> SecondOrder:
@@ -255,7 +277,9 @@ class FittedEnsemble:
         Slow noise, such as that of voluntary torque, would otherwise hide what single realizations tell.
         """
         taps = self._whitener
-        return np.asarray(convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))[..., self.whitening :])
+        return np.asarray(
+            convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))[..., self.whitening :]
+        )
 
     @cached_property
     def white_parts(self) -> Array:
@@ -306,7 +330,10 @@ class FittedEnsemble:
     def smooth_impedance(self) -> tuple[Array, Array]:
         """The same behind a low-pass, where noise in the angle (steps, spikes) hardly lowers the inertia."""
         return _constant_impedance(
-            *(gaussian_filter1d(each, SMOOTH, axis=-1) for each in (self.fit.motion, self.fit.torque))
+            *(
+                gaussian_filter1d(each, SMOOTH, axis=-1)
+                for each in (self.fit.motion, self.fit.torque)
+            )
         )
 
     @cached_property
@@ -319,7 +346,11 @@ class FittedEnsemble:
         apart = apart[apart > NO_STEP * size]
         step = float(apart.min()) if apart.size else 0.0
         # A signal of two levels, such as a PRBS, is not coarse.
-        return 100 * step / size if size > 0 and float(np.ptp(values, axis=0).max()) > 1.5 * step else 0.0
+        return (
+            100 * step / size
+            if size > 0 and float(np.ptp(values, axis=0).max()) > 1.5 * step
+            else 0.0
+        )
 
     @cached_property
     def own_fits(self) -> tuple[Array, Array]:
@@ -370,7 +401,9 @@ class FittedEnsemble:
         if not angle.any() and not torque.any():
             return self
         given = self.ensemble
-        level = replace(given, angle=given.angle - angle[:, None], torque=given.torque - torque[:, None])
+        level = replace(
+            given, angle=given.angle - angle[:, None], torque=given.torque - torque[:, None]
+        )
         return FittedEnsemble(self.given, level)
 
     def synchronised(self, late: float) -> FittedEnsemble:

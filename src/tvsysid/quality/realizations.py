@@ -9,19 +9,33 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.quality import statistics
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble, NotJudged, Seen, indices
-from tvsysid.quality.statistics import FOLDS, LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of, without
+from tvsysid.quality.statistics import (
+    FOLDS,
+    LEAST_REALIZATIONS,
+    SIGNIFICANT,
+    p_value,
+    p_value_of,
+    without,
+)
 from tvsysid.signals import Array
 
 UNITS = {"angle": "rad", "torque": "N·m"}
-FAR_OUT = 6.0  # robust standard deviations from the median at which a realization is unlike the others
-OTHER_STIFFNESS = 0.3  # smallest relative difference in stiffness that makes a realization unlike the others
+FAR_OUT = (
+    6.0  # robust standard deviations from the median at which a realization is unlike the others
+)
+OTHER_STIFFNESS = (
+    0.3  # smallest relative difference in stiffness that makes a realization unlike the others
+)
 OTHER_ANSWER = 0.2  # the same for the whole torque's size
 OTHER_NOISE = 1.7  # times the usual noise, whitened, that does, if few of the others come near it
 SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05  # in s
 ROUNDED = 9  # digits after the point of values over their standard deviation that are alike in the same realizations
 ABOUT = 0.1  # seconds over which the noise about a time is averaged
 QUIETEST = 0.05  # share of the mean noise that no time is taken to have less of
-BETTER, HALF = 0.2, 0.5  # shares of a realization's residual that a shift must take away; of its low-passed one
+BETTER, HALF = (
+    0.2,
+    0.5,
+)  # shares of a realization's residual that a shift must take away; of its low-passed one
 MOST = 0.5  # share of the realizations beyond which it is not misalignment
 ALIKE = 0.7  # correlation between the behaviour of odd and even realizations from which on it has a shape of its own
 DEEP = 0.1  # variation of the stiffness over its mean below which its shape tells nothing
@@ -45,7 +59,9 @@ def mean_left(data: FittedEnsemble, which: str) -> Seen:
 def repeated(data: FittedEnsemble) -> Seen:
     """Realizations whose angle and torque are, to rounding, those of an earlier one."""
     ensemble = data.given
-    both = np.concatenate([ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]], axis=1)
+    both = np.concatenate(
+        [ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]], axis=1
+    )
     scale = np.repeat([float(ensemble.angle.std()), float(ensemble.torque.std())], ensemble.samples)
     rounded = np.round(both / np.where(scale > 0, scale, 1.0), ROUNDED)
     _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
@@ -86,7 +102,9 @@ def misaligned(data: FittedEnsemble) -> Seen:
     if not _has_a_shape(data):
         raise NotJudged("stiffness hardly varies within a realization, so that no shift shows")
     fit, again, rate = data.fit, data.white_fit, data.rate
-    stiffness, viscosity, _ = fit.impedance * (1 + np.pad(again.impedance, ((0, 0), (data.whitening, 0)), "edge"))
+    stiffness, viscosity, _ = fit.impedance * (
+        1 + np.pad(again.impedance, ((0, 0), (data.whitening, 0)), "edge")
+    )
     step = max(1, round(SHIFT_STEP * rate))
     reach = len(stiffness) // 4 // step
     shifts = np.arange(-reach, reach + 1) * step
@@ -95,7 +113,10 @@ def misaligned(data: FittedEnsemble) -> Seen:
 
     def error(shift: int, which: int | slice = slice(None)) -> Array:
         """What the behaviour of all leaves of realizations, whitened, if it comes so many samples later."""
-        answer = np.roll(stiffness, shift) * fit.motion[0, which] + np.roll(viscosity, shift) * fit.motion[1, which]
+        answer = (
+            np.roll(stiffness, shift) * fit.motion[0, which]
+            + np.roll(viscosity, shift) * fit.motion[1, which]
+        )
         return data.whitened(inertial[which] - answer)
 
     left = np.stack([error(int(shift)) ** 2 @ weights for shift in shifts])
@@ -107,7 +128,10 @@ def misaligned(data: FittedEnsemble) -> Seen:
     clear = (gain > BETTER) & (likelier > math.log(left.size / SIGNIFICANT))
     # Equal filters leave hardly any noise at high frequency, so that there the error of the fit is all that is seen.
     for realization in np.flatnonzero(clear).tolist():
-        slow = [gaussian_filter1d(error(int(shift), realization), BROAD) for shift in (shifts[best[realization]], 0)]
+        slow = [
+            gaussian_filter1d(error(int(shift), realization), BROAD)
+            for shift in (shifts[best[realization]], 0)
+        ]
         clear[realization] = slow[0] ** 2 @ weights < HALF * (slow[1] ** 2 @ weights)
     out = indices(clear & (np.abs(seconds) >= SHORTEST_SHIFT))
     count, every = len(out), len(data)
@@ -126,7 +150,9 @@ def _local_noise(data: FittedEnsemble) -> Array:
     show.
     """
     size = min(max(1, round(ABOUT * data.rate)), data.white_residual.shape[1])
-    power = np.median(uniform_filter1d(data.white_residual**2, size, axis=1, mode="nearest"), axis=0)
+    power = np.median(
+        uniform_filter1d(data.white_residual**2, size, axis=1, mode="nearest"), axis=0
+    )
     return np.asarray(np.maximum(power, QUIETEST * float(power.mean()) + TINY))
 
 
@@ -190,7 +216,8 @@ def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -
         raise NotJudged(f"it takes {2 * LEAST_REALIZATIONS} realizations")
     # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock beats with the sampling.
     motion, left = (
-        gaussian_filter1d(values, SMOOTH, axis=-1) for values in (data.whitened(data.fit.motion), data.white_residual)
+        gaussian_filter1d(values, SMOOTH, axis=-1)
+        for values in (data.whitened(data.fit.motion), data.white_residual)
     )
     alone = without(motion[0], motion[1:])
     edges = np.linspace(0, alone.shape[1], PARTS, endpoint=False).astype(np.int64)
@@ -208,7 +235,9 @@ def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -
         others = np.delete(apart, out, axis=0)
         pattern = np.linalg.eigh(np.where(far, others.T @ others, 0.0))[1][:, -1]
         weights = np.where(far, np.outer(pattern, pattern), 0.0)
-        variances[out] = np.einsum("rj,jl,rl->r", apart[out], weights, apart[out]) / (PARTS * np.sum(weights**2))
+        variances[out] = np.einsum("rj,jl,rl->r", apart[out], weights, apart[out]) / (
+            PARTS * np.sum(weights**2)
+        )
     variance = max(0.0, float(variances.mean()))
     significant = variance > 0 and p_value_of(variances) < SIGNIFICANT
     if data.explained < ANSWERED and not significant:

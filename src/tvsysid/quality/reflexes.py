@@ -24,10 +24,19 @@ BLOCKS = 5  # of neighbouring realizations, each predicted from the others: slow
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
 SLOWEST = 2  # harmonics by which a change is found
 REACH = 0.04  # s to either side that the intrinsic response lasts
-SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, and the triangles that make it up
-USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
+SOONEST, LATEST, SHAPES = (
+    0.04,
+    0.33,
+    8,
+)  # lags in s of the reflex's response, and the triangles that make it up
+USUAL_MUSCLE = (
+    16.0,
+    0.8,
+)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
 LEAST_SAMPLES = 20  # of a realization at which all lags must be known
-SLOW_TERMS = 4  # powers of time that are left out of each realization where they are most of the torque
+SLOW_TERMS = (
+    4  # powers of time that are left out of each realization where they are most of the torque
+)
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
@@ -93,7 +102,9 @@ class _Moments(NamedTuple):
 
     def weights(self, columns: Array, left_out: int | None = None) -> Array:
         """Weights of the regressors, fitted to all realizations but a block; or to all, and to what is slow."""
-        sums = self.whole if left_out is None else np.delete(self.blocks, left_out, axis=0).sum(axis=0)
+        sums = (
+            self.whole if left_out is None else np.delete(self.blocks, left_out, axis=0).sum(axis=0)
+        )
         gram, moments = columns.T @ sums[:-1, :-1] @ columns, sums[-1, :-1] @ columns
         power = gram.diagonal()
         size = np.sqrt(np.where(power > 0, power, 1.0))
@@ -101,7 +112,10 @@ class _Moments(NamedTuple):
 
     def fits(self, *models: Array) -> list[_Fit]:
         """Models of these columns, each fitted to all but a block of realizations, which it is to predict."""
-        weights = [np.stack([self.weights(columns, block) for block in range(BLOCKS)]) for columns in models]
+        weights = [
+            np.stack([self.weights(columns, block) for block in range(BLOCKS)])
+            for columns in models
+        ]
         products = np.empty((len(models), *self.moments.shape))
         for each, (_, fast) in enumerate(self.products()):
             for model, of_blocks in enumerate(weights):
@@ -110,7 +124,9 @@ class _Moments(NamedTuple):
 
     def errors(self, fit: _Fit) -> Array:
         """Squared error of each realization."""
-        left = self.squares + np.sum(fit.weights[self.block] * (fit.products - 2 * self.moments), axis=1)
+        left = self.squares + np.sum(
+            fit.weights[self.block] * (fit.products - 2 * self.moments), axis=1
+        )
         return np.asarray(np.maximum(left, ROUNDING * self.squares) + np.finfo(float).tiny)
 
     def added(self, fit: _Fit, further: _Fit) -> Array:
@@ -151,11 +167,17 @@ def _moments_of(ensemble: Ensemble) -> _Moments:
         velocity = recorded_velocity(recorded[order[some]], ensemble.sampling_rate)
         for out, direction in zip(stretches, (1, -1), strict=True):
             out[some] = stretch(velocity, recorded.shape[-1], direction=direction)
-    angle, torque = (_Signal(each, each.mean(axis=0), order) for each in (ensemble.angle, ensemble.torque))
-    return _moments(angle, torque, (stretches[0], stretches[1]), ensemble.core, ensemble.sampling_rate)
+    angle, torque = (
+        _Signal(each, each.mean(axis=0), order) for each in (ensemble.angle, ensemble.torque)
+    )
+    return _moments(
+        angle, torque, (stretches[0], stretches[1]), ensemble.core, ensemble.sampling_rate
+    )
 
 
-def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> ReflexTest:
+def reflex_test(
+    angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float
+) -> ReflexTest:
     r"""Test for a stretch reflex by nested models, each fitted to all but a block of realizations, which it predicts.
 
     The joint's response lasts 40 ms to either side, and its stiffness and viscosity vary over a realization. A reflex
@@ -191,7 +213,9 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
     order, still = np.arange(len(angle)), np.zeros(angle.shape[1])
-    return _reflex_test(_moments(_Signal(angle, still, order), _Signal(torque, still, order), stretches, core, rate))
+    return _reflex_test(
+        _moments(_Signal(angle, still, order), _Signal(torque, still, order), stretches, core, rate)
+    )
 
 
 def _reflex_test(sums: _Moments) -> ReflexTest:
@@ -203,7 +227,10 @@ def _reflex_test(sums: _Moments) -> ReflexTest:
     over_none, least_over_none = _above_zero(sums.added(none, directed[0 if direction > 0 else 1]))
     over_linear, least_over_linear = _above_zero(sums.added(linear, both))
     free = np.eye(2 * SHAPES)[:SHAPES] if direction > 0 else np.eye(2 * SHAPES)[SHAPES:]
-    stiffness = [float(sums.mean @ sums.weights(sums.columns(*late))[: len(sums.mean)]) for late in ((), free)]
+    stiffness = [
+        float(sums.mean @ sums.weights(sums.columns(*late))[: len(sums.mean)])
+        for late in ((), free)
+    ]
     return ReflexTest(
         direction=direction,
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
@@ -217,7 +244,9 @@ def _answers() -> tuple[Array, Array]:
     """Heights of the triangles of both velocities that make up a usual muscle's answer to the one, and to the other."""
     frequency, damping = USUAL_MUSCLE
     late = np.linspace(0, LATEST - SOONEST, SHAPES)
-    usual = np.exp(-damping * frequency * late) * np.sin(frequency * math.sqrt(1 - damping**2) * late)
+    usual = np.exp(-damping * frequency * late) * np.sin(
+        frequency * math.sqrt(1 - damping**2) * late
+    )
     return np.concatenate([usual, 0 * usual]), np.concatenate([0 * usual, usual])
 
 
@@ -254,7 +283,9 @@ class _Signal(NamedTuple):
         return np.asarray(self.values[self.order[which]] - self.mean)
 
 
-def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], core: slice, rate: float) -> _Moments:
+def _moments(
+    angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], core: slice, rate: float
+) -> _Moments:
     reach, soonest, latest = (round(seconds * rate) for seconds in (REACH, SOONEST, LATEST))
     start, stop = max(core.start, latest, reach), min(core.stop, len(angle.mean) - reach)
     if stop - start < LEAST_SAMPLES:
@@ -263,13 +294,21 @@ def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], co
             f"it takes {LEAST_SAMPLES}; give longer realizations, or {LATEST:g} s of context"
         )
     times, wide, count = slice(start, stop), 2 * reach + 1, len(angle.order)
-    turns = (np.arange(start, stop)[:, None] - core.start) / (core.stop - core.start) * np.arange(1, HARMONICS + 1)
+    turns = (
+        (np.arange(start, stop)[:, None] - core.start)
+        / (core.stop - core.start)
+        * np.arange(1, HARMONICS + 1)
+    )
     waves = np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=1)
     # The first of a window's samples is the earliest.
-    apart = np.abs(np.arange(latest, soonest - 1, -1)[:, None] - np.linspace(soonest, latest, SHAPES))
+    apart = np.abs(
+        np.arange(latest, soonest - 1, -1)[:, None] - np.linspace(soonest, latest, SHAPES)
+    )
     triangles = np.maximum(0.0, 1 - apart * (SHAPES - 1) / max(latest - soonest, 1))
     still = [each.mean(axis=0) for each in stretches]
-    steady = sum(first[times] + second[times] for first, second in zip(*stretches, strict=True)) / count
+    steady = (
+        sum(first[times] + second[times] for first, second in zip(*stretches, strict=True)) / count
+    )
 
     slow = np.linalg.qr(np.vander(turns[:, 0], SLOW_TERMS))[0]
     torques = torque.some(slice(None))[:, times]
@@ -303,7 +342,9 @@ def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], co
         total += whole
         blocks[block[each]] += fast
         last[each] = fast[-1]
-    harmonics = np.concatenate([np.zeros(wide, dtype=np.int64), np.tile(np.arange(1, HARMONICS + 1), 4)])
+    harmonics = np.concatenate(
+        [np.zeros(wide, dtype=np.int64), np.tile(np.arange(1, HARMONICS + 1), 4)]
+    )
     return _Moments(blocks, last[:, :-1], last[:, -1], block, total, products, mean, harmonics)
 
 

@@ -41,7 +41,8 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     factors = [
         factor
         for factor in range(2, int(rate / LOWEST_RATE) + 1)
-        if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
+        if math.gcd(samples, context) % factor == 0
+        and known_samples(samples // factor, context // factor) >= SHORTEST
     ]
     factor = factors[-1] if factors else 1
     if rate / factor > 2 * LOWEST_RATE and (between_samples := _resampled(ensemble)) is not None:
@@ -53,10 +54,14 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     recorded = None if ensemble.recorded_angle is None else np.concatenate(ensemble.recorded_angle)
     channels = {name: values.ravel() for name, values in ensemble.channels.items()}
     angle, torque = ensemble.angle.ravel(), ensemble.torque.ravel()
-    whole = Recording(angle, torque, rate, channels=channels, trial_starts=starts, recorded_angle=recorded)
+    whole = Recording(
+        angle, torque, rate, channels=channels, trial_starts=starts, recorded_angle=recorded
+    )
     low = decimate(whole, rate / factor)
     assert low.recorded_angle is not None
-    lower = every_signal(replace(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1))
+    lower = every_signal(
+        replace(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1)
+    )
     lower["recorded_angle"] = low.recorded_angle.reshape(*lower["angle"].shape, -1)
     return replace(ensemble, **lower, sampling_rate=rate / factor, context=context // factor)
 
@@ -78,7 +83,9 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
     def lower(values: Array) -> Array:
         extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
         smooth = scipy.signal.oaconvolve(extended, taps[None], mode="valid", axes=1)
-        return np.asarray(scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
+        return np.asarray(
+            scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places)
+        )
 
     signals = every_signal(replace(ensemble, recorded_angle=None), lower)
     return replace(ensemble, **signals, context=margin, sampling_rate=rate / step)

@@ -8,7 +8,14 @@ import numpy as np
 
 from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble, NotJudged, Seen
+from tvsysid.quality.fitted import (
+    ANSWERED,
+    NO_ANSWER,
+    NOT_SEPARATE,
+    FittedEnsemble,
+    NotJudged,
+    Seen,
+)
 from tvsysid.signals import Array
 
 QUARTER = 0.25  # of the sampling rate: above it a joint hardly moves, but a sensor's noise goes on
@@ -26,7 +33,9 @@ def few_realizations(data: FittedEnsemble) -> Seen:
 def weak_answer(data: FittedEnsemble) -> Seen:
     """Share of the torque that a joint of second order explains."""
     share = 100 * data.explained
-    return Seen(share, f"stiffness, viscosity and inertia explain {share:.1f} % of the torque's variance")
+    return Seen(
+        share, f"stiffness, viscosity and inertia explain {share:.1f} % of the torque's variance"
+    )
 
 
 def narrow_excitation(data: FittedEnsemble) -> Seen:
@@ -36,7 +45,11 @@ def narrow_excitation(data: FittedEnsemble) -> Seen:
         return Seen(100 * UNKNOWN, NOT_SEPARATE)
     with np.errstate(divide="ignore", invalid="ignore"):
         fits = [
-            (np.nan_to_num(np.abs(errors / values), nan=np.inf)[[0, 2]], values[[0, 2]], errors[[0, 2]])
+            (
+                np.nan_to_num(np.abs(errors / values), nan=np.inf)[[0, 2]],
+                values[[0, 2]],
+                errors[[0, 2]],
+            )
             for values, errors in (data.mean_impedance, data.white_impedance)
         ]
     relative, values, errors = min(fits, key=lambda fit: float(fit[0].max()))
@@ -49,15 +62,25 @@ def narrow_excitation(data: FittedEnsemble) -> Seen:
 
 def same_perturbation(data: FittedEnsemble) -> Seen:
     """Whether all realizations were moved alike; only sensor noise differs then, and no torque answers it."""
-    white = 100 * PowerSpectrum.of(data.core("angle"), data.rate).shares((QUARTER * data.rate, np.inf))[0]
+    white = (
+        100
+        * PowerSpectrum.of(data.core("angle"), data.rate).shares((QUARTER * data.rate, np.inf))[0]
+    )
     above = f"above {QUARTER * data.rate:g} Hz"
-    told = [(white, f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}")]
+    told = [
+        (
+            white,
+            f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}",
+        )
+    ]
     if not data.ensemble.mean_subtracted:
         angle = data.ensemble.angle[:, data.ensemble.core]
         varying = angle - angle.mean()
         common = float(np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2))
         common = 100 * max(0.0, common - 1 / len(angle))
-        told.append((common, f"{common:.0f} % of the angle's variance is common to all realizations"))
+        told.append(
+            (common, f"{common:.0f} % of the angle's variance is common to all realizations")
+        )
     value, what = max(told)
     if data.explained >= ANSWERED:
         return Seen(0.0, f"{what}, but the torque answers what differs")
@@ -100,7 +123,9 @@ def torque_unit(data: FittedEnsemble) -> Seen:
     """Size of the stiffness."""
     values, errors = _impedance(data)
     stiffness = abs(float(values[0]))
-    return Seen(stiffness, f"the mean stiffness is {values[0]:.4g} N·m/rad", stiffness > SURE * errors[0])
+    return Seen(
+        stiffness, f"the mean stiffness is {values[0]:.4g} N·m/rad", stiffness > SURE * errors[0]
+    )
 
 
 def sampling_rate(data: FittedEnsemble) -> Seen:
@@ -109,12 +134,19 @@ def sampling_rate(data: FittedEnsemble) -> Seen:
     # Noise in the angle, as coarse steps leave it, would hide the inertia; a wrong rate is the same behind a low-pass.
     values, errors = data.smooth_impedance
     stiffness, _, inertia = map(float, values)
-    if abs(stiffness) < SURE * errors[0] or abs(inertia) < SURE * errors[2] or stiffness * inertia < 0:
+    if (
+        abs(stiffness) < SURE * errors[0]
+        or abs(inertia) < SURE * errors[2]
+        or stiffness * inertia < 0
+    ):
         raise NotJudged("stiffness and inertia are not determined well enough")
     frequency = math.sqrt(stiffness / inertia) / (2 * math.pi)
     octaves = math.log2(frequency / math.sqrt(LOWEST * HIGHEST))
     if abs(inertia) > LARGEST_INERTIA and not FAULTS["torque-unit"].beyond(stiffness):
         # No frequency is too low for a heavy limb, but none at a joint is so heavy.
-        octaves = min(octaves, math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)))
+        octaves = min(
+            octaves,
+            math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)),
+        )
     what = f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of {abs(inertia):.2g} kg·m²"
     return Seen(abs(octaves), what)

@@ -20,9 +20,14 @@ SIGNIFICANT = 1e-5  # probability below which noise is not taken for the cause o
 FOLDS = 4
 RIDGE = 1e-9  # share of the regressors' mean power that keeps their fit from falling apart
 STILL = 1e-6  # share of the angle's mean power over realizations below which it does not move
-LEAST_POWER = 0.01  # share of the angle's power below which a band of frequencies counts as not excited
+LEAST_POWER = (
+    0.01  # share of the angle's power below which a band of frequencies counts as not excited
+)
 SEVERAL = 20  # realizations that tell how the angle moves
-STEP_S, WINDOW_S = 0.01, 0.05  # of the differences that stand for derivatives, and to either side of a time at least
+STEP_S, WINDOW_S = (
+    0.01,
+    0.05,
+)  # of the differences that stand for derivatives, and to either side of a time at least
 MOSTLY_NEGATIVE = 0.9  # share of the samples with negative stiffness from which on the torque's sign is in question
 
 
@@ -37,7 +42,9 @@ def p_value(mean: float, error: float, count: int) -> float:
 
 def p_value_of(scores: Array) -> float:
     """The same from the scores of the realizations, shape (realization,)."""
-    return p_value(float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(len(scores)), len(scores))
+    return p_value(
+        float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(len(scores)), len(scores)
+    )
 
 
 def gained(target: Array, regressors: Array) -> tuple[float, float]:
@@ -62,7 +69,9 @@ def gains(target: Array, regressors: Array) -> Array:
     for out in np.array_split(np.arange(count), FOLDS):
         kept = np.setdiff1d(np.arange(count), out)
         weights = solved(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
-        taken[out] = 2 * moments[out] @ weights - np.einsum("a,rab,b->r", weights, grams[out], weights)
+        taken[out] = 2 * moments[out] @ weights - np.einsum(
+            "a,rab,b->r", weights, grams[out], weights
+        )
     return taken
 
 
@@ -88,7 +97,9 @@ def prediction_error(signal: Array, order: int) -> Array:
 
 def innovations(signal: Array, order: int) -> Array:
     """What so many samples of a signal's past do not predict, shape (realization, time - order)."""
-    return np.asarray(sliding_window_view(signal, order + 1, axis=1) @ prediction_error(signal, order)[::-1])
+    return np.asarray(
+        sliding_window_view(signal, order + 1, axis=1) @ prediction_error(signal, order)[::-1]
+    )
 
 
 def over_usual(values: Array, quantile: float) -> Array:
@@ -122,7 +133,9 @@ def mean_left(values: Array) -> MeanLeft:
     count = len(values)
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))
-    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / max(count - 1, 1)
+    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / max(
+        count - 1, 1
+    )
     expected = math.sqrt(max(0.0, variance) / count)
     if count < TOLD_BY_FEW:
         return MeanLeft(size, expected, math.nan, False)

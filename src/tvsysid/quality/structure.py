@@ -13,7 +13,14 @@ from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, re
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.reflexes import LATEST, SOONEST
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
+from tvsysid.quality.statistics import (
+    LEAST_REALIZATIONS,
+    SIGNIFICANT,
+    gained,
+    gains,
+    p_value_of,
+    without,
+)
 from tvsysid.signals import Array
 
 AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivatives' filters tell even of an imposed one
@@ -36,16 +43,25 @@ def feedback(data: FittedEnsemble) -> Seen:
     data.require(LEAST_REALIZATIONS)
     if FAULTS["coarse-angle"].beyond(data.angle_step):
         raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
-    angle, residual, step = data.whitened(data.angle), data.white_residual, max(1, round(STEP * data.rate))
+    angle, residual, step = (
+        data.whitened(data.angle),
+        data.white_residual,
+        max(1, round(STEP * data.rate)),
+    )
     lags = 1 + step * np.arange(1, 1 + round(LATEST_FUTURE / STEP))
-    start, stop = max(data.fit.first, lags[-1]), min(data.fit.first + residual.shape[1], angle.shape[1] - lags[-1])
+    start, stop = (
+        max(data.fit.first, lags[-1]),
+        min(data.fit.first + residual.shape[1], angle.shape[1] - lags[-1]),
+    )
     if stop - start < lags[-1]:
         raise NotJudged(SHORT)
     inside = slice(start - data.fit.first, stop - data.fit.first)
     windows = sliding_window_view(angle, stop - start, axis=1).transpose(1, 0, 2)
     own, later = windows[start + np.r_[-lags, -1:2]], windows[start + lags]
     gain = gains(without(residual[:, inside], own), without(later, own))
-    share = float(gain.sum() / np.sum((data.white_parts.sum(axis=0) + data.white_residual)[:, inside] ** 2))
+    share = float(
+        gain.sum() / np.sum((data.white_parts.sum(axis=0) + data.white_residual)[:, inside] ** 2)
+    )
     first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
     what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
     return Seen(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
@@ -62,7 +78,11 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     assert ensemble.onsets is not None
     groups = realization_groups(ensemble.trials, ensemble.onsets)
     moved = predicted(
-        np.pad(data.signal(reference), ((0, 0), (late, early))), data.angle, ensemble.core, data.rate, groups
+        np.pad(data.signal(reference), ((0, 0), (late, early))),
+        data.angle,
+        ensemble.core,
+        data.rate,
+        groups,
     )
     core = data.core("angle")
     explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
@@ -73,7 +93,10 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     first = fit.first - HALF_WIDTH
     z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
     # All times count alike: the angle moves farther where the joint gives way, and a sum of squares dwells there.
-    power = np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins] / np.bincount(fit.bins)[fit.bins]
+    power = (
+        np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins]
+        / np.bincount(fit.bins)[fit.bins]
+    )
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", z / power, fit.motion))
     # Of the stiffness, in each realization. The residual has no part in the whole movement, which is noise in each.
     missing = np.einsum("a,art,rt->r", inverse[0], (z - fit.motion) / power, fit.residual)
@@ -96,12 +119,19 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
     data.require(LEAST_REALIZATIONS)
     values = data.signal(channel)
     both = np.concatenate([data.torque, data.angle])
-    torques, angles = np.split(sliding_window_view(both, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2), 2, 1)
+    torques, angles = np.split(
+        sliding_window_view(both, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2), 2, 1
+    )
     middle = values[:, BESIDE:-BESIDE]
     by_angle = gained(without(middle, torques), without(angles, torques))[0]
-    if not by_angle > gained(middle, torques)[0]:  # a sensor is the torque and noise; a command, torque and load
+    if (
+        not by_angle > gained(middle, torques)[0]
+    ):  # a sensor is the torque and noise; a command, torque and load
         raise NotJudged(f"{channel!r} is the torque")
-    leads, follows = _predicted(data.angle, values, data.rate), _predicted(values, data.angle, data.rate)
+    leads, follows = (
+        _predicted(data.angle, values, data.rate),
+        _predicted(values, data.angle, data.rate),
+    )
     if not leads > LEADS or follows > FOLLOWS:
         raise NotJudged(f"{channel!r} does not move before the angle")
     seen = loop_bias(data, channel)
@@ -111,7 +141,10 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
 def _predicted(signal: Array, cause: Array, rate: float) -> float:
     """Share of a signal's movement, unpredicted by its own past, that a cause's past predicts."""
     ahead = max(1, round(AHEAD * rate))
-    own, lags = ahead + np.arange(round(PAST_ANGLE * rate)), ahead + np.arange(0, round(PAST_CAUSE * rate), 2)
+    own, lags = (
+        ahead + np.arange(round(PAST_ANGLE * rate)),
+        ahead + np.arange(0, round(PAST_CAUSE * rate), 2),
+    )
     start, stop = own[-1], signal.shape[1]
     if stop - start < lags[-1]:
         raise NotJudged(SHORT)

@@ -20,7 +20,10 @@ from tvsysid.quality.fitted import (
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
 from tvsysid.signals import Array
 
-SLOWEST, FASTEST = 0.3, 3.3  # cycles in a realization that may be another period: the clock of a PRBS is faster
+SLOWEST, FASTEST = (
+    0.3,
+    3.3,
+)  # cycles in a realization that may be another period: the clock of a PRBS is faster
 BEAT = 1.25  # times as coherent in the inertia as in the stiffness that a line is no behaviour
 # Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts.
 BESIDE, BESIDE_DRIFT = 0.2, 4.0
@@ -58,7 +61,8 @@ def _contradiction(data: FittedEnsemble) -> Seen:
     if min(half.explained for half in data.halves) < ANSWERED:
         raise NotJudged(NO_ANSWER)
     (before, first_error), (after, second_error) = (
-        (float(values[0]), float(errors[0])) for values, errors in (half.mean_impedance for half in data.halves)
+        (float(values[0]), float(errors[0]))
+        for values, errors in (half.mean_impedance for half in data.halves)
     )
     if not math.isfinite(after - before):
         raise NotJudged(NOT_SEPARATE)
@@ -105,7 +109,9 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     )
     ratio = period / given
     factor = max(ratio, 1 / ratio)
-    if round(factor) > 1 and abs(factor / round(factor) - 1) < 1.5 * period / _longest(data, trials):
+    if round(factor) > 1 and abs(factor / round(factor) - 1) < 1.5 * period / _longest(
+        data, trials
+    ):
         side = "higher" if ratio > 1 else "lower"
         what += f"; if that should be {given:g} s, the sampling rate is {round(factor)} times {side} than stated"
     return Seen(float(amplitude[best]), what, probability < SIGNIFICANT)
@@ -123,13 +129,25 @@ def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
         return ()
     angle, (steady, _) = fit.motion[0], data.mean_impedance
     left = fit.torque - np.tensordot(steady, fit.motion, 1)
-    phase = 2 * np.pi * (np.arange(fit.torque.shape[1]) + fit.first - ensemble.context) / ensemble.samples
+    phase = (
+        2
+        * np.pi
+        * (np.arange(fit.torque.shape[1]) + fit.first - ensemble.context)
+        / ensemble.samples
+    )
     numbers = np.arange(1, count + 1)
-    waves = np.concatenate([f(numbers[:, None] * phase) for f in (np.cos, np.sin)] + [np.ones((1, len(phase)))])
-    inverse = np.linalg.pinv((waves * np.einsum("rt,rt->t", angle, angle)) @ waves.T, hermitian=True)
+    waves = np.concatenate(
+        [f(numbers[:, None] * phase) for f in (np.cos, np.sin)] + [np.ones((1, len(phase)))]
+    )
+    inverse = np.linalg.pinv(
+        (waves * np.einsum("rt,rt->t", angle, angle)) @ waves.T, hermitian=True
+    )
     found = inverse @ (waves @ np.einsum("rt,rt->t", angle, left))
     influence = ((left - angle * (found @ waves)) * angle) @ waves.T @ inverse
-    power, noise = (values[:-1].reshape(2, -1).sum(axis=0) for values in (found**2, np.sum(influence**2, axis=0)))
+    power, noise = (
+        values[:-1].reshape(2, -1).sum(axis=0)
+        for values in (found**2, np.sum(influence**2, axis=0))
+    )
     for parts, words in ((3, "three times"), (2, "twice")):
         own = numbers % parts == 0
         repeats, differs = float(power[own].sum()), float(power[~own].sum())
@@ -164,11 +182,20 @@ def lines(scores: Array, data: FittedEnsemble) -> tuple[Array, Array, Array]:
     Trials are put together and transformed at once; the power of single realizations follows from the sum of their
     autocorrelations, so that memory and time grow with the record's length and no faster.
     """
-    duration, rate, trials, samples = data.ensemble.duration, data.rate, _trials(data), scores.shape[1]
+    duration, rate, trials, samples = (
+        data.ensemble.duration,
+        data.rate,
+        _trials(data),
+        scores.shape[1],
+    )
     onsets = np.asarray(data.ensemble.onsets)
-    length = next_fast_len(math.ceil(_longest(data, trials) * rate / RESOLUTION) + 2 * samples, real=True)
+    length = next_fast_len(
+        math.ceil(_longest(data, trials) * rate / RESOLUTION) + 2 * samples, real=True
+    )
     frequencies = np.arange(length // 2 + 1) * rate / length
-    looked = (frequencies >= SLOWEST / duration) & (frequencies < min(FASTEST / duration, 0.25 * rate))
+    looked = (frequencies >= SLOWEST / duration) & (
+        frequencies < min(FASTEST / duration, 0.25 * rate)
+    )
     together = np.zeros(int(looked.sum()))
     for trial in trials:
         series = np.zeros(length)

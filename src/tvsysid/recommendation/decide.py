@@ -96,14 +96,18 @@ class Recommendation(Frozen):
 
     def __repr__(self) -> str:
         told = ", ".join(
-            f"{name} {_short(value)} {unit}".rstrip() for name, value, unit in self._rows if not math.isnan(value)
+            f"{name} {_short(value)} {unit}".rstrip()
+            for name, value, unit in self._rows
+            if not math.isnan(value)
         )
         lines = [f"Recommendation: {self.sentence}", f"measured: {told}"]
         return "\n".join([*lines, *self.objections, *(f"caveat: {each}" for each in self.caveats)])
 
     def _repr_html_(self) -> str:
         notes = [*self.objections, *(f"caveat: {each}" for each in self.caveats)]
-        return summary_html("Recommendation", self.sentence, ["property", "value", "unit"], self._rows, notes)
+        return summary_html(
+            "Recommendation", self.sentence, ["property", "value", "unit"], self._rows, notes
+        )
 
 
 def recommend(
@@ -150,7 +154,9 @@ def recommend(
     AdaptiveRegression(emg=None)
     """
     if not isinstance(ensemble, Ensemble):
-        raise InputError(f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first")
+        raise InputError(
+            f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first"
+        )
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises for one that there is not
     with single_thread(), warnings.catch_warnings():
@@ -159,13 +165,22 @@ def recommend(
             diagnosis = diagnosis or diagnose(ensemble, reference)
         measured = measured_in(ensemble, diagnosis, reference, scheduling, model)
     rule = rule_of(measured)
-    known = {name: value for name, (value, _) in measured.items()} | {"reference": reference, "scheduling": scheduling}
+    known = {name: value for name, (value, _) in measured.items()} | {
+        "reference": reference,
+        "scheduling": scheduling,
+    }
     suited = [typed.format(**known) for typed in rule.methods]
     suited = [typed for typed in suited if not reason_to_skip(parse(typed), ensemble)]
-    unnamed = tuple(moving(ensemble, [name for name in ensemble.channels if name not in (reference, scheduling)]))
+    unnamed = tuple(
+        moving(
+            ensemble, [name for name in ensemble.channels if name not in (reference, scheduling)]
+        )
+    )
     caveats = (*_caveats(diagnosis, measured), *unnamed)
     against = _against(suited, ensemble, measured, known)
-    return Recommendation(tuple(suited), rule.why.format(**known), measured, against, caveats, diagnosis, unnamed)
+    return Recommendation(
+        tuple(suited), rule.why.format(**known), measured, against, caveats, diagnosis, unnamed
+    )
 
 
 def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
@@ -176,16 +191,22 @@ def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
             yield f"Channel {name!r} moves the angle, and was not named as the reference: {seen.what}."
 
 
-def _against(suited: list[str], ensemble: Ensemble, measured: Measured, known: Mapping[str, object]) -> dict[str, str]:
+def _against(
+    suited: list[str], ensemble: Ensemble, measured: Measured, known: Mapping[str, object]
+) -> dict[str, str]:
     """Why not the other usual methods: they do not apply, what is measured, or what makes their stiffness differ."""
     found = {}
     for key in DEFAULT_METHODS if suited else ():
         if key != key_of(suited[0]):
             method = parse(key)
             told = (
-                text.format(**known) for condition, keys, text in AGAINST if key in keys and holds(condition, measured)
+                text.format(**known)
+                for condition, keys, text in AGAINST
+                if key in keys and holds(condition, measured)
             )
-            found[key] = reason_to_skip(method, ensemble) or next(told, str(getattr(method, "differs", "")))
+            found[key] = reason_to_skip(method, ensemble) or next(
+                told, str(getattr(method, "differs", ""))
+            )
     return found
 
 
@@ -196,7 +217,9 @@ def _short(value: float) -> str:
 
 def _alike(wanted: Identifies, method: object) -> bool:
     """Whether a method is the one wanted, but for settings that are chosen from the data."""
-    own, other = (getattr(each, "method", each) for each in (wanted, method))  # of a tuned one, what is tuned
+    own, other = (
+        getattr(each, "method", each) for each in (wanted, method)
+    )  # of a tuned one, what is tuned
     usual = vars(type(own)())
     return type(other) is type(own) and all(
         vars(other)[name] == each for name, each in vars(own).items() if each != usual.get(name)
@@ -207,7 +230,11 @@ def _caveats(diagnosis: Diagnosis | None, measured: Measured) -> tuple[str, ...]
     """What the diagnosis found, and what it could not see."""
     if diagnosis is None:
         return ("a single realization, or one too short, cannot be diagnosed",)
-    found = [f"{each.fault.title.lower()}: {each.fault.effect}" for each in diagnosis.findings if each.name not in SAID]
+    found = [
+        f"{each.fault.title.lower()}: {each.fault.effect}"
+        for each in diagnosis.findings
+        if each.name not in SAID
+    ]
     loud = any(holds(each, measured) for each in (IS_SLOW, IS_STRONG))
     if loud and not any(check.name == "loop-bias" for check in diagnosis.checks):
         found.append(MAY_BE_A_LOOP)

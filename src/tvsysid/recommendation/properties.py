@@ -19,12 +19,21 @@ from tvsysid.recommendation.rules import FEW_HARMONICS
 from tvsysid.signals import Ensemble
 
 SLOW, WIDE = (0.0, 5.0), (8.0, 25.0)  # Hz: bands whose power density of the noise is compared
-MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mean stiffness")  # of the diagnosis
+MEASURES = (
+    "angle RMS",
+    "bandwidth of the angle",
+    "signal-to-noise ratio",
+    "mean stiffness",
+)  # of the diagnosis
 SURE = 0.95  # probability from which on a switch counts
 
 
 def measured_in(
-    ensemble: Ensemble, diagnosis: Diagnosis | None, reference: str | None, scheduling: str | None, model: Model | None
+    ensemble: Ensemble,
+    diagnosis: Diagnosis | None,
+    reference: str | None,
+    scheduling: str | None,
+    model: Model | None,
 ) -> dict[str, tuple[float, str]]:
     """Properties that the rules ask for, and those that explain them."""
     measured = {"realizations": (float(len(ensemble)), ""), "duration": (ensemble.duration, "s")}
@@ -39,7 +48,9 @@ def measured_in(
     information = len(ensemble) * 10 ** (measured["signal-to-noise ratio"][0] / 10)
     measured["information"] = (information, "realizations at 0 dB")
     seen = {check.name: abs(check.value) for check in diagnosis.checks if check.found}
-    seen |= {check.name: abs(check.value) for check in diagnosis.uncertain if check.name == "loop-bias"}
+    seen |= {
+        check.name: abs(check.value) for check in diagnosis.uncertain if check.name == "loop-bias"
+    }
     for name in ("reflex", "feedback", "loop-bias", "wrong-period", "scattered-realizations"):
         measured[name.replace("-", " ")] = (seen.get(name, math.nan), "%")
     measured["slow noise"] = (_slowness(diagnosis), "dB")
@@ -67,7 +78,9 @@ def _model(method: Method, ensemble: Ensemble) -> Model | None:
 
 def _held_out(ensemble: Ensemble, scheduling: str) -> dict[str, tuple[float, str]]:
     """Return how much more a reflex pathway predicts of folds held out."""
-    models = [_model(ScheduledImpedance(scheduling, reflex=each), ensemble) for each in (False, True)]
+    models = [
+        _model(ScheduledImpedance(scheduling, reflex=each), ensemble) for each in (False, True)
+    ]
     folds = [math.nan if each is None else each.diagnostics.details["vaf_folds"] for each in models]
     return {"reflex held out": (folds[1] - folds[0], "%")}
 
@@ -75,7 +88,10 @@ def _held_out(ensemble: Ensemble, scheduling: str) -> dict[str, tuple[float, str
 def _slowness(diagnosis: Diagnosis) -> float:
     """Power density in dB of the noise at low frequencies over that at higher ones."""
     frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
-    low, high = (float(power[(frequency > start) & (frequency <= stop)].mean()) for start, stop in (SLOW, WIDE))
+    low, high = (
+        float(power[(frequency > start) & (frequency <= stop)].mean())
+        for start, stop in (SLOW, WIDE)
+    )
     return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan
 
 
@@ -91,7 +107,9 @@ def _noise_bias(ensemble: Ensemble) -> float:
 
 def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
     """By how much stiffness changes, how fast, how often it surely switches, and how probably it is constant."""
-    switches = sum(each.quantity == "stiffness" and each.probability > SURE for each in model.switches)
+    switches = sum(
+        each.quantity == "stiffness" and each.probability > SURE for each in model.switches
+    )
     change = float(np.nanmax(model.stiffness) - np.nanmin(model.stiffness))
     fastest = float(np.nanmax(np.abs(np.gradient(model.stiffness, model.time))))
     return {
@@ -111,7 +129,10 @@ def _few_harmonics(ensemble: Ensemble) -> float:
         found = BasisIRF().tuned(ensemble).evidence
     except InputError:
         return math.nan
-    values, harmonics = found.values, np.array([getattr(each["basis"], "harmonics", math.inf) for each in found.tried])
+    values, harmonics = (
+        found.values,
+        np.array([getattr(each["basis"], "harmonics", math.inf) for each in found.tried]),
+    )
     few, other = values[harmonics <= FEW_HARMONICS].max(), values[np.isinf(harmonics)].max()
     more = values[np.isfinite(harmonics) & (harmonics > FEW_HARMONICS)].max()
     return float(few - (more if more > few else other))

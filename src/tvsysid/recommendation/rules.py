@@ -56,7 +56,11 @@ RULES = (
     ),
     Rule(
         ("loop bias > 5", IS_SLOW),
-        (f"kbr:{REFERENCE},weighting=residual,tuned=true", f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
+        (
+            f"kbr:{REFERENCE},weighting=residual,tuned=true",
+            f"kbr:{REFERENCE},weighting=residual",
+            f"birf:{REFERENCE}",
+        ),
         f"{LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by how little of it they hold",
         "loop with a reference",
     ),
@@ -108,7 +112,9 @@ RULES = (
     ),
     Rule(
         (IS_SLOW, "noise bias > 10"),
-        ("kbr:weighting=residual",),  # tuned, it may leave out the inertia, which predicts better and is biased
+        (
+            "kbr:weighting=residual",
+        ),  # tuned, it may leave out the inertia, which predicts better and is biased
         f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
         "these count most",
         "loop without a reference",
@@ -168,13 +174,21 @@ AGAINST = (  # a condition, the methods against which it speaks, and what it say
         ("adaptive", *ONE_PATHWAY),
         "It takes the angle as imposed, which makes its stiffness {loop bias:.0f} % too low or high.",
     ),
-    ("reflex > 0", ONE_PATHWAY, "It takes the reflex, which explains {reflex:.1f} % of the torque, for stiffness."),
+    (
+        "reflex > 0",
+        ONE_PATHWAY,
+        "It takes the reflex, which explains {reflex:.1f} % of the torque, for stiffness.",
+    ),
     (
         "information < 500",
         ("eirf",),
         "It takes each time by itself, and these data are worth no more than {information:.0f} realizations at 0 dB.",
     ),
-    ("switches > 0", ("sds", "esm", "birf", "kbr"), "It smears a switch, of which stiffness has {switches:.0f}."),
+    (
+        "switches > 0",
+        ("sds", "esm", "birf", "kbr"),
+        "It smears a switch, of which stiffness has {switches:.0f}.",
+    ),
     (
         "noise bias > 10",
         ("adaptive", "sds", "esm", "birf"),
@@ -190,7 +204,9 @@ AGAINST = (  # a condition, the methods against which it speaks, and what it say
 
 def rule_of(measured: Measured) -> Rule:
     """First rule that holds."""
-    return next(rule for rule in RULES if all(holds(condition, measured) for condition in rule.conditions))
+    return next(
+        rule for rule in RULES if all(holds(condition, measured) for condition in rule.conditions)
+    )
 
 
 def holds(condition: str, measured: Measured) -> bool:

@@ -102,15 +102,23 @@ def trust_in(
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
         elif held_out_vaf <= 0:
-            wrong = ["The model predicts none of the torque of held-out realizations. " + CHECK_CHANNELS]
+            wrong = [
+                "The model predicts none of the torque of held-out realizations. " + CHECK_CHANNELS
+            ]
     if wrong:
         return Trust("none", tuple(wrong))
     doubts = []
-    biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
+    biased = not is_suited and all(
+        holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10")
+    )
     if biased and not by_reference:
-        doubts.append(f"{sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}.")
+        doubts.append(
+            f"{sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}."
+        )
     if not by_reference:  # of a method that suits the data all the same
-        doubts += [text.format(what=faults[name].what) for name, text in LOOP.items() if name in faults]
+        doubts += [
+            text.format(what=faults[name].what) for name, text in LOOP.items() if name in faults
+        ]
     doubts += _doubts(model, method, faults)
     cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
     reasons = (*doubts, sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
@@ -118,7 +126,10 @@ def trust_in(
 
 
 def _faults(
-    model: Model, faults: Mapping[str, Finding], texts: Mapping[str, str], unnamed_references: Sequence[str]
+    model: Model,
+    faults: Mapping[str, Finding],
+    texts: Mapping[str, str],
+    unnamed_references: Sequence[str],
 ) -> Iterator[str]:
     """Yield which faults of the data make every method's stiffness wrong, and what to do."""
     if {"angle-unit", "torque-unit"} <= faults.keys():
@@ -154,7 +165,10 @@ def sentence(text: str) -> str:
 
 def has_one_pathway(method: object, model: Model) -> bool:
     """Return whether a model's stiffness includes a reflex, if there is one."""
-    return "reflex" not in getattr(method, "pathway_names", ()) and "reflex_gain" not in model.estimates
+    return (
+        "reflex" not in getattr(method, "pathway_names", ())
+        and "reflex_gain" not in model.estimates
+    )
 
 
 def reflex_shown(model: Model) -> bool:
@@ -165,7 +179,12 @@ def reflex_shown(model: Model) -> bool:
 def negative_reflex(model: Model) -> str:
     """Return over how much of the time a model's reflex gain is negative; empty if it is not."""
     gain = model.estimates.get("reflex_gain")
-    if gain is None or gain.unit != UNITS["reflex_gain"] or gain.standard_error is None or not reflex_shown(model):
+    if (
+        gain is None
+        or gain.unit != UNITS["reflex_gain"]
+        or gain.standard_error is None
+        or not reflex_shown(model)
+    ):
         return ""
     upper = gain.band()[1]
     share = float(np.mean(upper[np.isfinite(upper)] < 0))

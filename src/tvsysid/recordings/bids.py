@@ -9,11 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import UNEVEN, Channel, even_rate, in_memory, stated_rate, stated_unit
+from tvsysid.recordings.channel import (
+    UNEVEN,
+    Channel,
+    even_rate,
+    in_memory,
+    stated_rate,
+    stated_unit,
+)
 from tvsysid.recordings.tables import are_numbers, columns_of, first_row
 
 LARGEST = 5_000_000  # bytes of a file that describes a recording
-FOLDERS = 4  # data set, participant, session, kind of data: where files that describe a recording may be
+FOLDERS = (
+    4  # data set, participant, session, kind of data: where files that describe a recording may be
+)
 
 
 def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -29,10 +38,14 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
             f"{file}: expected numbers in the first line, as Motion-BIDS has no names there; got {first[:3]}"
         )
     if len(first) != len(rows):
-        raise InputError(f"{file}: it has {len(first)} columns, and its _channels.tsv describes {len(rows)}")
+        raise InputError(
+            f"{file}: it has {len(first)} columns, and its _channels.tsv describes {len(rows)}"
+        )
     table = [values for _, values in columns_of(file, "\t", len(first))]
     rate: float | None = _sampling_frequency(file)
-    latencies = [values for row, values in zip(rows, table, strict=True) if row["type"].upper() == "LATENCY"]
+    latencies = [
+        values for row, values in zip(rows, table, strict=True) if row["type"].upper() == "LATENCY"
+    ]
     if latencies:
         rate = even_rate(latencies[0])
     for row, values in zip(rows, table, strict=True):
@@ -48,7 +61,9 @@ def _rows(file: Path) -> list[dict[str, Any]]:
     for description in _beside(file, "_channels.tsv"):
         rows = list(csv.DictReader(_text(file, description).splitlines(), delimiter="\t"))
         if not rows or not all(row.get("name") and row.get("type") for row in rows):
-            raise InputError(f"{file}: {description.name} lacks rows with name and type; they name the columns")
+            raise InputError(
+                f"{file}: {description.name} lacks rows with name and type; they name the columns"
+            )
         return rows
     raise InputError(
         f"{file}: no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its columns; put it "
@@ -69,11 +84,18 @@ def _beside(file: Path, ending: str) -> Iterator[Path]:
     """Files with this ending that describe a recording, the nearest first: all words of their names are in its own."""
     words = set(file.name.split("_")[:-1])
     for folder in file.absolute().parents[:FOLDERS]:
-        found = {item: item.name.removesuffix(ending).split("_") for item in folder.glob(f"*{ending}")}
-        yield from sorted((item for item, own in found.items() if {*own} <= words), key=lambda item: -len(found[item]))
+        found = {
+            item: item.name.removesuffix(ending).split("_") for item in folder.glob(f"*{ending}")
+        }
+        yield from sorted(
+            (item for item, own in found.items() if {*own} <= words),
+            key=lambda item: -len(found[item]),
+        )
 
 
 def _text(file: Path, description: Path) -> str:
     if description.stat().st_size > LARGEST:
-        raise InputError(f"{file}: {description.name} has more than {LARGEST / 1e6:g} MB; is it a description?")
+        raise InputError(
+            f"{file}: {description.name} has more than {LARGEST / 1e6:g} MB; is it a description?"
+        )
     return description.read_text(encoding="utf-8-sig")

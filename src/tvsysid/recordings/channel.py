@@ -16,7 +16,14 @@ from tvsysid.errors import InputError, printable
 from tvsysid.recordings.limits import check_fits
 
 # Variables and attributes, in lower case, by which files state a sampling rate in Hz, and a unit.
-RATE_NAMES = ("sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs")
+RATE_NAMES = (
+    "sampling_rate",
+    "samplingrate",
+    "sample_rate",
+    "samplerate",
+    "sampling_frequency",
+    "fs",
+)
 UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
@@ -83,7 +90,9 @@ class Channel:
         if 0 in self.shape:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
         if self.values is None:
-            raise InputError(f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it")
+            raise InputError(
+                f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it"
+            )
         check_fits(name, self.needed)
         return self.values()
 
@@ -96,7 +105,9 @@ def stored(
     sampling_rate: float | None = None,
 ) -> Channel:
     """Channel whose values are read when they are asked for."""
-    return Channel(shape, _kind_of(dtype), unit, sampling_rate, values=read if dtype.kind in NUMBERS else None)
+    return Channel(
+        shape, _kind_of(dtype), unit, sampling_rate, values=read if dtype.kind in NUMBERS else None
+    )
 
 
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
@@ -122,7 +133,9 @@ def stated_unit(unit: object) -> str:
     >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
     ('rad', 'N m', '')
     """
-    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
+    text = printable(
+        unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)
+    ).strip()
     text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text).strip()
     return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
 
@@ -167,7 +180,11 @@ def with_rates(channels: Mapping[str, Channel]) -> dict[str, Channel]:
     rates = {}
     for name, channel in channels.items():
         place, own = _split(name)
-        if own.lower() in RATE_NAMES and channel.values is not None and math.prod(channel.shape) == 1:
+        if (
+            own.lower() in RATE_NAMES
+            and channel.values is not None
+            and math.prod(channel.shape) == 1
+        ):
             rates[place] = stated_rate(channel.values())
     return {
         name: channel

@@ -24,12 +24,26 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NWB_VERSION, BIDS_VERSION = "2.7.0", "1.10.0"
-GROUPS = ("acquisition", "analysis", "general", "processing", "stimulus/presentation", "stimulus/templates")
-MEANINGS = {"_lower": "Lower limit of the 95 % band of ", "_upper": "Upper limit of the 95 % band of ", "": ""}
+GROUPS = (
+    "acquisition",
+    "analysis",
+    "general",
+    "processing",
+    "stimulus/presentation",
+    "stimulus/templates",
+)
+MEANINGS = {
+    "_lower": "Lower limit of the 95 % band of ",
+    "_upper": "Upper limit of the 95 % band of ",
+    "": "",
+}
 COLUMNS = {
     "time_s": {"Description": "Time within a realization", "Units": "s"},
     "method": {"Description": "Method of tvsysid, with its settings"},
-    "time_varying_vaf": {"Description": "Variance of the torque that is accounted for", "Units": "%"},
+    "time_varying_vaf": {
+        "Description": "Variance of the torque that is accounted for",
+        "Units": "%",
+    },
 }
 
 
@@ -78,7 +92,9 @@ def write_nwb(
     if file.suffix.lower() != ".nwb":
         raise InputError(f"{file}: unknown ending {file.suffix!r}; give .nwb")
     if session_start.tzinfo is None:
-        raise InputError(f"session_start: {session_start} has no time zone; give tzinfo, such as datetime.timezone.utc")
+        raise InputError(
+            f"session_start: {session_start} has no time zone; give tzinfo, such as datetime.timezone.utc"
+        )
     if len(recording.trial_starts) > 1:
         raise InputError(f"{file}: NWB has one axis of time; write each trial to a file of its own")
     signals = {"angle": recording.angle, "torque": recording.torque, **recording.channels}
@@ -96,12 +112,26 @@ def write_nwb(
         _typed(root, "NWBFile", f"{file.stem} {began}", nwb_version=NWB_VERSION)
         for name, values in signals.items():
             unit = {"angle": "rad", "torque": "N m", **units}.get(name, "unknown")
-            _write_series(root.create_group(f"acquisition/{name}"), f"{file.stem} {began}", values, unit, recording)
+            _write_series(
+                root.create_group(f"acquisition/{name}"),
+                f"{file.stem} {began}",
+                values,
+                unit,
+                recording,
+            )
 
 
-def _write_series(group: h5py.Group, origin: str, values: NDArray[Any], unit: str, recording: Recording) -> None:
+def _write_series(
+    group: h5py.Group, origin: str, values: NDArray[Any], unit: str, recording: Recording
+) -> None:
     """One time series."""
-    _typed(group, "TimeSeries", f"{origin} {group.name}", description="no description", comments="no comments")
+    _typed(
+        group,
+        "TimeSeries",
+        f"{origin} {group.name}",
+        description="no description",
+        comments="no comments",
+    )
     data = group.create_dataset("data", data=values, compression="gzip", shuffle=True)
     data.attrs.update({"unit": unit, "conversion": 1.0, "offset": 0.0, "resolution": -1.0})
     start = group.create_dataset("starting_time", data=float(recording.start))
@@ -111,7 +141,9 @@ def _write_series(group: h5py.Group, origin: str, values: NDArray[Any], unit: st
 def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> None:
     """Say what a group is; its identifier follows from the recording, so that the same one gives the same file."""
     identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, identity))
-    group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier, **attributes})
+    group.attrs.update(
+        {"namespace": "core", "neurodata_type": kind, "object_id": identifier, **attributes}
+    )
 
 
 def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
@@ -151,11 +183,16 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
     name = Path(source).name
     words = name.split("_")
     if not re.fullmatch(r"sub-[A-Za-z0-9]+", words[0]) or len(words) < 2:
-        raise InputError(f"{name}: not the name of a BIDS file; expected one such as sub-01_task-ankle_motion.tsv")
+        raise InputError(
+            f"{name}: not the name of a BIDS file; expected one such as sub-01_task-ankle_motion.tsv"
+        )
     above = [word for word in words[:2] if word.startswith(("sub-", "ses-"))]
-    file = Path(folder).joinpath(*above, "motion", "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"]))
+    file = Path(folder).joinpath(
+        *above, "motion", "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"])
+    )
     _write_json(
-        file.with_suffix(".json"), {"Sources": [name], **{column: _meaning(column) for column in table.columns}}
+        file.with_suffix(".json"),
+        {"Sources": [name], **{column: _meaning(column) for column in table.columns}},
     )
     with whole_file(file) as temporary:
         table.to_csv(temporary, sep="\t", index=False, float_format="%.6g", na_rep="n/a")
@@ -179,4 +216,6 @@ def _meaning(column: str) -> dict[str, str]:
 
 def _write_json(file: Path, content: Mapping[str, object]) -> None:
     with whole_file(file) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(
+            json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
+        )

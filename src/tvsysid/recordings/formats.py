@@ -22,7 +22,14 @@ from tvsysid.recordings.optional import read_c3d, read_edf, read_parquet
 from tvsysid.recordings.tables import read_npz, read_text
 
 MAT_5, MAT_73 = "MAT file of version 5 or 7", "MAT file of version 7.3"
-HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = "HDF5 file", "NetCDF file", "Parquet file", "ZIP archive", "C3D file", "text"
+HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = (
+    "HDF5 file",
+    "NetCDF file",
+    "Parquet file",
+    "ZIP archive",
+    "C3D file",
+    "text",
+)
 EDF, BDF, TABLE = "EDF file", "BDF file", "text table with a header line"
 PICKLE = "Python pickle, which is never read"
 HDF5_BYTES = b"\x89HDF\r\n\x1a\n"
@@ -43,8 +50,15 @@ SIGNATURES = {
     **dict.fromkeys((b"\x80\x03", b"\x80\x04", b"\x80\x05"), PICKLE),
 }
 HEAD = 2048
-NO_MEMORY = ("bad_alloc", "malloc of size", "memory allocation failed", "Unable to allocate")  # in libraries' words
-Reader = Callable[..., Iterator[tuple[str, Channel]]]  # of a path; those of text tables also of whether names are first
+NO_MEMORY = (
+    "bad_alloc",
+    "malloc of size",
+    "memory allocation failed",
+    "Unable to allocate",
+)  # in libraries' words
+Reader = Callable[
+    ..., Iterator[tuple[str, Channel]]
+]  # of a path; those of text tables also of whether names are first
 
 
 class Format(NamedTuple):
@@ -52,7 +66,9 @@ class Format(NamedTuple):
 
     name: str
     readers: Mapping[str, Reader]  # by what the first bytes may say
-    shared: tuple[str, ...] = ()  # of these, those of formats as well that are not read by this ending
+    shared: tuple[
+        str, ...
+    ] = ()  # of these, those of formats as well that are not read by this ending
 
 
 FORMATS = {
@@ -84,12 +100,18 @@ def channels_of(file: Path, header: bool = True) -> dict[str, Channel]:
     if not file.exists():
         raise InputError(f"{file}: no such file")
     if not file.is_file():
-        raise InputError(f"{file}: expected a file, this is {'a folder' if file.is_dir() else 'none'}")
+        raise InputError(
+            f"{file}: expected a file, this is {'a folder' if file.is_dir() else 'none'}"
+        )
     kind = format_of(file)
     if kind is None:
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
+        raise InputError(
+            f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}"
+        )
     if not header and kind.name != TABLE:
-        raise InputError(f"{file}: --no-header (header=False) is for text tables; leave it out for a {kind.name}")
+        raise InputError(
+            f"{file}: --no-header (header=False) is for text tables; leave it out for a {kind.name}"
+        )
     if file.stat().st_size == 0:
         raise InputError(f"{file}: the file is empty")
     with explained(file):
@@ -105,7 +127,9 @@ def _unique(file: Path, channels: Iterator[tuple[str, Channel]]) -> dict[str, Ch
     found: dict[str, Channel] = {}
     for name, channel in channels:
         if name in found:
-            raise InputError(f"{file}: two channels are called {name!r}; give each a name of its own")
+            raise InputError(
+                f"{file}: two channels are called {name!r}; give each a name of its own"
+            )
         found[name] = channel
         if len(found) > MOST_CHANNELS:
             raise InputError(f"{file}: it holds more than {MOST_CHANNELS} channels; {SMALLER}")
@@ -119,7 +143,10 @@ def contents_of(file: Path) -> dict[str, object]:
         found = contents_of_mat_5(file) if content_of(file) == MAT_5 else {}
     else:
         found = contents_of_netcdf(file)
-    return {name: str(item) if np.asarray(item).dtype.kind in "UO" else item for name, item in found.items()}
+    return {
+        name: str(item) if np.asarray(item).dtype.kind in "UO" else item
+        for name, item in found.items()
+    }
 
 
 def content_of(file: Path) -> str:
@@ -131,7 +158,11 @@ def content_of(file: Path) -> str:
         return MAT_73
     for signature, content in SIGNATURES.items():
         if head.startswith(signature):
-            return "Excel or Word file" if content == ZIP and b"[Content_Types].xml" in head else content
+            return (
+                "Excel or Word file"
+                if content == ZIP and b"[Content_Types].xml" in head
+                else content
+            )
     if len(head) >= 512 and head[1] == 0x50 and 2 <= head[0] < 32:
         return C3D
     return TEXT if _is_text(head) else ""
@@ -152,7 +183,11 @@ def _advice(content: str) -> str:
     if not content:
         return "its first bytes are those of no format known here"
     what = content if content == TEXT else f"{'an' if content[0] in 'EH' else 'a'} {content}"
-    endings = [ending for ending, kind in FORMATS.items() if content in kind.readers and content not in kind.shared]
+    endings = [
+        ending
+        for ending, kind in FORMATS.items()
+        if content in kind.readers and content not in kind.shared
+    ]
     todo = f"give it the ending {' or '.join(endings)}" if endings else "save it in another format"
     return f"by its content it is {what}; {todo}"
 
@@ -180,8 +215,12 @@ def explained(file: Path) -> Iterator[None]:
         raise InputError(_too_much(file)) from error
     except zlib.error as error:
         raise InputError(f"{file}: the {name} is damaged ({error}); copy it again") from error
-    except Exception as error:  # each library has errors of its own, and damaged files bring forth all others
+    except (
+        Exception
+    ) as error:  # each library has errors of its own, and damaged files bring forth all others
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         if any(words in reason for words in NO_MEMORY):
             raise InputError(_too_much(file)) from error
-        raise InputError(f"{file}: not a {name} that can be read ({reason}); is it whole? Copy it again") from error
+        raise InputError(
+            f"{file}: not a {name} that can be read ({reason}); is it whole? Copy it again"
+        ) from error

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DEEPEST = 100  # groups within groups
-PLAIN: dict[str, Any] = {"decode_times": False, "decode_coords": False}  # times stay the numbers that they are
+PLAIN: dict[str, Any] = {
+    "decode_times": False,
+    "decode_coords": False,
+}  # times stay the numbers that they are
 ELSEWHERE = "values in another file, which are not followed"
 
 
@@ -48,7 +51,11 @@ def items_of(file: Path, root: h5py.File) -> dict[str, Item]:
             around = "" if link.path.startswith("/") else path.rpartition("/")[0]
             targets[path] = f"{around}/{link.path}".strip("/")
     for path, target in targets.items():
-        if target in found and target not in targets and not isinstance(found[target].thing, h5py.Group):
+        if (
+            target in found
+            and target not in targets
+            and not isinstance(found[target].thing, h5py.Group)
+        ):
             found[path] = found[target]
     return found
 
@@ -64,14 +71,18 @@ def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, object]]:
         if not isinstance(thing, h5py.Group):
             continue
         if len(above) > DEEPEST:
-            raise InputError(f"{file}: groups are nested more than {DEEPEST} deep; save the signals further outside")
+            raise InputError(
+                f"{file}: groups are nested more than {DEEPEST} deep; save the signals further outside"
+            )
         around = (dict(thing.attrs), *above)
         for name in reversed(list(thing)):
             link = thing.get(name, getlink=True)
             inner = _followed(thing, name, link)
             if isinstance(inner, h5py.Group):
                 address = h5py.h5o.get_info(inner.id).addr
-                inner = "a group with another path, which is not followed" if address in seen else inner
+                inner = (
+                    "a group with another path, which is not followed" if address in seen else inner
+                )
                 seen.add(address)
             waiting.append((f"{path}/{name}" if path else name, Item(inner, around), link))
 
@@ -150,7 +161,9 @@ def _without_links(file: Path) -> tuple[Callable[[], Path | io.BytesIO], dict[st
     """File for xarray, which follows every link: the file itself, or a copy in memory without those that lead away."""
     with h5py.File(file, "r") as root:
         things = {path: item.thing for path, item in items_of(file, root).items()}
-    elsewhere = {path: Channel((), thing) for path, thing in things.items() if isinstance(thing, str)}
+    elsewhere = {
+        path: Channel((), thing) for path, thing in things.items() if isinstance(thing, str)
+    }
     if not elsewhere:
         return lambda: file, {}
     size = file.stat().st_size
@@ -197,7 +210,10 @@ def contents_of_netcdf(file: Path) -> dict[str, object]:
         check_whole(file)
     claim(str(file), file.stat().st_size, 4 * file.stat().st_size)
     dataset = xr.load_dataset(file, decode_times=False)
-    return {**{str(name): variable.values for name, variable in dataset.variables.items()}, **dataset.attrs}
+    return {
+        **{str(name): variable.values for name, variable in dataset.variables.items()},
+        **dataset.attrs,
+    }
 
 
 def check_whole(file: Path) -> None:
@@ -205,4 +221,6 @@ def check_whole(file: Path) -> None:
     with h5py.File(file, "r") as root:
         for path, item in items_of(file, root).items():
             if isinstance(item.thing, str):
-                raise InputError(f"{file}: {path} is {item.thing}; save the file with its values in itself")
+                raise InputError(
+                    f"{file}: {path} is {item.thing}; save the file with its values in itself"
+                )

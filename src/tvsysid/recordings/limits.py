@@ -15,11 +15,15 @@ except ImportError:  # not on Windows
     resource = None  # type: ignore[assignment]
 
 SMALLER = "save the part that is needed to a file of its own"
-SPARE = 768 * 2**20  # bytes that a file may take beyond those that it accounts for: libraries, their tables and blocks
+SPARE = (
+    768 * 2**20
+)  # bytes that a file may take beyond those that it accounts for: libraries, their tables and blocks
 # Processor time that a file may take, and each byte of it and of its values: ten times that of a sound one.
 SECONDS, SECONDS_PER_BYTE, SECONDS_PER_VALUE_BYTE = 5.0, 1e-6, 5e-8
 CLOCK = getattr(signal, "ITIMER_PROF", None)  # of the processor's time; Windows has none
-PATIENCE = 60 if CLOCK is not None else 4  # how much more time may go by, while other programs are at work
+PATIENCE = (
+    60 if CLOCK is not None else 4
+)  # how much more time may go by, while other programs are at work
 
 
 def check_fits(name: str, size: int) -> None:
@@ -59,7 +63,9 @@ class _Reading:
         outer = None
         if resource is not None:
             outer = resource.getrlimit(resource.RLIMIT_AS)
-            resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+            resource.setrlimit(
+                resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1])
+            )
         self.room, self.seconds = available(), seconds_for(size)
         self.allow(2 * size)
         try:
@@ -84,7 +90,8 @@ class _Reading:
         wanted = taken + SPARE + room
         with suppress(ValueError, OSError):
             resource.setrlimit(
-                resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard)
+                resource.RLIMIT_AS,
+                (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard),
             )
 
 

@@ -24,13 +24,29 @@ from tvsysid.recordings.hdf5 import check_whole, items_of, values_of
 from tvsysid.recordings.limits import claim
 
 INTEGER_CLASSES = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
-COMPRESSED, MOST_COMPRESSED = 15, 1032  # how elements are marked that zlib made smaller, and by how much it can at most
-SEGMENTS = ("onsetPointer", "segLength")  # where the segments of a segdat begin, counted from 1, and how long they are
+COMPRESSED, MOST_COMPRESSED = (
+    15,
+    1032,
+)  # how elements are marked that zlib made smaller, and by how much it can at most
+SEGMENTS = (
+    "onsetPointer",
+    "segLength",
+)  # where the segments of a segdat begin, counted from 1, and how long they are
 EXPORT = (
     "in MATLAB: s = struct('dataSet', z.dataSet, 'chanNames', {z.chanNames}, 'onsetPointer', get(z, 'onsetPointer'), "
     "'segLength', get(z, 'segLength')), and save s"
 )
-PLAIN_CLASSES = ("double", "single", "logical", *INTEGER_CLASSES, "char", "cell", "struct", "function_handle", "")
+PLAIN_CLASSES = (
+    "double",
+    "single",
+    "logical",
+    *INTEGER_CLASSES,
+    "char",
+    "cell",
+    "struct",
+    "function_handle",
+    "",
+)
 
 
 def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -46,12 +62,16 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     claim(str(file), max(values, bytes_stored), max(3 * values, 10 * bytes_stored))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are read below
-        warnings.filterwarnings("error", message='Duplicate variable name "(?!None")')  # what it calls objects
+        warnings.filterwarnings(
+            "error", message='Duplicate variable name "(?!None")'
+        )  # what it calls objects
         try:
             variables = loadmat(file, mat_dtype=True)
         except MatReadWarning as error:
             what = str(error).partition(" in stream")[0]
-            raise InputError(f"{file}: two variables have one name ({what}); give each a name of its own") from error
+            raise InputError(
+                f"{file}: two variables have one name ({what}); give each a name of its own"
+            ) from error
     opaque = [name for name, values in variables.items() if isinstance(values, MatlabOpaque)]
     for name, values in variables.items():
         if not name.startswith("__") and name not in opaque:
@@ -95,7 +115,11 @@ def _objects(file: Path) -> dict[str, Any]:
         warnings.simplefilter("ignore")  # of pandas, about options that the library sets
         import matio  # noqa: PLC0415  # heavy
 
-        return {name: values for name, values in matio.load_from_mat(str(file)).items() if not name.startswith("__")}
+        return {
+            name: values
+            for name, values in matio.load_from_mat(str(file)).items()
+            if not name.startswith("__")
+        }
 
 
 def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
@@ -112,7 +136,9 @@ def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
         return
     array = np.asarray(values)
     if array.dtype.names and array.size == 1 and {"dataSet", *SEGMENTS} <= {*array.dtype.names}:
-        yield from _nldat(name, {field: array.ravel()[0][field] for field in array.dtype.names}, True)
+        yield from _nldat(
+            name, {field: array.ravel()[0][field] for field in array.dtype.names}, True
+        )
     elif array.dtype.names and array.size == 1:
         for field in array.dtype.names:
             yield from _channels(f"{name}.{field}", array.ravel()[0][field])
@@ -135,36 +161,60 @@ def _nldat(name: str, properties: Mapping[str, Any], cut: bool) -> Iterator[tupl
     domain = " ".join(_texts(properties.get("domainName"))).lower().replace(" ", "")
     increment = stated_rate(properties.get("domainIncr")) if domain == "time(s)" else None
     for number in range(values.shape[1]):
-        label = labels[number] if number < len(labels) and labels.count(labels[number]) == 1 else str(number + 1)
+        label = (
+            labels[number]
+            if number < len(labels) and labels.count(labels[number]) == 1
+            else str(number + 1)
+        )
         unit = stated_unit(units[number]) if number < len(units) else ""
         rate = None if increment is None else 1 / increment
-        channel = _cut(values, number, properties, unit, rate) if cut else in_memory(values[:, number], unit, rate)
+        channel = (
+            _cut(values, number, properties, unit, rate)
+            if cut
+            else in_memory(values[:, number], unit, rate)
+        )
         yield f"{name}.{label}", channel
 
 
-def _cut(values: NDArray[Any], number: int, properties: Mapping[str, Any], unit: str, rate: float | None) -> Channel:
+def _cut(
+    values: NDArray[Any], number: int, properties: Mapping[str, Any], unit: str, rate: float | None
+) -> Channel:
     """A channel of a ``segdat``: the samples of its segments, each of which may have a gap before it."""
     try:
         starts, lengths = _segments(properties, number, values.shape[1])
-        spans = [slice(first - 1, first - 1 + length) for first, length in zip(starts, lengths, strict=True)]
+        spans = [
+            slice(first - 1, first - 1 + length)
+            for first, length in zip(starts, lengths, strict=True)
+        ]
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError):
         return Channel(values.shape[:1], f"a segdat whose segments cannot be read; {EXPORT}", unit)
     inside = all(0 <= span.start < span.stop <= len(values) for span in spans)
     if values.ndim != 2 or not spans or not inside:
-        return Channel(values.shape[:1], "a segdat with segments that its samples do not have", unit)
+        return Channel(
+            values.shape[:1], "a segdat with segments that its samples do not have", unit
+        )
     channel = in_memory(np.concatenate([values[span, number] for span in spans]), unit, rate)
-    return replace(channel, trial_starts=(0, *np.cumsum(lengths)[:-1].tolist()) if len(spans) > 1 else ())
+    return replace(
+        channel, trial_starts=(0, *np.cumsum(lengths)[:-1].tolist()) if len(spans) > 1 else ()
+    )
 
 
 def _segments(properties: Mapping[str, Any], number: int, channels: int) -> list[list[int]]:
     """Onsets and lengths of the segments of one channel: some versions of the toolbox keep a column for each."""
-    tables = [np.atleast_2d(np.asarray(_parameter(properties, name), dtype=float)) for name in SEGMENTS]
+    tables = [
+        np.atleast_2d(np.asarray(_parameter(properties, name), dtype=float)) for name in SEGMENTS
+    ]
     if any((table != np.round(table)).any() for table in tables):  # NaN among them
         raise ValueError
     onsets = tables[0]
     # A row of as many segments as channels is none of channels: segments begin at different samples.
-    by_channel = onsets.shape[1] == channels and (len(onsets) > 1 or bool((onsets == onsets[0, 0]).all()))
-    return [[int(item) for item in (table[:, number] if by_channel else table.ravel())] for table in tables]
+    by_channel = onsets.shape[1] == channels and (
+        len(onsets) > 1 or bool((onsets == onsets[0, 0]).all())
+    )
+    return [
+        [int(item) for item in (table[:, number] if by_channel else table.ravel())]
+        for table in tables
+    ]
 
 
 def _parameter(properties: Mapping[str, Any], name: str) -> Any:
@@ -183,17 +233,31 @@ def _texts(values: object) -> list[str]:
     """Texts of a cell array, or of one text."""
     if isinstance(values, str):
         return [values.strip()]
-    return [text for item in values.ravel() for text in _texts(item)] if isinstance(values, np.ndarray) else []
+    return (
+        [text for item in values.ravel() for text in _texts(item)]
+        if isinstance(values, np.ndarray)
+        else []
+    )
 
 
 def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 7.3, likewise."""
     with h5py.File(file, "r") as root:
         everything = {path: item.thing for path, item in items_of(file, root).items()}
-        size = sum(thing.nbytes for thing in everything.values() if isinstance(thing, h5py.Dataset) and thing.size)
+        size = sum(
+            thing.nbytes
+            for thing in everything.values()
+            if isinstance(thing, h5py.Dataset) and thing.size
+        )
         items = {path: thing for path, thing in everything.items() if not path.startswith("#")}
-        objects = [path for path, thing in items.items() if "/" not in path and _class(thing) not in PLAIN_CLASSES]
-        closed: tuple[str, ...] = tuple(f"{path}/" for path in objects)  # what is inside is read otherwise, or not
+        objects = [
+            path
+            for path, thing in items.items()
+            if "/" not in path and _class(thing) not in PLAIN_CLASSES
+        ]
+        closed: tuple[str, ...] = tuple(
+            f"{path}/" for path in objects
+        )  # what is inside is read otherwise, or not
         for path, thing in items.items():
             if path in objects or path.startswith(closed):
                 continue

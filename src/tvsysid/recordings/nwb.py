@@ -26,16 +26,26 @@ def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
     with h5py.File(file, "r") as root:
         things = {path: item.thing for path, item in items_of(file, root).items()}
         for path in things:
-            inside = {name: things.get(f"{path}/{name}") for name in ("data", "starting_time", "timestamps")}
+            inside = {
+                name: things.get(f"{path}/{name}")
+                for name in ("data", "starting_time", "timestamps")
+            }
             if inside["data"] is not None and (inside["starting_time"] or inside["timestamps"]):
                 yield from _series(file, path, inside, things.get(f"{path}/channel_conversion"))
 
 
-def _series(file: Path, path: str, inside: Mapping[str, object], gains: object) -> Iterator[tuple[str, Channel]]:
+def _series(
+    file: Path, path: str, inside: Mapping[str, object], gains: object
+) -> Iterator[tuple[str, Channel]]:
     """Channels of one time series: its columns."""
     data = inside["data"]
     if not isinstance(data, h5py.Dataset) or data.shape is None or data.ndim not in (1, 2):
-        yield path, Channel(getattr(data, "shape", None) or (), data if isinstance(data, str) else "no signals")
+        yield (
+            path,
+            Channel(
+                getattr(data, "shape", None) or (), data if isinstance(data, str) else "no signals"
+            ),
+        )
         return
     unit, rate = stated_unit(data.attrs.get("unit", "")), _rate(file, inside, len(data))
     count = 1 if data.ndim == 1 else data.shape[1]
@@ -60,7 +70,9 @@ def _factors(file: Path, path: str, data: h5py.Dataset, gains: object, count: in
     factors = np.full(count, float(data.attrs.get("conversion", 1.0)))
     if isinstance(gains, h5py.Dataset):
         if gains.shape != (count,):
-            raise InputError(f"{file}: {path} has {count} channels, and a channel_conversion of shape {gains.shape}")
+            raise InputError(
+                f"{file}: {path} has {count} channels, and a channel_conversion of shape {gains.shape}"
+            )
         factors *= gains[()]
     return factors
 

@@ -30,7 +30,9 @@ def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
 
     Units are those in the metadata of a column, sampling rates those in its or the file's.
     """
-    parquet, kind = (_optional(f"pyarrow.{part}", "Parquet", "parquet") for part in ("parquet", "types"))
+    parquet, kind = (
+        _optional(f"pyarrow.{part}", "Parquet", "parquet") for part in ("parquet", "types")
+    )
 
     def values(name: str) -> NDArray[Any]:
         with parquet.ParquetFile(file) as table:
@@ -49,7 +51,10 @@ def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
 
 
 def _decoded(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
-    return {str(key, "utf-8", "replace"): str(value, "utf-8", "replace") for key, value in (metadata or {}).items()}
+    return {
+        str(key, "utf-8", "replace"): str(value, "utf-8", "replace")
+        for key, value in (metadata or {}).items()
+    }
 
 
 def _optional(module: str, files: str, extra: str) -> ModuleType:
@@ -73,40 +78,66 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     claim(str(file), 4 * size, 40 * size)
     expected = _expected_size(file)
     if size < expected:
-        raise InputError(f"{file}: the C3D file ends after {size} of {expected} bytes; copy it again")
+        raise InputError(
+            f"{file}: the C3D file ends after {size} of {expected} bytes; copy it again"
+        )
     content = ezc3d.c3d(str(file))
     parameters, header = content["parameters"], content["header"]
     values = np.concatenate(list(content["data"]["analogs"]), axis=-1)
     about = parameters.get("ANALOG", {})
     units, rate = _texts(about, "UNITS"), stated_rate(header["analogs"]["frame_rate"])
-    for number, (name, samples) in enumerate(zip(_names(_texts(about, "LABELS"), len(values)), values, strict=True)):
-        yield name, in_memory(samples, stated_unit(units[number]) if number < len(units) else "", rate)
+    for number, (name, samples) in enumerate(
+        zip(_names(_texts(about, "LABELS"), len(values)), values, strict=True)
+    ):
+        yield (
+            name,
+            in_memory(samples, stated_unit(units[number]) if number < len(units) else "", rate),
+        )
     points = content["data"]["points"][:3]
-    yield from _points(points, parameters.get("POINT", {}), stated_rate(header["points"]["frame_rate"]))
+    yield from _points(
+        points, parameters.get("POINT", {}), stated_rate(header["points"]["frame_rate"])
+    )
 
 
 def _points(values: NDArray[Any], about: Any, rate: float | None) -> Iterator[tuple[str, Channel]]:
     """Channels of what is stored as points, of shape (axis, point, time)."""
-    units = {label: "".join(_texts(about, unit)) for kind, unit in MODELLED.items() for label in _texts(about, kind)}
+    units = {
+        label: "".join(_texts(about, unit))
+        for kind, unit in MODELLED.items()
+        for label in _texts(about, kind)
+    }
     labels, of_markers = _texts(about, "LABELS"), "".join(_texts(about, "UNITS"))
     names = _names(labels, values.shape[1])
-    labelled = list(zip([*labels, *[""] * len(names)], names, np.moveaxis(values, 1, 0), strict=False))
+    labelled = list(
+        zip([*labels, *[""] * len(names)], names, np.moveaxis(values, 1, 0), strict=False)
+    )
     for label, name, axes in sorted(labelled, key=lambda item: item[0] not in units):
         for axis, samples in zip("xyz", axes, strict=True):
-            yield f"{name}.{axis}", in_memory(samples, stated_unit(units.get(label, of_markers)), rate)
+            yield (
+                f"{name}.{axis}",
+                in_memory(samples, stated_unit(units.get(label, of_markers)), rate),
+            )
 
 
 def _names(labels: Sequence[str], count: int) -> list[str]:
     """Name of each of so many signals: its label, with the number behind where that is missing or not the only one."""
     found = Counter(labels)
     padded = [*labels[:count], *[""] * (count - len(labels))]
-    return [label if label and found[label] == 1 else f"{label} ({n})".lstrip() for n, label in enumerate(padded, 1)]
+    return [
+        label if label and found[label] == 1 else f"{label} ({n})".lstrip()
+        for n, label in enumerate(padded, 1)
+    ]
 
 
 def _texts(parameters: Any, name: str) -> list[str]:
     """Texts of a parameter and of its continuations, which have a number behind the name."""
     parts = (name, *(f"{name}{number}" for number in range(2, 10)))
-    return [str(text).strip() for part in parts if part in parameters for text in parameters[part]["value"]]
+    return [
+        str(text).strip()
+        for part in parts
+        if part in parameters
+        for text in parameters[part]["value"]
+    ]
 
 
 def _expected_size(file: Path) -> int:
@@ -130,9 +161,13 @@ def read_edf(file: Path) -> Iterator[tuple[str, Channel]]:
         warnings.simplefilter("error")  # of records that are missing at the end
         content = read(file, header_encoding="latin-1")
     if content.reserved[3:5] == "+D" and not content.is_continuous:
-        raise InputError(f"{file}: the recording was interrupted (EDF+D); save each part as a file of its own")
+        raise InputError(
+            f"{file}: the recording was interrupted (EDF+D); save each part as a file of its own"
+        )
     signals = content.signals
-    for name, signal in zip(_names([signal.label for signal in signals], len(signals)), signals, strict=True):
+    for name, signal in zip(
+        _names([signal.label for signal in signals], len(signals)), signals, strict=True
+    ):
         shape = (signal.samples_per_data_record * content.num_data_records,)
         read_data = partial(getattr, signal, "data")
         unit, rate = stated_unit(signal.physical_dimension), stated_rate(signal.sampling_frequency)

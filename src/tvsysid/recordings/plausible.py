@@ -19,19 +19,37 @@ SPELLINGS = {
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "degree", "degrees", "°"),
     "Nm": ("nm", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
-    "Nmm": ("nmm", "newtonmillimeter", "newtonmillimeters", "newtonmillimetre", "newtonmillimetres"),
+    "Nmm": (
+        "nmm",
+        "newtonmillimeter",
+        "newtonmillimeters",
+        "newtonmillimetre",
+        "newtonmillimetres",
+    ),
 }
 
 
-def contradictions(channels: Mapping[str, Channel], sampling_rate: float, units: Mapping[str, str]) -> Iterator[str]:
+def contradictions(
+    channels: Mapping[str, Channel], sampling_rate: float, units: Mapping[str, str]
+) -> Iterator[str]:
     """Rates and units that a file states of the channels that are read, where the caller says others.
 
     Channels and the units of angle and torque are by name in the file.
     """
-    for rate in sorted({channel.sampling_rate for channel in channels.values() if channel.sampling_rate is not None}):
+    for rate in sorted(
+        {
+            channel.sampling_rate
+            for channel in channels.values()
+            if channel.sampling_rate is not None
+        }
+    ):
         if abs(rate - sampling_rate) > SAME_RATE * sampling_rate:
-            names = ", ".join(name for name, channel in channels.items() if channel.sampling_rate == rate)
-            yield (f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check the rate")
+            names = ", ".join(
+                name for name, channel in channels.items() if channel.sampling_rate == rate
+            )
+            yield (
+                f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check the rate"
+            )
     for name, unit in units.items():
         told = channels[name].unit
         if told and re.sub(r"[\s·⋅.*\-_()\[\]]", "", told.lower()) not in SPELLINGS[unit]:

@@ -57,7 +57,9 @@ def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
         read: Callable[[], NDArray[Any]] | None = None
         if readable:
             read = partial(np.asarray, arrays[name]) if name in arrays else partial(values, name)
-        channels[name] = Channel(tuple(shape), dtype, unit, rate, tuple(starts), read, held=name in arrays)
+        channels[name] = Channel(
+            tuple(shape), dtype, unit, rate, tuple(starts), read, held=name in arrays
+        )
     return channels
 
 
@@ -93,10 +95,14 @@ class _Reader:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(1)
                 self.stop()
-                raise InputError(f"{file}: {_why(process.returncode, late.is_set(), seconds)}") from None
+                raise InputError(
+                    f"{file}: {_why(process.returncode, late.is_set(), seconds)}"
+                ) from None
             except MemoryError as error:
                 self.stop()
-                raise InputError(f"{file}: there is not enough memory for its values; {SMALLER}") from error
+                raise InputError(
+                    f"{file}: there is not enough memory for its values; {SMALLER}"
+                ) from error
             except BaseException:  # Ctrl-C: its answer would be taken for the next one
                 self.stop()
                 raise

@@ -90,7 +90,16 @@ def read_recording(
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
     request = _Request(
-        angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {}, header, torque_unit
+        angle,
+        torque,
+        sampling_rate,
+        angle_unit,
+        torque_sign,
+        columns,
+        start,
+        channels or {},
+        header,
+        torque_unit,
     )
     file = Path(path)
     found, values, starts = _signals(file, request)
@@ -120,13 +129,20 @@ class _Request:
     torque_unit: Literal["Nm", "Nmm"] = "Nm"
 
     def __post_init__(self) -> None:
-        for what, unit, known in (("angle", self.angle_unit, ANGLE_UNITS), ("torque", self.torque_unit, TORQUE_UNITS)):
+        for what, unit, known in (
+            ("angle", self.angle_unit, ANGLE_UNITS),
+            ("torque", self.torque_unit, TORQUE_UNITS),
+        ):
             if unit not in known:
-                raise InputError(f"{what}_unit must be one of {', '.join(map(repr, known))}; got {unit!r}")
+                raise InputError(
+                    f"{what}_unit must be one of {', '.join(map(repr, known))}; got {unit!r}"
+                )
         if self.torque_sign not in (1, -1):
             raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
         if self.angle == self.torque:
-            raise InputError(f"angle and torque are both {self.angle!r}; name the channel of each (--angle, --torque)")
+            raise InputError(
+                f"angle and torque are both {self.angle!r}; name the channel of each (--angle, --torque)"
+            )
         if self.columns not in ("contiguous", "trials"):
             raise InputError(f"columns must be 'contiguous' or 'trials'; got {self.columns!r}")
         if not isinstance(self.channels, Mapping):
@@ -135,14 +151,18 @@ class _Request:
                 "give them as in {'emg': 'EMG_SIGNAL'}"
             )
         if taken := [name for name in ("angle", "torque") if name in self.channels]:
-            raise InputError(f"channels: {taken[0]!r} is the name of a signal already; give the channel another one")
+            raise InputError(
+                f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names in the file of all that is read."""
         return tuple(dict.fromkeys((self.angle, self.torque, *self.channels.values())))
 
-    def recording(self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)) -> Recording:
+    def recording(
+        self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
+    ) -> Recording:
         """Recording of signals of shape (time,), in the units that are said."""
         return Recording(
             angle=_scaled(signals[self.angle], ANGLE_UNITS[self.angle_unit]),
@@ -194,7 +214,9 @@ class UsableTrials(NamedTuple):
     """Why the others cannot be used, by the same names."""
 
 
-def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **settings: Any) -> UsableTrials:
+def read_usable_trials(
+    paths: Mapping[str, Path], shortest: float = 0.0, **settings: Any
+) -> UsableTrials:
     """Read trials as :func:`tvsysid.read_trials` does, and leave out those that cannot be used instead of giving up.
 
     Files are in the order of the trials, by what they are called. A trial must last ``shortest`` seconds. Settings are
@@ -207,13 +229,19 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
         try:
             found, values, starts = _signals(file, request)
         except (InputError, MemoryError) as error:
-            refused[called] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
+            refused[called] = (
+                str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
+                or "no memory left"
+            )
             continue
         signals = {channel: matrix.ravel(order="F") for channel, matrix in values.items()}
         for number, trial in enumerate(map(slice, starts, (*starts[1:], None))):
             name = called if len(starts) == 1 else f"{called}, trial {number + 1}"
             try:
-                checked = {channel: checked_array(channel, each[trial], ("time",)) for channel, each in signals.items()}
+                checked = {
+                    channel: checked_array(channel, each[trial], ("time",))
+                    for channel, each in signals.items()
+                }
                 recording = request.recording(checked)
             except InputError as error:
                 refused[name] = str(error)
@@ -258,7 +286,9 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     (0, 2000)
     """
     if isinstance(paths, (str, Path)):
-        raise InputError(f"paths: expected several files, got {str(paths)!r}; give a list, or use read_recording")
+        raise InputError(
+            f"paths: expected several files, got {str(paths)!r}; give a list, or use read_recording"
+        )
     return join_trials([read_recording(path, **settings) for path in paths])
 
 
@@ -271,7 +301,11 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
         raise InputError("join_trials: expected recordings, got none")
     first = recordings[0]
     shared = [
-        {"sampling rate": item.sampling_rate, "start": item.start, "channels": sorted(item.channels)}
+        {
+            "sampling rate": item.sampling_rate,
+            "start": item.start,
+            "channels": sorted(item.channels),
+        }
         for item in recordings
     ]
     for number, other in enumerate(shared):
@@ -288,29 +322,47 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
         torque=np.concatenate([item.torque for item in recordings]),
         sampling_rate=first.sampling_rate,
         start=first.start,
-        channels={name: np.concatenate([item.channels[name] for item in recordings]) for name in first.channels},
+        channels={
+            name: np.concatenate([item.channels[name] for item in recordings])
+            for name in first.channels
+        },
         trial_starts=tuple(
-            int(before) + begin for before, item in zip(befores, recordings, strict=True) for begin in item.trial_starts
+            int(before) + begin
+            for before, item in zip(befores, recordings, strict=True)
+            for begin in item.trial_starts
         ),
         origin=first.origin,
-        recorded_angle=None if any(item.recorded_angle is None for item in recordings) else np.concatenate(recorded),
+        recorded_angle=None
+        if any(item.recorded_angle is None for item in recordings)
+        else np.concatenate(recorded),
     )
 
 
-def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
+def _signals(
+    file: Path, request: _Request
+) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
     """All channels of a file, the values of those asked for, of one shape (time, trial), and where trials start."""
     found = describe_file(file, request.header)
     names = request.names
     for name in names:
         if name not in found:
-            there = ", ".join(f"{own} ({channel.described})" for own, channel in found.items()) or "nothing"
+            there = (
+                ", ".join(f"{own} ({channel.described})" for own, channel in found.items())
+                or "nothing"
+            )
             raise InputError(f"{file.name}: no channel {name!r}; it holds {there}")
     # The rest is refused for its values first, as a text's length says little.
-    shapes = {name: _time_first(found[name].shape) for name in names if found[name].values is not None}
+    shapes = {
+        name: _time_first(found[name].shape) for name in names if found[name].values is not None
+    }
     if len(set(shapes.values())) > 1:
         told = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in shapes.items())
         rates = {name: found[name].sampling_rate for name in shapes if found[name].sampling_rate}
-        at = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items()) if len(set(rates.values())) > 1 else ""
+        at = (
+            ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
+            if len(set(rates.values())) > 1
+            else ""
+        )
         raise InputError(
             f"{file.name}: the channels have different lengths: {told}{f' (sampled at {at})' if at else ''}; name "
             "channels that were sampled together, or cut or resample them to one rate before"
@@ -331,7 +383,9 @@ def _trial_starts(
     """First sample of each trial: of each column, or where the file itself says that one begins."""
     stated = {found[name].trial_starts for name in request.names}
     if len(stated) > 1:
-        raise InputError(f"{file.name}: the channels are cut into trials at different samples; cut them alike")
+        raise InputError(
+            f"{file.name}: the channels are cut into trials at different samples; cut them alike"
+        )
     if request.columns == "trials":
         return next(iter(stated)) or tuple(range(0, shape[0] * shape[1], shape[0]))
     if len(segments := next(iter(stated))) > 1:

@@ -33,10 +33,21 @@ class Server:
         channels = channels_of(file, header)
         self.last = file, {name: item for name, item in channels.items() if not item.held}
         told = {
-            name: (item.shape, item.dtype, item.unit, item.sampling_rate, item.trial_starts, item.values is not None)
+            name: (
+                item.shape,
+                item.dtype,
+                item.unit,
+                item.sampling_rate,
+                item.trial_starts,
+                item.values is not None,
+            )
             for name, item in channels.items()
         }
-        held = {name: item.values() for name, item in channels.items() if item.held and item.values is not None}
+        held = {
+            name: item.values()
+            for name, item in channels.items()
+            if item.held and item.values is not None
+        }
         return {"channels": told}, held
 
     def values(self, file: Path, name: str) -> Answer:
@@ -53,7 +64,9 @@ class Server:
         """Everything in a file that tvsysid wrote."""
         found = contents_of(file)
         texts = {name: item for name, item in found.items() if isinstance(item, str)}
-        return {"texts": texts}, {name: np.asarray(item) for name, item in found.items() if name not in texts}
+        return {"texts": texts}, {
+            name: np.asarray(item) for name, item in found.items() if name not in texts
+        }
 
     def answer(self, line: bytes) -> Answer:
         """What a request asks for, or why it cannot be had."""
@@ -70,7 +83,9 @@ class Server:
 
 def send(stream: BinaryIO, told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> None:
     """A line that says what follows, and the bytes of each array, in the order in which they lie in memory."""
-    layout = [(name, item.dtype.str, item.shape, _by_columns(item)) for name, item in arrays.items()]
+    layout = [
+        (name, item.dtype.str, item.shape, _by_columns(item)) for name, item in arrays.items()
+    ]
     stream.write(json.dumps({**told, "arrays": layout}).encode() + b"\n")
     for name in list(arrays):
         item = arrays.pop(name)  # which makes room

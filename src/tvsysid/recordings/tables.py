@@ -31,14 +31,22 @@ def read_text(file: Path, separator: str, header: bool = True) -> Iterator[tuple
             "--no-header (header=False in Python) and call its columns 1, 2, ...; if these are names, make them words"
         )
     if not header and not are_numbers(first):
-        raise InputError(f"{file}: the first line has names, such as {first[:1]}; read it without --no-header")
-    if repeated := [name for name, count in Counter(first).items() if header and count > 1 and name]:
-        raise InputError(f"{file}: several columns are called {repeated[0]!r}; give each a name of its own")
+        raise InputError(
+            f"{file}: the first line has names, such as {first[:1]}; read it without --no-header"
+        )
+    if repeated := [
+        name for name, count in Counter(first).items() if header and count > 1 and name
+    ]:
+        raise InputError(
+            f"{file}: several columns are called {repeated[0]!r}; give each a name of its own"
+        )
     for name, values in columns_of(file, separator, 0 if header else len(first)):
         yield name, in_memory(values)
 
 
-def columns_of(file: Path, separator: str, headerless: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
+def columns_of(
+    file: Path, separator: str, headerless: int = 0
+) -> Iterator[tuple[str, NDArray[Any]]]:
     """Name and values of each column; ``headerless`` is the number of columns if no line has their names."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -54,7 +62,10 @@ def columns_of(file: Path, separator: str, headerless: int = 0) -> Iterator[tupl
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
             table = pd.read_csv(file, **settings, index_col=False, low_memory=False)
-    except (pd.errors.ParserWarning, ValueError) as error:  # which the parser's errors and those of decoding are
+    except (
+        pd.errors.ParserWarning,
+        ValueError,
+    ) as error:  # which the parser's errors and those of decoding are
         reason = str(error).strip().splitlines()[0]
         what = f"of {headerless} columns of numbers" if headerless else "with a header line"
         raise InputError(f"{file}: not a text table {what} ({reason})") from error
@@ -65,8 +76,14 @@ def columns_of(file: Path, separator: str, headerless: int = 0) -> Iterator[tupl
 def first_row(file: Path, separator: str) -> list[str]:
     """Cells of the first line that is not empty; an InputError if there are too many."""
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
-        line = next((line for _ in range(100) if (line := stream.readline(LONGEST_LINE)).strip()), "")
-    cells = [cell.strip() for row in csv.reader([line], delimiter=separator, skipinitialspace=True) for cell in row]
+        line = next(
+            (line for _ in range(100) if (line := stream.readline(LONGEST_LINE)).strip()), ""
+        )
+    cells = [
+        cell.strip()
+        for row in csv.reader([line], delimiter=separator, skipinitialspace=True)
+        for cell in row
+    ]
     if len(line) == LONGEST_LINE or len(cells) > MOST_CHANNELS:
         raise InputError(
             f"{file}: the first line has {len(cells)} columns or more; expected {MOST_CHANNELS} at most: give "
@@ -96,12 +113,18 @@ def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
                 with archive.open(member) as stream:
                     shape, dtype = _npy_header(stream)
                 pickled = Channel(shape, "pickled objects, which are never read")
-                channel = pickled if dtype.hasobject else stored(shape, dtype, partial(values, member))
+                channel = (
+                    pickled if dtype.hasobject else stored(shape, dtype, partial(values, member))
+                )
                 yield member.removesuffix(".npy"), channel
 
 
 def _npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(stream)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    read_header = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     shape, _, dtype = read_header(stream)
     return shape, dtype

@@ -23,7 +23,9 @@ from tvsysid.models import Content, Model, Variables
 from tvsysid.recordings.process import contents_of
 from tvsysid.signals import Ensemble, Recording
 
-LONGEST_NAME = 28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
+LONGEST_NAME = (
+    28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
+)
 UNITS = {"angle": "rad", "torque": "N m"}
 RESERVED = {"time", "realization", "trial", "tvsysid"}
 RESERVED |= {item.name for kind in (Recording, Ensemble) for item in fields(kind)}
@@ -37,7 +39,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)
+    handle, name = tempfile.mkstemp(
+        dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix
+    )
     os.close(handle)
     temporary = Path(name)
     try:
@@ -46,13 +50,17 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except OSError as error:
-        error.filename = error.filename or str(target)  # the system does not say which file it could not write
+        error.filename = error.filename or str(
+            target
+        )  # the system does not say which file it could not write
         raise
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]], sampling_rate: float) -> None:
+def write_simulation(
+    path: str | Path, columns: Mapping[str, NDArray[np.float64]], sampling_rate: float
+) -> None:
     """Write signals of one length to a MAT file, or to a CSV or TSV file with a header line.
 
     Columns are signals by name, each of shape (time,), in a MAT file (time, trial) as well, which also keeps the
@@ -63,13 +71,18 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
         if file.suffix.lower() == ".mat":
             from scipy.io import savemat  # noqa: PLC0415  # heavy
 
-            matrices = {name: np.asarray(values).reshape(len(values), -1) for name, values in columns.items()}
+            matrices = {
+                name: np.asarray(values).reshape(len(values), -1)
+                for name, values in columns.items()
+            }
             savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
         else:
             import pandas as pd  # noqa: PLC0415  # heavy
 
             separator = "," if file.suffix.lower() == ".csv" else "\t"
-            pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
+            pd.DataFrame(dict(columns)).to_csv(
+                temporary, sep=separator, index=False, float_format="%.9g"
+            )
 
 
 def write_table(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -84,7 +97,9 @@ def write_table(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
             writer.writerow("" if text == "nan" else text for text in texts)
 
 
-def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
+def write_models(
+    path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None
+) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
@@ -128,7 +143,12 @@ def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
 
     content = BytesIO(Path(path).read_bytes())
     with h5py.File(content, "r+") as root:
-        root.attrs.update({name: printable(each) if isinstance(each, str) else each for name, each in about.items()})
+        root.attrs.update(
+            {
+                name: printable(each) if isinstance(each, str) else each
+                for name, each in about.items()
+            }
+        )
     with whole_file(path) as temporary:
         temporary.write_bytes(content.getvalue())
 
@@ -143,16 +163,25 @@ def _netcdf(groups: Mapping[str, Content]) -> bytes:
         for path, (variables, coordinates, attributes) in groups.items():
             group = root if path == "/" else root.create_group(path)
             group.attrs.update(attributes)
-            for name, (axes, values, about) in {**coordinates, **_without_complex(variables)}.items():
+            for name, (axes, values, about) in {
+                **coordinates,
+                **_without_complex(variables),
+            }.items():
                 for axis, length in zip(axes, values.shape, strict=True):
                     if axis not in group.dimensions:
                         group.dimensions[axis] = length
                 kind = values.dtype if values.dtype.kind in "fiu" else h5py.string_dtype()
-                if values.dtype.kind == "b":  # NetCDF has none; xarray reads them by their attribute
+                if (
+                    values.dtype.kind == "b"
+                ):  # NetCDF has none; xarray reads them by their attribute
                     kind = np.dtype(np.int8)
                 missing = np.nan if values.dtype.kind == "f" else None
-                variable = group.create_variable(name, axes, kind, values.astype(kind), fillvalue=missing)
-                variable.attrs.update(about | ({"dtype": "bool"} if values.dtype.kind == "b" else {}))
+                variable = group.create_variable(
+                    name, axes, kind, values.astype(kind), fillvalue=missing
+                )
+                variable.attrs.update(
+                    about | ({"dtype": "bool"} if values.dtype.kind == "b" else {})
+                )
     return content.getvalue()
 
 
@@ -160,7 +189,11 @@ def _without_complex(variables: Variables) -> Variables:
     """Variables whose complex ones are split into a real and an imaginary part."""
     found: Variables = {}
     for name, (axes, values, about) in variables.items():
-        parts = {"_real": values.real, "_imag": values.imag} if np.iscomplexobj(values) else {"": values}
+        parts = (
+            {"_real": values.real, "_imag": values.imag}
+            if np.iscomplexobj(values)
+            else {"": values}
+        )
         found |= {f"{name}{ending}": (axes, part, about) for ending, part in parts.items()}
     return found
 
@@ -181,8 +214,18 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     ...     load_recording(f"{folder}/ankle.nc")
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    about = {name: getattr(recording, name) for name in ("sampling_rate", "start", "origin", "delay_removed")}
-    _write(path, recording, ("time",), about, "trial", {"trial_starts": np.array(recording.trial_starts)})
+    about = {
+        name: getattr(recording, name)
+        for name in ("sampling_rate", "start", "origin", "delay_removed")
+    }
+    _write(
+        path,
+        recording,
+        ("time",),
+        about,
+        "trial",
+        {"trial_starts": np.array(recording.trial_starts)},
+    )
 
 
 def load_recording(path: str | Path) -> Recording:
@@ -258,41 +301,67 @@ def _write(
             from scipy.io.matlab import MatWriteError  # noqa: PLC0415
 
             try:
-                savemat(temporary, {**arrays, **vectors, **about, **labels}, do_compression=True, oned_as="column")
+                savemat(
+                    temporary,
+                    {**arrays, **vectors, **about, **labels},
+                    do_compression=True,
+                    oned_as="column",
+                )
             except MatWriteError as error:
-                raise InputError(f"{file}: a MAT file cannot hold this ({error}); write a NetCDF file (.nc)") from error
+                raise InputError(
+                    f"{file}: a MAT file cannot hold this ({error}); write a NetCDF file (.nc)"
+                ) from error
         else:
             axes, units = (*dims, "sample"), {name: {"units": unit} for name, unit in UNITS.items()}
-            content = {name: (axes[: each.ndim], each, units.get(name, {})) for name, each in arrays.items()}
+            content = {
+                name: (axes[: each.ndim], each, units.get(name, {}))
+                for name, each in arrays.items()
+            }
             content |= {name: ((vector_dim,), values, {}) for name, values in vectors.items()}
             temporary.write_bytes(_netcdf({"/": Content(content, {}, {**about, **labels})}))
 
 
 @contextmanager
-def _loaded(path: str | Path, kind: str) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[np.float64]]]]:
+def _loaded(
+    path: str | Path, kind: str
+) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[np.float64]]]]:
     """What a file holds by the names of variables, and its channels by theirs; errors in using it name the file."""
     file = _checked(path, ".nc", ".mat")
     found = contents_of(file)
     if str(found.get("tvsysid", "")) != kind:
-        raise InputError(f"{file}: not written by write_{kind}; what others wrote is read by read_recording")
+        raise InputError(
+            f"{file}: not written by write_{kind}; what others wrote is read by read_recording"
+        )
     try:
-        yield found, {name: found[variable] for name, variable in json.loads(str(found["channels"])).items()}
+        yield (
+            found,
+            {
+                name: found[variable]
+                for name, variable in json.loads(str(found["channels"])).items()
+            },
+        )
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(f"{file}: not as write_{kind} wrote it ({error!r}); copy it again") from error
+        raise InputError(
+            f"{file}: not as write_{kind} wrote it ({error!r}); copy it again"
+        ) from error
 
 
 def _recorded(found: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """Angle at the recorded rate; MATLAB drops a last axis of one sample."""
     values = found.get("recorded_angle")
-    return None if values is None else np.reshape(values, (*shape, values.size // found["angle"].size))
+    return (
+        None if values is None else np.reshape(values, (*shape, values.size // found["angle"].size))
+    )
 
 
 def _checked(path: str | Path, *endings: str) -> Path:
     file = Path(path)
     if file.suffix.lower() not in endings:
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; give one of {', '.join(endings)}")
+        raise InputError(
+            f"{file}: unknown ending {file.suffix!r}; give one of {', '.join(endings)}"
+        )
     return file
 
 

@@ -11,7 +11,10 @@ from tvsysid.report import page
 if TYPE_CHECKING:
     import pandas as pd
 
-NOTABLE, CERTAIN = 5.0, 2.0  # per cent of the stiffness, and standard errors, beyond which something is to be done
+NOTABLE, CERTAIN = (
+    5.0,
+    2.0,
+)  # per cent of the stiffness, and standard errors, beyond which something is to be done
 REMEDY = (
     "The shift that fits the target best answers to the perturbation too, and takes a part of its response away. With "
     "reference = false under [preparation] in the study file (reference=None in Python) nothing is shifted, nor "
@@ -49,7 +52,10 @@ def alignment_table(table: pd.DataFrame) -> page.Table:
     unit = "N·m/rad"
     columns = [
         page.Column("recording", kind="label"),
-        *(page.Column(heading, unit, "number") for heading in ("aligned", "unshifted", "difference")),
+        *(
+            page.Column(heading, unit, "number")
+            for heading in ("aligned", "unshifted", "difference")
+        ),
         page.Column("difference", "%", "number"),
     ]
     rows = [
@@ -64,4 +70,6 @@ def alignment_table(table: pd.DataFrame) -> page.Table:
         )
         for each in table.to_dict("records")
     ]
-    return page.Table("What the alignment does to the stiffness", caption, columns, rows, narrow=True)
+    return page.Table(
+        "What the alignment does to the stiffness", caption, columns, rows, narrow=True
+    )

@@ -22,8 +22,17 @@ from tvsysid.recommendation.trust import Trust, has_one_pathway
 from tvsysid.signals import Array
 
 IMPEDANCE_UNITS = {"stiffness": "N·m/rad", "viscosity": "N·m·s/rad", "inertia": "kg·m²"}
-REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
-EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
+REFLEX = {
+    "delay": "s",
+    "frequency": "rad/s",
+    "damping": "",
+    "threshold": "rad/s",
+}  # units of what shapes a reflex
+EXPLAINED = {
+    "vaf": "torque explained",
+    "vaf_intrinsic": "by the intrinsic pathway",
+    "vaf_reflex": "by the reflex",
+}
 EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five folds held out"}
 
 
@@ -86,7 +95,9 @@ def answer(account: Account) -> list[str]:
         first, *more = trust.reasons
         return [f"no stiffness is stated. {first}", *more]
     label, model = found.leading, found.models[found.leading]
-    role = trust.level if trust.level == "doubtful" else "recommended" if is_recommended(found) else ""
+    role = (
+        trust.level if trust.level == "doubtful" else "recommended" if is_recommended(found) else ""
+    )
     stated = f"{role} ({label})" if role else label
     lines = _over_variable(found, label, stated)
     known = model.stiffness[np.isfinite(model.stiffness)]
@@ -95,7 +106,11 @@ def answer(account: Account) -> list[str]:
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
-    without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
+    without = (
+        "a mean over realizations, of which each has a band of its own"
+        if single
+        else "without a band"
+    )
     lines.append(
         f"{'over time:' if lines else f'{stated}: stiffness'} {known.min():.1f} to {known.max():.1f} N·m/rad, "
         f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
@@ -105,7 +120,9 @@ def answer(account: Account) -> list[str]:
 
 def is_recommended(found: Comparison) -> bool:
     """Return whether the leading method is adaptive, or the one of several that suits the data."""
-    return isinstance(found.models[found.leading], AdaptiveModel) or (len(found.models) > 1 and found.is_suited)
+    return isinstance(found.models[found.leading], AdaptiveModel) or (
+        len(found.models) > 1 and found.is_suited
+    )
 
 
 def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
@@ -117,8 +134,13 @@ def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
         return []
     at = own.iloc[[0, len(own) // 2, -1]]
     rows = at[["value", "estimate", "lower", "upper"]].to_numpy(dtype=float)
-    values = [f"{each:.1f} ± {(upper - lower) / 2:.1f} at {value:.3g}" for value, each, lower, upper in rows]
-    return [f"{stated}: stiffness over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"]
+    values = [
+        f"{each:.1f} ± {(upper - lower) / 2:.1f} at {value:.3g}"
+        for value, each, lower, upper in rows
+    ]
+    return [
+        f"{stated}: stiffness over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"
+    ]
 
 
 def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
@@ -129,12 +151,20 @@ def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
 
 def others(found: Comparison) -> str:
     """What the other methods give for the mean stiffness; empty where there are none."""
-    means = {label: mean_of(model.stiffness) for label, model in found.models.items() if label != found.leading}
+    means = {
+        label: mean_of(model.stiffness)
+        for label, model in found.models.items()
+        if label != found.leading
+    }
     known = sorted((value, label) for label, value in means.items() if np.isfinite(value))
     if not known:
         return ""
     (low, first), (high, last) = known[0], known[-1]
-    return f"{low:.1f} N·m/rad ({first})" if len(known) == 1 else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
+    return (
+        f"{low:.1f} N·m/rad ({first})"
+        if len(known) == 1
+        else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
+    )
 
 
 def why_leading(account: Account) -> str:
@@ -152,7 +182,11 @@ def why_leading(account: Account) -> str:
             why = found.recommendation.why
         return f"{label} is recommended: {why}."
     missing = {"skipped": found.skipped, "failed": found.failed}
-    reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]
+    reasons = [
+        f"adaptive is {how}: {each['adaptive']}. "
+        for how, each in missing.items()
+        if "adaptive" in each
+    ]
     if len(found.models) == 1:
         return f"{''.join(reasons)}{label} is the only method that was used."
     return f"{''.join(reasons)}{label} comes first among the methods that were asked for; the data did not choose it."
@@ -160,7 +194,9 @@ def why_leading(account: Account) -> str:
 
 def taken(seconds: float) -> str:
     """What is done about a delay of the torque, in words."""
-    return f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
+    return (
+        f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
+    )
 
 
 def further(found: Comparison) -> Iterator[Further]:
@@ -177,7 +213,9 @@ def further(found: Comparison) -> Iterator[Further]:
                 half = float(np.nanmean(upper - lower)) / 2
             known = estimate.values[np.isfinite(estimate.values)]
             over = ", ".join(estimate.axes)
-            yield Further(label, name.replace("_", " "), unit_name(estimate.unit), over, known, half)
+            yield Further(
+                label, name.replace("_", " "), unit_name(estimate.unit), over, known, half
+            )
 
 
 def reflex_shape(details: Mapping[str, float]) -> str:
@@ -188,16 +226,24 @@ def reflex_shape(details: Mapping[str, float]) -> str:
             error = details.get(f"{name}_error")
             spread = "" if error is None else f" ± {1.96 * error:.2g}"
             found.append(f"{name} {details[name]:.3g}{spread} {unit}".rstrip())
-    shares = [f"{words} {details[name]:.1f} %" for name, words in EXPLAINED.items() if name in details]
+    shares = [
+        f"{words} {details[name]:.1f} %" for name, words in EXPLAINED.items() if name in details
+    ]
     return "; ".join(part for part in (", ".join(found), ", ".join(shares)) if part)
 
 
 def one_pathway(found: Comparison) -> list[str]:
     """Return the labels of the methods that include a reflex in the stiffness."""
-    return [label for label, model in found.models.items() if has_one_pathway(found.methods[label], model)]
+    return [
+        label
+        for label, model in found.models.items()
+        if has_one_pathway(found.methods[label], model)
+    ]
 
 
 def reflex_found(account: Account) -> str:
     """What the diagnosis says of a reflex; empty if it found none."""
     checks = () if account.diagnosis is None else account.diagnosis.findings
-    return next((f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), "")
+    return next(
+        (f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), ""
+    )

@@ -28,7 +28,13 @@ FOUND = page.columns(
     }
 )
 CHECKED = page.columns(
-    {"what": "label", "verdict": "verdict", "how strong": "", "what was seen": "long", "measure": "long"}
+    {
+        "what": "label",
+        "verdict": "verdict",
+        "how strong": "",
+        "what was seen": "long",
+        "measure": "long",
+    }
 )
 MEASURED = page.columns({"measure": "", "value": "number", "unit": ""})
 
@@ -61,7 +67,10 @@ def write_diagnosis(
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
         text = f"{each.verdict}{': ' if found else ''}{found}. {beside.get(name, '')}".rstrip()
         lines.append(Markup('<a href="#{}">{}</a>: {}').format(anchor, name, text))
-    parts = [page.Section("outcome", "Outcome", [page.Box(lines), HOW]), page.Section("seen", "What was seen", blocks)]
+    parts = [
+        page.Section("outcome", "Outcome", [page.Box(lines), HOW]),
+        page.Section("seen", "What was seen", blocks),
+    ]
     if command:
         again: list[page.Block] = ["This command made the page:", page.Code("Command", command)]
         parts.append(page.Section("again", "How to repeat it", again))
@@ -80,16 +89,26 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
 
 
 def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) -> list[page.Block]:
-    if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
+    if not isinstance(diagnoses, Mapping) or not all(
+        isinstance(each, Diagnosis) for each in diagnoses.values()
+    ):
         raise InputError(
             f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
             "{'ankle': tvsysid.diagnose(ensemble)}"
         )
     if not diagnoses:
-        raise InputError("write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}")
-    pictures = draw_all({name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, pool)
+        raise InputError(
+            "write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}"
+        )
+    pictures = draw_all(
+        {name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, pool
+    )
     each = zip(diagnoses.items(), _anchors(diagnoses), strict=True)
-    return [block for (name, diagnosis), anchor in each for block in _one(name, diagnosis, anchor, pictures[name])]
+    return [
+        block
+        for (name, diagnosis), anchor in each
+        for block in _one(name, diagnosis, anchor, pictures[name])
+    ]
 
 
 def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
@@ -99,7 +118,15 @@ def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
 def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[page.Block]:
     """Blocks about one ensemble."""
     checks = [
-        page.Row((each.name, f"{SYMBOLS[each.state]} {each.state}", each.strength, each.what, each.fault.measure))
+        page.Row(
+            (
+                each.name,
+                f"{SYMBOLS[each.state]} {each.state}",
+                each.strength,
+                each.what,
+                each.fault.measure,
+            )
+        )
         for each in diagnosis.checks
     ]
     measures = [
@@ -108,9 +135,7 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         if math.isfinite(value)
     ]
     looked_at = f"All checks of {name}"
-    limits = (
-        "All that was looked for. A fault is beyond its limit and, where noise reaches it, significant (p < 0.00001)."
-    )
+    limits = "All that was looked for. A fault is beyond its limit and, where noise reaches it, significant (p < 0.00001)."
     values = f"Useful values about {name}; its impedance is taken as constant over time, and fitted by least squares."
     return [
         page.Heading(name, anchor),
@@ -127,7 +152,15 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
 def findings_table(diagnosis: Diagnosis, name: str) -> list[page.Block]:
     """What is wrong with an ensemble of this name, what that does to the result, and what to do; none if nothing is."""
     rows = [
-        page.Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
+        page.Row(
+            (
+                f"{each.fault.title} ({each.name})",
+                each.what,
+                each.strength,
+                each.fault.effect,
+                each.fault.remedy,
+            )
+        )
         for each in diagnosis.findings
     ]
     caption = f"What was found in {name}, what it does to the result, and what to do."

@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 Reported = Mapping[str, Sequence[str]]
 
-DETAILS = ("recorded-signals", "preparation")  # figures that stand beside the account of the recordings
+DETAILS = (
+    "recorded-signals",
+    "preparation",
+)  # figures that stand beside the account of the recordings
 METRICS = {
     "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
     "random_error": ("random error", "N·m/rad", 2),
@@ -92,14 +95,25 @@ def write_experiment_report(
     )
     shown = {stem: each for stem, each in pictures.items() if stem not in DETAILS}
     details = {stem: each for stem, each in pictures.items() if stem in DETAILS}
-    settings = {name.replace("_", " "): value for name, value in sections.settings_of(results, "experiment").items()}
+    settings = {
+        name.replace("_", " "): value
+        for name, value in sections.settings_of(results, "experiment").items()
+    }
     first, smallest = str(results.recording.values[0]), str(results.analysis.values[0])
-    lines = [done, *sections.unfinished(results, "analyses"), *outcome(results, summary, claims, reported)]
+    lines = [
+        done,
+        *sections.unfinished(results, "analyses"),
+        *outcome(results, summary, claims, reported),
+    ]
     shifted = [] if aligned is None or not len(aligned) else [alignment.alignment_table(aligned)]
     if aligned is not None and shifted:
-        lines.append(f"{alignment.sentence(aligned)} {alignment.REMEDY if len(alignment.notable(aligned)) else ''}")
+        lines.append(
+            f"{alignment.sentence(aligned)} {alignment.REMEDY if len(alignment.notable(aligned)) else ''}"
+        )
     parts = [
-        page.Section("outcome", "Outcome", [page.Box(lines), _definitions(bool(virtual), len(people) > 1)]),
+        page.Section(
+            "outcome", "Outcome", [page.Box(lines), _definitions(bool(virtual), len(people) > 1)]
+        ),
         *([page.Section("figures", "Figures", sections.numbered(shown))] if shown else []),
         page.Section("metrics", "Metrics", metrics(summary, results.sizes["bootstrap"]), wide=True),
         sections.claims_section(claims, CLAIMS, fold=True),
@@ -118,7 +132,9 @@ def write_experiment_report(
         ),
         sections.problems_section(sections.problems(results), "recording or analysis"),
         sections.methods_section(labels),
-        sections.run_section(results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"),
+        sections.run_section(
+            results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"
+        ),
         sections.again_section(
             command,
             f'results.estimate.sel(quantity="stiffness", recording="{first}", analysis="{smallest}")  # N·m/rad',
@@ -168,24 +184,44 @@ def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> page.Table:
     """Table of metrics for each ``"method"`` over participants, or for each ``"participant"``."""
     alone, several = each == "participant", summary.participant.nunique() > 1
     names, perturbations = sections.metrics_there(summary, METRICS), unique(summary.perturbation)
-    heads = [*(["participant"] if alone else []), "method", *(["perturbation"] if len(perturbations) > 1 else [])]
+    heads = [
+        *(["participant"] if alone else []),
+        "method",
+        *(["perturbation"] if len(perturbations) > 1 else []),
+    ]
     rows, nothing = [], np.zeros(0)
     by = [*(["participant"] if alone else []), "perturbation", "method", "realizations"]
     for _, mine in summary.groupby(by, sort=False):
-        values = {str(name): group.value.to_numpy(dtype=float) for name, group in mine.groupby("metric")}
+        values = {
+            str(name): group.value.to_numpy(dtype=float) for name, group in mine.groupby("metric")
+        }
         first = mine.assign(perturbation=mine.perturbation.map(perturbation_name)).iloc[0]
-        drawn, failed = int(mine.realizations.iloc[0]), int(np.nansum(values.get("failed", nothing)))
+        drawn, failed = (
+            int(mine.realizations.iloc[0]),
+            int(np.nansum(values.get("failed", nothing))),
+        )
         cells: list[page.Cell | str | float] = [str(first[name]) for name in heads]
         cells.append(page.Cell(str(drawn), drawn))
         cells += [over_participants(values.get(name, nothing), METRICS[name][2]) for name in names]
         cells.append(page.Cell(f"{failed} of {bootstraps * mine.participant.nunique()}", failed))
         rows.append(page.Row(cells))
-    of = " for each participant" if alone else ", mean ± standard deviation over participants" if several else ""
-    one = f"; perturbation: {perturbation_name(perturbations[0])}" if len(perturbations) == 1 else ""
+    of = (
+        " for each participant"
+        if alone
+        else ", mean ± standard deviation over participants"
+        if several
+        else ""
+    )
+    one = (
+        f"; perturbation: {perturbation_name(perturbations[0])}" if len(perturbations) == 1 else ""
+    )
     columns = [
         *(page.Column(heading, kind="label") for heading in heads),
         page.Column("realizations drawn", kind="number"),
-        *(page.Column(heading, unit, "number") for heading, unit, _ in (METRICS[name] for name in names)),
+        *(
+            page.Column(heading, unit, "number")
+            for heading, unit, _ in (METRICS[name] for name in names)
+        ),
         page.Column("failed draws", kind="number"),
     ]
     return page.Table(
@@ -199,7 +235,9 @@ def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> page.Table:
     )
 
 
-def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported = MappingProxyType({})) -> page.Table:
+def recordings(
+    results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported = MappingProxyType({})
+) -> page.Table:
     """What became of the realizations of each recording, their means for each perturbation, and the paper's counts."""
     shifts = {
         str(label): 1000 * mine.shift_s[mine.excluded_by == ""].to_numpy(dtype=float)
@@ -209,7 +247,9 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported
     for label in map(str, results.recording.values):
         here = results.sel(recording=label)
         counts = [int(here[name]) for name in ("trials", "trials_left_out", *COUNTS)]
-        rows.append(page.Row([label, *counts, over_participants(shifts.get(label, np.zeros(0)), 0)]))
+        rows.append(
+            page.Row([label, *counts, over_participants(shifts.get(label, np.zeros(0)), 0)])
+        )
     means, paper = [], []
     for perturbation, chosen in _by_perturbation(results):
         name = perturbation_name(perturbation)
@@ -227,9 +267,14 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported
         "deviation, positive where the torque came late."
     )
     headings = ("trials", "trials left out", *COUNTS.values())
-    columns = [page.Column("recording", kind="label"), *(page.Column(heading, kind="number") for heading in headings)]
+    columns = [
+        page.Column("recording", kind="label"),
+        *(page.Column(heading, kind="number") for heading in headings),
+    ]
     columns.append(page.Column("shift", "ms", "number"))
-    return page.Table("Recordings and exclusions", caption, columns, [*rows, *means, *paper], narrow=True)
+    return page.Table(
+        "Recordings and exclusions", caption, columns, [*rows, *means, *paper], narrow=True
+    )
 
 
 def _by_perturbation(results: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
@@ -253,16 +298,27 @@ def _remarks(results: xr.Dataset) -> list[page.Block]:
 
 
 def outcome(
-    results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame, reported: Reported = MappingProxyType({})
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    claims: pd.DataFrame,
+    reported: Reported = MappingProxyType({}),
 ) -> list[str]:
     """The main outcome in sentences."""
     sentences = []
     for perturbation, chosen in _by_perturbation(results):
         recorded = unique(chosen.recorded.values)
         kept = over_participants(chosen.survivors.values.astype(float), 0).text
-        of = recorded[0] if len(recorded) == 1 else f"{min(map(int, recorded))} to {max(map(int, recorded))}"
+        of = (
+            recorded[0]
+            if len(recorded) == 1
+            else f"{min(map(int, recorded))} to {max(map(int, recorded))}"
+        )
         theirs = reported.get(perturbation)
-        paper = f" (the paper: {theirs[-1]} of {theirs[0]})" if theirs and recorded == [theirs[0]] else ""
+        paper = (
+            f" (the paper: {theirs[-1]} of {theirs[0]})"
+            if theirs and recorded == [theirs[0]]
+            else ""
+        )
         sentences.append(
             f"With {perturbation_name(perturbation)}, {kept} of {of} realizations were kept{paper}."
             f"{_extremes(summary[summary.perturbation == perturbation])}"
@@ -285,5 +341,7 @@ def _extremes(rows: pd.DataFrame) -> str:
             parts.append(f"{heading} {each[order[0]].text} {unit} ({order[0]})")
         elif order:
             low, high = order[0], order[-1]
-            parts.append(f"{heading} from {each[low].text} ({low}) to {each[high].text} {unit} ({high})")
+            parts.append(
+                f"{heading} from {each[low].text} ({low}) to {each[high].text} {unit} ({high})"
+            )
     return f" With the least data of each method: {'; '.join(parts)}." if parts else ""

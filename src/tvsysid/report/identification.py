@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from tvsysid.errors import by_text
-from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates, variable_of
+from tvsysid.figures import (
+    Illustration,
+    draw_all,
+    identified_impedance,
+    scheduled_estimates,
+    variable_of,
+)
 from tvsysid.figures.identification import drawn_quantities
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
@@ -93,7 +99,9 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         *_paragraph(account),
         _again(command),
     ]
-    subtitle = f"{count(len(found.models), 'method')} on {count(len(found.ensemble), 'realization')} of "
+    subtitle = (
+        f"{count(len(found.models), 'method')} on {count(len(found.ensemble), 'realization')} of "
+    )
     subtitle += f"{found.ensemble.duration:g} s: stiffness, viscosity and inertia over time."
     page.write_page(path, page.Page(f"Joint impedance identified from {name}", subtitle, parts))
 
@@ -104,7 +112,10 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     withdrawn = account.trust.level == "none"
     shown = {} if withdrawn else {"answer": {label: found.models[label]}}
     shown |= {"methods": dict(found.models)} if withdrawn or len(found.models) > 1 else {}
-    titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
+    titles = {
+        "answer": f"Impedance over time by {label}",
+        "methods": "Impedance over time by all methods",
+    }
     vaf, variable = found.vaf_over_time(), variable_of(found.models, found.ensemble)
     below = ", and the time-varying VAF" if vaf else ""
     drawn = {}
@@ -146,21 +157,33 @@ def _differing(account: Account) -> list[str]:
         return []
     blamed = [label for label in one_pathway(account.found) if label != account.found.leading]
     who = "all" if len(blamed) == len(account.found.models) - 1 else ", ".join(blamed)
-    split = reflex_found(account) or "reflex_gain" in account.found.models[account.found.leading].estimates
-    told = f" ({who} have one pathway, which takes a reflex for stiffness)" if blamed and split else ""
+    split = (
+        reflex_found(account)
+        or "reflex_gain" in account.found.models[account.found.leading].estimates
+    )
+    told = (
+        f" ({who} have one pathway, which takes a reflex for stiffness)" if blamed and split else ""
+    )
     text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
     return [Markup(text).format(means, told)]
 
 
 def _trust(account: Account) -> str:
     """Held-out VAF and diagnosis in a sentence each."""
-    held_out, inside = account.held_out_mean(account.found.leading), mean_of(account.found.vaf[account.found.leading])
+    held_out, inside = (
+        account.held_out_mean(account.found.leading),
+        mean_of(account.found.vaf[account.found.leading]),
+    )
     sentences = []
     if math.isfinite(held_out):
         where = account.where_held_out
-        sentences.append(f"It predicts {held_out:.1f} % of the torque’s variance in {where} that were held out.")
+        sentences.append(
+            f"It predicts {held_out:.1f} % of the torque’s variance in {where} that were held out."
+        )
     elif math.isfinite(inside):
-        sentences.append(f"It predicts {inside:.1f} % of the variance of the torque that it was identified from.")
+        sentences.append(
+            f"It predicts {inside:.1f} % of the variance of the torque that it was identified from."
+        )
     return " ".join([*sentences, _judged(account)])
 
 
@@ -182,11 +205,15 @@ def _quantities(account: Account) -> list[page.Block]:
             continue
         low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
         ends = [
-            cell for at in (low, high) for cell in (page.number(values[at]), page.number(model.time[at], decimals=2))
+            cell
+            for at in (low, high)
+            for cell in (page.number(values[at]), page.number(model.time[at], decimals=2))
         ]
         unit = IMPEDANCE_UNITS.get(name) or unit_name(model.estimates[name].unit)
         half = page.number(mean_of(upper - lower) / 2)
-        rows.append(page.Row((name.replace("_", " "), unit, page.number(mean_of(values)), half, *ends)))
+        rows.append(
+            page.Row((name.replace("_", " "), unit, page.number(mean_of(values)), half, *ends))
+        )
     caption = f"By {label}: mean over time, half width of the pointwise 95 % band (also its mean), and both extremes."
     columns = [page.Column("quantity"), page.Column("unit")]
     columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±")]
@@ -214,11 +241,17 @@ def _switches(account: Account) -> list[page.Block]:
         True: f"Sudden changes: {told}",
         False: f"More likely no sudden change than one, but if there is: {told}",
     }
-    columns = [page.Column("quantity"), page.Column("at", "s", "number"), page.Column("between", "s", "number")]
+    columns = [
+        page.Column("quantity"),
+        page.Column("at", "s", "number"),
+        page.Column("between", "s", "number"),
+    ]
     columns += [page.Column("change", kind="number"), page.Column("probability", "%", "number")]
     labels = {True: "Switches", False: "Switches that are unlikely"}
     return [
-        page.Table(labels[there], captions[there], columns, rows[there], narrow=True) for there in rows if rows[there]
+        page.Table(labels[there], captions[there], columns, rows[there], narrow=True)
+        for there in rows
+        if rows[there]
     ]
 
 
@@ -236,7 +269,9 @@ def _made(account: Account) -> page.Section:
         "realizations left out": f"{ensemble.left_out or 'none'}{': no context' if ensemble.left_out else ''}",
         "context": context,
         "mean over realizations": "subtracted" if ensemble.mean_subtracted else "not subtracted",
-        "delay between the channels": taken(ensemble.delay_removed) if ensemble.delay_removed else "not corrected",
+        "delay between the channels": taken(ensemble.delay_removed)
+        if ensemble.delay_removed
+        else "not corrected",
         "further channels": ", ".join(ensemble.channels) or "none",
     }
     if account.diagnosis is not None:
@@ -245,9 +280,13 @@ def _made(account: Account) -> page.Section:
             f"{measures['angle RMS'][0]:.3g} rad RMS, 95 % of its power below "
             f"{measures['bandwidth of the angle'][0]:.3g} Hz"
         )
-        rows["signal-to-noise ratio"] = f"{measures['signal-to-noise ratio'][0]:.1f} dB, by the diagnosis"
+        rows["signal-to-noise ratio"] = (
+            f"{measures['signal-to-noise ratio'][0]:.1f} dB, by the diagnosis"
+        )
     columns = page.columns({"what": "", "value": "long"})
-    table = page.Table("Data", "Where the data come from, and what was done to them.", columns, _pairs(rows))
+    table = page.Table(
+        "Data", "Where the data come from, and what was done to them.", columns, _pairs(rows)
+    )
     return page.Section("data", "How it was found", [table], contents="Data")
 
 
@@ -260,11 +299,17 @@ def _diagnosed(account: Account) -> page.Section:
     title = "What the diagnosis says"
     diagnosis = account.diagnosis
     if diagnosis is None:
-        return page.Section("diagnosis", title, [f"Not diagnosed: {account.undiagnosed}."], contents="Diagnosis")
+        return page.Section(
+            "diagnosis", title, [f"Not diagnosed: {account.undiagnosed}."], contents="Diagnosis"
+        )
     blocks: list[page.Block] = [sentence(diagnosis.verdict)]
     blocks += findings_table(diagnosis, account.source.get("file", "the ensemble"))
     blocks += [sentence(line) for line in diagnosis.notes]
-    what = "the ensemble as it was identified" if len(account.found.ensemble) > 1 else "the record in pieces"
+    what = (
+        "the ensemble as it was identified"
+        if len(account.found.ensemble) > 1
+        else "the record in pieces"
+    )
     blocks.append(
         f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the recorded rate, where "
         "clipped and lost signals show better, and draws what it sees."
@@ -277,7 +322,11 @@ def _suited(account: Account) -> page.Section:
     suited = account.found.recommendation
     rows = [
         page.Row(
-            (name, page.number(value, decimals=0 if value.is_integer() else None), "" if math.isnan(value) else unit)
+            (
+                name,
+                page.number(value, decimals=0 if value.is_integer() else None),
+                "" if math.isnan(value) else unit,
+            )
         )
         for name, (value, unit) in suited.measured.items()
     ]
@@ -285,7 +334,11 @@ def _suited(account: Account) -> page.Section:
     caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
     lines = [sentence(each) for each in (*suited.objections, *suited.caveats)]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
-    return page.Section("suited", "Which method suits these data", [f"{suited.sentence}.", table, page.Bullets(lines)])
+    return page.Section(
+        "suited",
+        "Which method suits these data",
+        [f"{suited.sentence}.", table, page.Bullets(lines)],
+    )
 
 
 def _methods(account: Account, figures: list[page.Block]) -> page.Section:
@@ -307,15 +360,25 @@ def _methods(account: Account, figures: list[page.Block]) -> page.Section:
         for row in found.rows()
     ]
     unit = "N·m/rad"
-    headings = {"mean": unit, "95 % band, ±": unit, "lowest": unit, "highest": unit, "inertia": "kg·m²"}
+    headings = {
+        "mean": unit,
+        "95 % band, ±": unit,
+        "lowest": unit,
+        "highest": unit,
+        "inertia": "kg·m²",
+    }
     headings |= {"VAF in sample": "%", "VAF held out": "%"}
     columns = [page.Column("method", kind="label")]
     columns += [page.Column(heading, unit, "number") for heading, unit in headings.items()]
     caption = f"Stiffness, inertia and VAF by each method. {VAF}"
     if account.trust.level == "none":
         caption = f"Not valid, for the reasons above: {caption[0].lower()}{caption[1:]}"
-    table = page.Table("Methods", caption, columns, rows, "methods-table", sortable=len(rows) > 1, narrow=True)
-    return page.Section("methods", "The methods side by side", [table, *figures, _differences(account)], "Methods")
+    table = page.Table(
+        "Methods", caption, columns, rows, "methods-table", sortable=len(rows) > 1, narrow=True
+    )
+    return page.Section(
+        "methods", "The methods side by side", [table, *figures, _differences(account)], "Methods"
+    )
 
 
 def _differences(account: Account) -> page.Table:
@@ -324,10 +387,17 @@ def _differences(account: Account) -> page.Table:
     for label, method in account.found.methods.items():
         if label in account.found.models:
             title = str(getattr(method, "title", type(method).__name__))
-            differs = getattr(method, "differs", "") or "This is your own method: its assumptions are not known here."
+            differs = (
+                getattr(method, "differs", "")
+                or "This is your own method: its assumptions are not known here."
+            )
             rows.append(page.Row((label, title, settings_of(method) or "none", str(differs))))
-    columns = page.columns({"method": "label", "what it is": "", "settings": "label", "its stiffness": "long"})
-    return page.Table("Why they differ", "Why the methods’ stiffness differs, and their settings.", columns, rows)
+    columns = page.columns(
+        {"method": "label", "what it is": "", "settings": "label", "its stiffness": "long"}
+    )
+    return page.Table(
+        "Why they differ", "Why the methods’ stiffness differs, and their settings.", columns, rows
+    )
 
 
 def _beside(account: Account) -> list[page.Section]:
@@ -344,16 +414,32 @@ def _beside(account: Account) -> list[page.Section]:
         for each in further(found)
         if each.values.size
     ]
-    shapes = {label: reflex_shape(model.diagnostics.details) for label, model in found.models.items()}
+    shapes = {
+        label: reflex_shape(model.diagnostics.details) for label, model in found.models.items()
+    }
     told = [f"{label}: {shape}." for label, shape in shapes.items() if shape]
     if not rows and not told:
         return []
-    columns = [page.Column(heading, kind="label" if heading == "method" else "") for heading in ("method", "quantity")]
+    columns = [
+        page.Column(heading, kind="label" if heading == "method" else "")
+        for heading in ("method", "quantity")
+    ]
     columns += [page.Column("unit"), page.Column("over")]
-    columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±", "lowest", "highest")]
+    columns += [
+        page.Column(heading, kind="number")
+        for heading in ("mean", "95 % band, ±", "lowest", "highest")
+    ]
     caption = "What methods estimate beside stiffness, viscosity and inertia over time."
-    blocks: list[page.Block] = [page.Table("Further estimates", caption, columns, rows, narrow=True)] if rows else []
-    return [page.Section("beside", "Reflex and further estimates", [*blocks, *([page.Bullets(told)] if told else [])])]
+    blocks: list[page.Block] = (
+        [page.Table("Further estimates", caption, columns, rows, narrow=True)] if rows else []
+    )
+    return [
+        page.Section(
+            "beside",
+            "Reflex and further estimates",
+            [*blocks, *([page.Bullets(told)] if told else [])],
+        )
+    ]
 
 
 def _met(account: Account) -> page.Section:
@@ -361,11 +447,19 @@ def _met(account: Account) -> page.Section:
     found = account.found
     rows = [page.Row((label, "failed", reason)) for label, reason in found.failed.items()]
     rows += [page.Row((label, "skipped", reason)) for label, reason in found.skipped.items()]
-    warned = ((label, text) for label, model in found.models.items() for text in model.diagnostics.warnings)
-    rows += [page.Row((", ".join(labels), "warning", text)) for text, labels in by_text(warned).items()]
+    warned = (
+        (label, text)
+        for label, model in found.models.items()
+        for text in model.diagnostics.warnings
+    )
+    rows += [
+        page.Row((", ".join(labels), "warning", text)) for text, labels in by_text(warned).items()
+    ]
     columns = page.columns({"method": "label", "what": "", "why": "long"})
     table = page.Table("Warnings", "What failed, was skipped, or gave a warning.", columns, rows)
-    blocks: list[page.Block] = [table] if rows else ["No method failed, none was skipped, and none gave a warning."]
+    blocks: list[page.Block] = (
+        [table] if rows else ["No method failed, none was skipped, and none gave a warning."]
+    )
     return page.Section("problems", "Warnings", blocks)
 
 
@@ -380,12 +474,18 @@ def _paragraph(account: Account) -> list[page.Section]:
         "The publications cited, as BibTeX:",
         page.Code("BibTeX", methods_bibliography(account)),
     ]
-    return [page.Section("paragraph", "Methods paragraph and references", blocks, contents="For a paper")]
+    return [
+        page.Section(
+            "paragraph", "Methods paragraph and references", blocks, contents="For a paper"
+        )
+    ]
 
 
 def _again(command: str) -> page.Section:
     """How to repeat it, and where the numbers are."""
-    blocks: list[page.Block] = ["This command made the page:", page.Code("Command", command)] if command else []
+    blocks: list[page.Block] = (
+        ["This command made the page:", page.Code("Command", command)] if command else []
+    )
     reading = 'import xarray as xr\n\nmodels = xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
     blocks += [
         "All estimates with their standard errors and bands are in models.nc beside this page, and over time in "

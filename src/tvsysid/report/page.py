@@ -161,7 +161,11 @@ class Page:
     @property
     def sortable(self) -> bool:
         """Whether it has a table that can be sorted."""
-        return any(isinstance(block, Table) and block.sortable for part in self.sections for block in part.blocks)
+        return any(
+            isinstance(block, Table) and block.sortable
+            for part in self.sections
+            for block in part.blocks
+        )
 
 
 def write_page(path: str | Path, page: Page) -> None:
@@ -204,5 +208,9 @@ def number(value: float, error: float = math.nan, decimals: int | None = None) -
         return Cell("–", None)
     if decimals is None:
         decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
-    texts = [f"{round(each, decimals):.{max(decimals, 0)}f}" for each in (value, error) if math.isfinite(each)]
+    texts = [
+        f"{round(each, decimals):.{max(decimals, 0)}f}"
+        for each in (value, error)
+        if math.isfinite(each)
+    ]
     return Cell(" ± ".join(texts).replace("-", "−"), value)

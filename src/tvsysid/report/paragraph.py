@@ -23,7 +23,11 @@ def methods_paragraph(account: Account) -> str:
     """What was done to the data, by which methods with which settings, and what came out, with citations."""
     found = account.found
     first, *others = (found.leading, *(label for label in found.models if label != found.leading))
-    beside = f"; for comparison by {_listed(_named(account, label) for label in others)}" if others else ""
+    beside = (
+        f"; for comparison by {_listed(_named(account, label) for label in others)}"
+        if others
+        else ""
+    )
     sentences = [
         "Joint impedance was identified from a perturbation experiment with the software tvsysid, version "
         f"{__version__} (the tvsysid developers; see {cited(['vanderuit2021']).strip('()')}).",
@@ -54,7 +58,9 @@ def settings_of(method: Identifies) -> str:
     if not is_dataclass(own):
         return ""
     values = {item.name: getattr(own, item.name) for item in fields(own) if item.repr}
-    return ", ".join(f"{name}={_short(value)}" for name, value in values.items() if value is not None)
+    return ", ".join(
+        f"{name}={_short(value)}" for name, value in values.items() if value is not None
+    )
 
 
 def _short(value: object) -> str:
@@ -92,7 +98,10 @@ def _data(ensemble: Ensemble) -> list[str]:
     sentences = [f"{cut}{lost if ensemble.left_out else ''}."]
     if ensemble.delay_removed:
         way = "earlier" if ensemble.delay_removed > 0 else "later"
-        sentences.insert(0, f"The torque was taken {abs(1000 * ensemble.delay_removed):.3g} ms {way} than recorded.")
+        sentences.insert(
+            0,
+            f"The torque was taken {abs(1000 * ensemble.delay_removed):.3g} ms {way} than recorded.",
+        )
     if ensemble.mean_subtracted:
         sentences.append("At each time, the mean over realizations was subtracted from both.")
     return sentences
@@ -101,7 +110,9 @@ def _data(ensemble: Ensemble) -> list[str]:
 def _perturbation(account: Account) -> list[str]:
     if account.diagnosis is None:
         return []
-    rms, width = (account.diagnosis.measures[name][0] for name in ("angle RMS", "bandwidth of the angle"))
+    rms, width = (
+        account.diagnosis.measures[name][0] for name in ("angle RMS", "bandwidth of the angle")
+    )
     return [
         f"What remained of the angle, the perturbation, had {rms:.3g} rad RMS and 95 % of its power below {width:.3g} "
         "Hz."
@@ -120,7 +131,9 @@ def _pathways(account: Account, label: str) -> list[str]:
     blamed = one_pathway(account.found)
     if label not in blamed:
         if not reflex_shown(account.found.models[label]):
-            return ["The data show no stretch reflex, and this stiffness is that of a joint without one."]
+            return [
+                "The data show no stretch reflex, and this stiffness is that of a joint without one."
+            ]
         share = negative_reflex(account.found.models[label])
         intrinsic = (
             f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
@@ -130,7 +143,11 @@ def _pathways(account: Account, label: str) -> list[str]:
         )
         what = "that torque" if share else "the reflex"
         return [intrinsic, *([f"That of {', '.join(blamed)} includes {what}."] if blamed else [])]
-    return ["This stiffness includes a stretch reflex, which the data show."] if reflex_found(account) else []
+    return (
+        ["This stiffness includes a stretch reflex, which the data show."]
+        if reflex_found(account)
+        else []
+    )
 
 
 def _faults(account: Account) -> list[str]:
@@ -152,7 +169,11 @@ def _results(account: Account, label: str) -> list[str]:
     sentences = [
         f"By {label}, stiffness was {known.mean():.1f} N·m/rad on average over time, from {known.min():.1f} to "
         f"{known.max():.1f}"
-        + (f" (half width of the pointwise 95 % band {band:.1f} on average)." if np.isfinite(band) else ".")
+        + (
+            f" (half width of the pointwise 95 % band {band:.1f} on average)."
+            if np.isfinite(band)
+            else "."
+        )
     ]
     held_out, inside = account.held_out_mean(label), mean_of(found.vaf[label])
     if np.isfinite(held_out):
@@ -163,5 +184,7 @@ def _results(account: Account, label: str) -> list[str]:
             f"not identified from{folds}, and for {inside:.1f} % in what it was."
         )
     elif np.isfinite(inside):
-        sentences.append(f"It accounted for {inside:.1f} % of the variance of the torque that it was identified from.")
+        sentences.append(
+            f"It accounted for {inside:.1f} % of the variance of the torque that it was identified from."
+        )
     return sentences

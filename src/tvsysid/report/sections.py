@@ -12,7 +12,19 @@ from tvsysid import __version__
 from tvsysid.figures import Picture
 from tvsysid.figures.words import count
 from tvsysid.methods import METHODS
-from tvsysid.report.page import Block, Bullets, Code, Figure, Fold, Heading, Row, Section, Table, columns, number
+from tvsysid.report.page import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Fold,
+    Heading,
+    Row,
+    Section,
+    Table,
+    columns,
+    number,
+)
 from tvsysid.study.settings import in_words
 from tvsysid.study.task import SKIPPED
 
@@ -58,7 +70,9 @@ def problems(results: xr.Dataset) -> list[Problem]:
     numbers = np.isfinite(results.vaf.transpose("recording", ...).values)
     lost = (failure != "").all(axis=1) & ~numbers.any(axis=(1, 2))
     for label, reasons in zip(results.recording.values[lost], failure[lost], strict=True):
-        found.append(_problem(str(label), "failed", [str(reason) for reason in reasons], len(reasons)))
+        found.append(
+            _problem(str(label), "failed", [str(reason) for reason in reasons], len(reasons))
+        )
     left = results.isel(recording=~lost)
     for label in map(str, left.analysis.values):
         for kind, texts in _texts(left, analysis=label):
@@ -73,14 +87,23 @@ def _texts(results: xr.Dataset, **where: str) -> Iterator[tuple[str, xr.DataArra
     warned = results.warnings.sel(where)
     every = [str(text) for text in warned.values.ravel()]
     for kind, texts in (
-        ("skipped", [text.removeprefix(SKIPPED) if text.startswith(SKIPPED) else "" for text in every]),
+        (
+            "skipped",
+            [text.removeprefix(SKIPPED) if text.startswith(SKIPPED) else "" for text in every],
+        ),
         ("warning", ["" if text.startswith(SKIPPED) else text for text in every]),
     ):
         yield kind, warned.copy(data=np.array(texts, dtype=object).reshape(warned.shape))
 
 
 def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem:
-    return {"method": method, "kind": kind, "count": len(reasons), "trials": trials, "first": reasons[0]}
+    return {
+        "method": method,
+        "kind": kind,
+        "count": len(reasons),
+        "trials": trials,
+        "first": reasons[0],
+    }
 
 
 LEFT_OUT = "What failed or was skipped is left out of the metrics; what gave a warning counts."
@@ -89,7 +112,8 @@ LEFT_OUT = "What failed or was skipped is left out of the metrics; what gave a w
 def problems_section(found: Iterable[Problem], what: str, caption: str = LEFT_OUT) -> Section:
     """Failures and warnings of a study."""
     rows = [
-        Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
+        Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"]))
+        for each in found
     ]
     headings = columns({what: "label", "what": "", "how many": "number", "first reason": "long"})
     table = Table("Failures and warnings", caption, headings, rows)
@@ -101,21 +125,41 @@ def claims_section(claims: pd.DataFrame, caption: str, fold: bool = False) -> Se
     """What a paper claims, and whether the study confirms it; claims that it does not bear on may be folded away."""
     folded = claims[claims.verdict == "not studied"] if fold else claims[:0]
     shown = claims.drop(folded.index)
-    blocks: list[Block] = [_claims("Published claims", caption, shown)] if len(shown) else ["No claim was examined."]
+    blocks: list[Block] = (
+        [_claims("Published claims", caption, shown)] if len(shown) else ["No claim was examined."]
+    )
     if len(folded):
-        table = _claims("Claims that were not studied", "Claims that these recordings do not bear on.", folded)
+        table = _claims(
+            "Claims that were not studied", "Claims that these recordings do not bear on.", folded
+        )
         blocks.append(Fold(f"{count(len(folded), 'claim')} not studied, and why", [table]))
     return Section("claims", "Published claims", blocks, contents="Claims")
 
 
 def _claims(label: str, caption: str, claims: pd.DataFrame) -> Table:
     rows = []
-    for claim in claims.fillna({"remark": "", "finding": "", "source": "", "unit": ""}).to_dict("records"):
+    for claim in claims.fillna({"remark": "", "finding": "", "source": "", "unit": ""}).to_dict(
+        "records"
+    ):
         low, high, estimate = (number(float(claim[name])) for name in ("low", "high", "estimate"))
-        limits = f"{low.text} to {high.text}" if low.value is not None and high.value is not None else ""
+        limits = (
+            f"{low.text} to {high.text}" if low.value is not None and high.value is not None else ""
+        )
         verdict = f"{SYMBOLS.get(claim['verdict'], '')} {claim['verdict']}".strip()
         said = f"{claim['claim']} ({claim['source']})"
-        rows.append(Row((said, verdict, claim["finding"], estimate.text, limits, claim["unit"], claim["remark"])))
+        rows.append(
+            Row(
+                (
+                    said,
+                    verdict,
+                    claim["finding"],
+                    estimate.text,
+                    limits,
+                    claim["unit"],
+                    claim["remark"],
+                )
+            )
+        )
     return Table(label, caption, CLAIM, rows)
 
 
@@ -134,23 +178,35 @@ def methods_section(labels: Iterable[str]) -> Section:
     for label in labels:
         method = METHODS.get(label.partition(":")[0])
         if method is None:
-            blocks += [Heading(label), "This is your own method: its assumptions are not known here."]
+            blocks += [
+                Heading(label),
+                "This is your own method: its assumptions are not known here.",
+            ]
         else:
             blocks += [Heading(f"{label}: {method.title}"), Bullets(method.assumptions)]
     return Section("methods", "What each method assumes", blocks, contents="Assumptions")
 
 
-def run_section(results: xr.Dataset, settings: Mapping[str, object], seconds: float, failed: str) -> Section:
+def run_section(
+    results: xr.Dataset, settings: Mapping[str, object], seconds: float, failed: str
+) -> Section:
     """Settings of a study, and where it ran."""
     versions = settings_of(results, "versions")
     rows = [(name, in_words(value)) for name, value in settings.items()]
     rows.append(("version of tvsysid", version_of(results)))
-    rows += [(f"version of {name}", str(each)) for name, each in versions.items() if name != "tvsysid"]
+    rows += [
+        (f"version of {name}", str(each)) for name, each in versions.items() if name != "tvsysid"
+    ]
     if results.attrs.get("machine"):
         rows.append(("machine", str(results.attrs["machine"])))
-    rows += [("computing time", f"{round(seconds):,} s on one core"), ("failed identifications", failed)]
+    rows += [
+        ("computing time", f"{round(seconds):,} s on one core"),
+        ("failed identifications", failed),
+    ]
     caption = "Settings of the study, and the machine that it ran on."
-    table = Table("What was run", caption, columns({"setting": "", "value": ""}), [Row(row) for row in rows])
+    table = Table(
+        "What was run", caption, columns({"setting": "", "value": ""}), [Row(row) for row in rows]
+    )
     return Section("run", "What was run", [table])
 
 
@@ -174,7 +230,10 @@ def again_section(command: str, selection: str, toml: str = "", same: str = "") 
 
 def numbered(pictures: Mapping[str, Picture], first: int = 1) -> list[Block]:
     """Pictures as the figures of a page."""
-    return [Figure(stem, picture, place) for place, (stem, picture) in enumerate(pictures.items(), start=first)]
+    return [
+        Figure(stem, picture, place)
+        for place, (stem, picture) in enumerate(pictures.items(), start=first)
+    ]
 
 
 def metrics_there(summary: pd.DataFrame, metrics: Iterable[str]) -> list[str]:

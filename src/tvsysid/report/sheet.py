@@ -49,7 +49,11 @@ class Known(NamedTuple):
 def facts(account: Account) -> dict[str, str | float]:
     """What a sheet needs beside the models, as attributes of their file."""
     found, label = account.found, account.found.leading
-    names = None if account.diagnosis is None else ", ".join(each.name for each in account.diagnosis.findings)
+    names = (
+        None
+        if account.diagnosis is None
+        else ", ".join(each.name for each in account.diagnosis.findings)
+    )
     return {
         "tvsysid": __version__,
         "leading": _group(label),
@@ -84,7 +88,9 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
         For none, too many, and for a folder that identify did not write.
     """
     if not 1 <= len(folders) <= MOST:
-        raise InputError(f"write_sheet: expected 1 to {MOST} folders of tvsysid identify, got {len(folders)}")
+        raise InputError(
+            f"write_sheet: expected 1 to {MOST} folders of tvsysid identify, got {len(folders)}"
+        )
     known = [_read(Path(folder)) for folder in folders]
     several = len(known) > 1
     lines = [f"{each.visit.label}: {each.about['answer']}" for each in known if not each.valid]
@@ -92,15 +98,21 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
     title = "Stiffness of a joint over visits" if several else "Stiffness of a joint"
     illustration = Illustration(
         partial(stiffness_of_visits, [each.visit for each in known]),
-        "Stiffness over time" + (", and over visits (circles: means with the mean half width of the band)" * several),
+        "Stiffness over time"
+        + (", and over visits (circles: means with the mean half width of the band)" * several),
         "",
     )
     blocks: list[page.Block] = [BY_HAND, *([page.Box(lines)] if lines else [])]
     if any(each.valid for each in known):
         blocks.append(page.Figure("sheet", draw_all({"sheet": illustration})["sheet"]))
     blocks += [_table(known), NOTE]
-    subtitle = f"Identified by tvsysid {known[-1].about['tvsysid']} from {', '.join(_files(known))}."
-    page.write_page(path, page.Page(title, subtitle, [page.Section("sheet-result", "Result", blocks)], notice=NOTICE))
+    subtitle = (
+        f"Identified by tvsysid {known[-1].about['tvsysid']} from {', '.join(_files(known))}."
+    )
+    page.write_page(
+        path,
+        page.Page(title, subtitle, [page.Section("sheet-result", "Result", blocks)], notice=NOTICE),
+    )
 
 
 def _files(known: Sequence[Known]) -> list[str]:
@@ -113,7 +125,9 @@ def _read(folder: Path) -> Known:
 
     file = folder / MODELS
     if not file.is_file():
-        raise InputError(f"{folder}: there is no {MODELS}; give folders that tvsysid identify wrote")
+        raise InputError(
+            f"{folder}: there is no {MODELS}; give folders that tvsysid identify wrote"
+        )
     try:
         with xr.open_datatree(file, engine="h5netcdf") as tree:
             about = {str(name): value for name, value in tree.attrs.items()}
@@ -124,7 +138,9 @@ def _read(folder: Path) -> Known:
         ) from error
     stiffness = _over_time(model, "stiffness")
     if not np.isfinite(stiffness).any():
-        raise InputError(f"{file}: {about['leading']} estimates no stiffness over time; a sheet shows that")
+        raise InputError(
+            f"{file}: {about['leading']} estimates no stiffness over time; a sheet shows that"
+        )
     time = np.asarray(model.time.values, dtype=float)
     limits = [_over_time(model, f"stiffness_{end}") for end in ("lower", "upper")]
     if about.get("trust") == "none":  # no stiffness is stated
@@ -140,7 +156,11 @@ def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
         return missing
     values = model[name]
     if "realization" in values.dims:
-        return missing if name.endswith(("lower", "upper")) else np.asarray(values.mean("realization"), dtype=float)
+        return (
+            missing
+            if name.endswith(("lower", "upper"))
+            else np.asarray(values.mean("realization"), dtype=float)
+        )
     return np.asarray(values, dtype=float)
 
 
@@ -155,7 +175,9 @@ def _table(known: Sequence[Known]) -> page.Table:
             values = [
                 page.number(visit.mean, visit.half_band, 1),
                 *(
-                    page.Cell(f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at])
+                    page.Cell(
+                        f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at]
+                    )
                     for at in ends
                 ),
                 *(page.number(each.viscosity, decimals=2), page.number(each.inertia, decimals=4)),
@@ -163,7 +185,11 @@ def _table(known: Sequence[Known]) -> page.Table:
         rows.append(
             page.Row(
                 (
-                    *(f"{place}. {visit.label}", about["data"].replace(" ", "\u00a0"), about["leading"]),
+                    *(
+                        f"{place}. {visit.label}",
+                        about["data"].replace(" ", "\u00a0"),
+                        about["leading"],
+                    ),
                     *values,
                     *(page.number(float(about["held_out_vaf"]), decimals=1), about["faults"]),
                 )
@@ -171,9 +197,10 @@ def _table(known: Sequence[Known]) -> page.Table:
         )
     columns = [page.Column("visit", kind="label"), page.Column("data"), page.Column("method")]
     columns += [page.Column(end, "N·m/rad", "number") for end in ("stiffness", "lowest", "highest")]
-    columns += [page.Column("viscosity", "N·m·s/rad", "number"), page.Column("inertia", "kg·m²", "number")]
+    columns += [
+        page.Column("viscosity", "N·m·s/rad", "number"),
+        page.Column("inertia", "kg·m²", "number"),
+    ]
     columns += [page.Column("VAF", "%", "number"), page.Column("faults of the data")]
-    caption = (
-        "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: realizations and their duration."
-    )
+    caption = "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: realizations and their duration."
     return page.Table("Values", caption, columns, rows, narrow=True)

@@ -111,16 +111,26 @@ def write_report(
     """
     sizes, study = results.sizes, sections.settings_of(results, "study")
     there = results.checksums.values.any(axis=-1)
-    failure, tried = results.failure.values[there], int((there[..., None] & asked(results)[:, None]).sum())
+    failure, tried = (
+        results.failure.values[there],
+        int((there[..., None] & asked(results)[:, None]).sum()),
+    )
     failed = int(np.count_nonzero(failure != ""))
-    methods, scenarios = (count(sizes[dim], word) for dim, word in (("method_key", "method"), ("scenario", "scenario")))
+    methods, scenarios = (
+        count(sizes[dim], word)
+        for dim, word in (("method_key", "method"), ("scenario", "scenario"))
+    )
     done = (
         f"{methods} identified the same simulated data: {scenarios} with {count(sizes['trial'], 'trial')} each, "
         f"{count(tried, 'identification')} in all, of which {failed or 'none'} failed."
     )
     # A system of one's own may have a stiffness that nobody can set.
     unused = [name for name in ("profile", "viscosity") if (results[name] == OWN).all()]
-    said = {name: value for name, value in study.items() if {"stiffness": "profile"}.get(name, name) not in unused}
+    said = {
+        name: value
+        for name, value in study.items()
+        if {"stiffness": "profile"}.get(name, name) not in unused
+    }
     settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in said.items()}
     seconds = float(results.seconds.sum() + results.stage_seconds.sum())
     main = main_scenario(traits_of(results))
@@ -157,7 +167,9 @@ def _nameless(study: Mapping[str, Any]) -> bool:
 
 def main_scenario(traits: Mapping[str, Mapping[str, object]]) -> str:
     """Label of the scenario to look at first: the one most like the paper's."""
-    return max(traits, key=lambda label: sum(traits[label][name] == usual for name, usual in USUAL.items()))
+    return max(
+        traits, key=lambda label: sum(traits[label][name] == usual for name, usual in USUAL.items())
+    )
 
 
 def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
@@ -178,7 +190,12 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
                 else trait(name, each[name]).removeprefix("b ")
                 for name in varying
             ]
-            mine.append((math.inf if total is None else total, page.Row((method, *texts, *cells.values()), label)))
+            mine.append(
+                (
+                    math.inf if total is None else total,
+                    page.Row((method, *texts, *cells.values()), label),
+                )
+            )
         rows += [row for _, row in sorted(mine, key=lambda pair: pair[0])]
     shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
     caption = (
@@ -188,11 +205,21 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
     columns = [
         page.Column("method", kind="label"),
         *(TRAIT_COLUMNS[name] for name in varying),
-        *(page.Column(heading, unit, "number") for heading, unit, _ in (RANKED[name] for name in metrics)),
+        *(
+            page.Column(heading, unit, "number")
+            for heading, unit, _ in (RANKED[name] for name in metrics)
+        ),
     ]
     groups = {label: described(each) for label, each in traits.items()}
     return page.Table(
-        "Ranking of methods", caption, columns, rows, "ranking-table", True, groups=groups, chosen=main_scenario(traits)
+        "Ranking of methods",
+        caption,
+        columns,
+        rows,
+        "ranking-table",
+        True,
+        groups=groups,
+        chosen=main_scenario(traits),
     )
 
 
@@ -200,7 +227,9 @@ def _cell(table: pd.DataFrame, *key: str) -> page.Cell:
     """A metric of one scenario and method, times in ms."""
     if key not in table.index:
         return page.number(math.nan)
-    value, error = table[["value", "standard_error"]].to_numpy(dtype=float)[table.index.get_loc(key)]
+    value, error = table[["value", "standard_error"]].to_numpy(dtype=float)[
+        table.index.get_loc(key)
+    ]
     factor = 1000 if key[-1] == "seconds" else 1
     return page.number(factor * value, factor * error, RANKED[key[-1]][2])
 
@@ -211,11 +240,17 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
     label = main_scenario(traits)
     here, sentences, parts = summary[summary.scenario == label], [], []
     for name, words in BEST.items():
-        rows = here[(here.metric == name) & here.value.notna()].sort_values("value", ascending=name != "vaf")
+        rows = here[(here.metric == name) & here.value.notna()].sort_values(
+            "value", ascending=name != "vaf"
+        )
         if len(rows) > 1:
             first: Any = rows.iloc[0]
-            value = page.number(float(first.value), float(first.standard_error), RANKED[name][2]).text
-            parts.append(f"{first.method} has the {words} ({value} {first.unit}){_runner_up(first, rows.iloc[1])}")
+            value = page.number(
+                float(first.value), float(first.standard_error), RANKED[name][2]
+            ).text
+            parts.append(
+                f"{first.method} has the {words} ({value} {first.unit}){_runner_up(first, rows.iloc[1])}"
+            )
     if parts:
         sentences.append(f"With {described(traits[label])}: {'; '.join(parts)}.")
     total = summary[(summary.metric == "total_error") & summary.value.notna()]
@@ -227,7 +262,9 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
 
 
 def _runner_up(first: Any, second: Any) -> str:
-    noise = float(np.hypot(*np.nan_to_num([float(each.standard_error) for each in (first, second)])))
+    noise = float(
+        np.hypot(*np.nan_to_num([float(each.standard_error) for each in (first, second)]))
+    )
     if abs(float(second.value) - float(first.value)) <= 2 * noise:
         return f", though not clearly {'lower' if first.value <= second.value else 'higher'} than {second.method}"
     return ""

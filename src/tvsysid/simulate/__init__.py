@@ -3,13 +3,53 @@
 from tvsysid.simulate.compliant import CompliantActuator
 from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint, StretchReflex
 from tvsysid.simulate.participant import Participant, Traits
-from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Multisine, Perturbation, Pulses
-from tvsysid.simulate.profiles import PROFILES, Constant, CovaryingViscosity, Profile, SineWave, SquareWave
+from tvsysid.simulate.perturbations import (
+    PERTURBATIONS,
+    PRBS,
+    FilteredNoise,
+    Multisine,
+    Perturbation,
+    Pulses,
+)
+from tvsysid.simulate.profiles import (
+    PROFILES,
+    Constant,
+    CovaryingViscosity,
+    Profile,
+    SineWave,
+    SquareWave,
+)
 from tvsysid.simulate.simulation import Seed, Simulation, System
 
-__all__ = ["PERTURBATIONS", "PRBS", "PROFILES", "SYSTEMS", "CompliantActuator", "Constant", "CovaryingViscosity"]
-__all__ += ["FilteredNoise", "Joint", "Multisine", "Participant", "Perturbation", "Profile", "Pulses", "ReflexJoint"]
-__all__ += ["ScheduledJoint", "Seed", "Simulation", "SineWave", "SquareWave", "StretchReflex", "System", "Traits"]
+__all__ = [
+    "PERTURBATIONS",
+    "PRBS",
+    "PROFILES",
+    "SYSTEMS",
+    "CompliantActuator",
+    "Constant",
+    "CovaryingViscosity",
+]
+__all__ += [
+    "FilteredNoise",
+    "Joint",
+    "Multisine",
+    "Participant",
+    "Perturbation",
+    "Profile",
+    "Pulses",
+    "ReflexJoint",
+]
+__all__ += [
+    "ScheduledJoint",
+    "Seed",
+    "Simulation",
+    "SineWave",
+    "SquareWave",
+    "StretchReflex",
+    "System",
+    "Traits",
+]
 
 SYSTEMS: dict[str, Joint] = {
     "joint": Joint(),

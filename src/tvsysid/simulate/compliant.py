@@ -74,7 +74,9 @@ class CompliantActuator(Joint):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.disturbance not in get_args(Disturbance):
-            raise InputError(f"CompliantActuator: disturbance must be 'angle' or 'torque', got {self.disturbance!r}")
+            raise InputError(
+                f"CompliantActuator: disturbance must be 'angle' or 'torque', got {self.disturbance!r}"
+            )
         own = ["actuator_stiffness", "actuator_inertia"]
         if self.actuator_viscosity is not None:
             own.append("actuator_viscosity")
@@ -106,10 +108,14 @@ class CompliantActuator(Joint):
         else:  # as a deviation from a share of the reference, for its acceleration is not linear between samples
             reference = np.stack(Actuator(setup.rate)(drive))
             part = self._followed(load, setup.rate)
-            pull = self.actuator_stiffness * reference[0] - part * np.einsum("qt,qt->t", load, reference)
+            pull = self.actuator_stiffness * reference[0] - part * np.einsum(
+                "qt,qt->t", load, reference
+            )
             applied, motion = reference[0], self._moved(load, np.stack([pull, -noise]), setup.rate)
             motion[:, 0] += part * reference
-        motion, weights, applied, noise = (x[..., run_in:] for x in (motion, weights, applied, noise))
+        motion, weights, applied, noise = (
+            x[..., run_in:] for x in (motion, weights, applied, noise)
+        )
 
         scale = setup.scale_of(motion[0, 0])
         imposed = scale * np.einsum("qt,qt->t", weights, motion[:, 0])
@@ -137,7 +143,9 @@ class CompliantActuator(Joint):
         Integrated as the angle itself, the motion on a stiff actuator would ring between samples; as a deviation from
         all of the reference, that on a soft one would be a small difference of two large ones.
         """
-        turned = float(load[0].mean()) / (self.inertia + self.actuator_inertia) / rate**2  # squared, within a step
+        turned = (
+            float(load[0].mean()) / (self.inertia + self.actuator_inertia) / rate**2
+        )  # squared, within a step
         return turned**2 / (STIFF**2 + turned**2)
 
     def _moved(self, load: Array, forces: Array, rate: float, held: Array | None = None) -> Array:

@@ -64,7 +64,13 @@ class Joint:
         positive(name, inertia=self.inertia)
 
     def simulate(
-        self, duration: float, *, perturbation: Perturbation, snr_db: float, seed: Seed, rate: float = 1000.0
+        self,
+        duration: float,
+        *,
+        perturbation: Perturbation,
+        snr_db: float,
+        seed: Seed,
+        rate: float = 1000.0,
     ) -> Simulation:
         """Record so many seconds.
 
@@ -93,17 +99,27 @@ class Joint:
             For a duration or rate that is not positive, or a profile that does not give one finite number for each
             time.
         """
-        return self._simulated(Setup(type(self).__name__, duration, perturbation, snr_db, seed, rate))
+        return self._simulated(
+            Setup(type(self).__name__, duration, perturbation, snr_db, seed, rate)
+        )
 
     def _simulated(self, setup: Setup) -> Simulation:
         truth = self._impedance(setup, setup.index)
         found = answer(setup, truth, setup.streams())
         return setup.simulation(found.angle, found.noise, {"intrinsic": found.torque}, truth)
 
-    def _impedance(self, setup: Setup, index: NDArray[np.int64], finer: int = 1) -> dict[str, Array]:
+    def _impedance(
+        self, setup: Setup, index: NDArray[np.int64], finer: int = 1
+    ) -> dict[str, Array]:
         """Stiffness, viscosity and inertia over time, at samples of so many times the rate."""
-        values, rate = {name: getattr(self, name) for name in ("stiffness", "viscosity", "inertia")}, finer * setup.rate
-        return {name: over_time(f"{setup.system}: {name}", value, index, rate) for name, value in values.items()}
+        values, rate = (
+            {name: getattr(self, name) for name in ("stiffness", "viscosity", "inertia")},
+            finer * setup.rate,
+        )
+        return {
+            name: over_time(f"{setup.system}: {name}", value, index, rate)
+            for name, value in values.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -155,12 +171,16 @@ class StretchReflex:
         """What the muscle makes of its drive; its gain is 1."""
         if not callable(self.frequency):
             square = self.frequency**2
-            muscle = scipy.signal.bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
+            muscle = scipy.signal.bilinear(
+                [square], [1.0, 2 * self.damping * self.frequency, square], fs=rate
+            )
             return np.asarray(scipy.signal.lfilter(*muscle, drive))
         index = np.arange(start, start + len(drive))
         frequency = over_time("StretchReflex: frequency", self.frequency, index, rate)
         if frequency.min() <= 0:
-            raise InputError(f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} rad/s")
+            raise InputError(
+                f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} rad/s"
+            )
         force = np.square(frequency) * drive
         moved = driven_motion(np.square(frequency), 2 * self.damping * frequency, force[None], rate)
         return np.asarray(moved[0, 0])
@@ -215,7 +235,10 @@ class ReflexJoint(Joint):
         found = answer(setup, impedance, streams, self.noise_bandwidth)
         gain = over_time("ReflexJoint: reflex_gain", self.reflex_gain, setup.whole_index, rate)
         reflex = self.reflex.torque(found.velocity, gain, rate, int(setup.whole_index[0]))
-        emg = np.abs(self.reflex.stretch(found.velocity, rate, EMG_LEAD) * streams[2].standard_normal(len(gain)))
+        emg = np.abs(
+            self.reflex.stretch(found.velocity, rate, EMG_LEAD)
+            * streams[2].standard_normal(len(gain))
+        )
         own = slice(setup.run_in, None)  # what is recorded
         return setup.simulation(
             found.angle,
@@ -284,7 +307,9 @@ class ScheduledJoint(Joint):
             value = getattr(self, name)
             if not callable(value) and (name == "relation" or value is not None):
                 of = "time" if name == "schedule" else "the variable"
-                raise InputError(f"ScheduledJoint: {name} must be a callable of {of}, got {value!r}")
+                raise InputError(
+                    f"ScheduledJoint: {name} must be a callable of {of}, got {value!r}"
+                )
         not_negative("ScheduledJoint", variation=self.variation)
         positive("ScheduledJoint", interval=self.interval, noise_bandwidth=self.noise_bandwidth)
 
@@ -295,27 +320,38 @@ class ScheduledJoint(Joint):
         if self.schedule is None:
             variable = self._usual(impedance["stiffness"]) * factor
         else:
-            variable = over_time("ScheduledJoint: schedule", self.schedule, setup.index, setup.rate) * factor
+            variable = (
+                over_time("ScheduledJoint: schedule", self.schedule, setup.index, setup.rate)
+                * factor
+            )
         impedance["stiffness"] = self._related("relation", self.relation, variable)
         if self.viscosity_relation is not None:
-            impedance["viscosity"] = self._related("viscosity_relation", self.viscosity_relation, variable)
+            impedance["viscosity"] = self._related(
+                "viscosity_relation", self.viscosity_relation, variable
+            )
         found = answer(setup, impedance, streams, self.noise_bandwidth)
         pathways = {"intrinsic": found.torque}
         if self.gain_relation is not None:
-            gain = impedance["reflex_gain"] = self._related("gain_relation", self.gain_relation, variable)
+            gain = impedance["reflex_gain"] = self._related(
+                "gain_relation", self.gain_relation, variable
+            )
             # Before the record the variable is as at its beginning; the gain is that at the time of the stretch.
             late = np.pad(gain, (setup.run_in + round(self.reflex.delay * setup.rate), 0), "edge")[
                 : len(found.velocity)
             ]
             torque = self.reflex.torque(found.velocity, late, setup.rate, int(setup.whole_index[0]))
             pathways["reflex"] = torque[setup.run_in :]
-        return setup.simulation(found.angle, found.noise, pathways, impedance, {self.variable: variable})
+        return setup.simulation(
+            found.angle, found.noise, pathways, impedance, {self.variable: variable}
+        )
 
     def _related(self, name: str, relation: Relation, variable: Array) -> Array:
         """What a relation gives for each value of the variable."""
         values = np.asarray(relation(variable), dtype=np.float64)
         if values.shape != variable.shape or not np.isfinite(values).all():
-            raise InputError(f"ScheduledJoint: {name} must give one finite number for each value, got {relation!r}")
+            raise InputError(
+                f"ScheduledJoint: {name} must give one finite number for each value, got {relation!r}"
+            )
         return values
 
     def _usual(self, stiffness: Array) -> Array:

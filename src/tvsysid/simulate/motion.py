@@ -10,7 +10,11 @@ BLOCK = 512
 
 
 def driven_motion(
-    stiffness: Array, damping: Array, forces: Array, rate: float, held: tuple[Array, Array] | None = None
+    stiffness: Array,
+    damping: Array,
+    forces: Array,
+    rate: float,
+    held: tuple[Array, Array] | None = None,
 ) -> Array:
     r"""Motion of :math:`\ddot x + d(t)\,\dot x + w(t)\,x = f(t)` from rest.
 
@@ -39,7 +43,9 @@ def driven_motion(
         ends[:, :forced] += own
     state = np.zeros((2, forced, count))
     for block in range(1, count):
-        state[..., block] = ends[:, forced:, block - 1] @ state[..., block - 1] + ends[:, :forced, block - 1]
+        state[..., block] = (
+            ends[:, forced:, block - 1] @ state[..., block - 1] + ends[:, :forced, block - 1]
+        )
     motion = np.zeros((3, forced, BLOCK * count + 1))
     for number, (step, own) in enumerate(zip(transition, push, strict=True)):
         state = np.einsum("ijb,jcb->icb", step, state) + own
@@ -55,7 +61,9 @@ def _steps(stiffness: Array, damping: Array, rate: float) -> tuple[Array, Array,
     turned = np.sqrt(stiffness - half**2 + 0j) * step
     cosine, sine = np.cos(turned).real, step * np.sinc(turned / np.pi).real
     decay = np.exp(-half * step)
-    transition = decay * np.array([[cosine + half * sine, sine], [-stiffness * sine, cosine - half * sine]])
+    transition = decay * np.array(
+        [[cosine + half * sine, sine], [-stiffness * sine, cosine - half * sine]]
+    )
     (_, position), (_, velocity) = transition
 
     def settled(first: Array, second: Array) -> Array:

@@ -64,7 +64,13 @@ class Traits:
     twitches: float
 
     def __post_init__(self) -> None:
-        positive("Traits", **{name: getattr(self, name) for name in ("maximal_torque", "inertia", "passive_stiffness")})
+        positive(
+            "Traits",
+            **{
+                name: getattr(self, name)
+                for name in ("maximal_torque", "inertia", "passive_stiffness")
+            },
+        )
         not_negative("Traits", **vars(self))
 
     @classmethod
@@ -106,7 +112,9 @@ def streams_of(number: int) -> list[np.random.Generator]:
     try:
         return np.random.default_rng(number).spawn(3)
     except (TypeError, ValueError) as error:
-        raise InputError(f"Participant: number must be a whole number of zero or more, got {number!r}") from error
+        raise InputError(
+            f"Participant: number must be a whole number of zero or more, got {number!r}"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -173,12 +181,18 @@ class Participant:
             trial[rest:-rest] = generated(perturbation, samples - 2 * rest, RATE, for_angle)
         angle, velocity, acceleration = Actuator(RATE)(drive.ravel())
         # Not by BLAS, whose last bits depend on the number of threads.
-        scale = RMS_ANGLE / math.sqrt(float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest)))
+        scale = RMS_ANGLE / math.sqrt(
+            float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest))
+        )
         angle, velocity, acceleration = scale * angle, scale * velocity, scale * acceleration
 
         late = traits.late_prbs if prbs else traits.late_noise
-        voluntary = np.concatenate([_voluntary_torque(traits, time, late, for_person) for _ in range(TRIALS)])
-        stiffness = traits.passive_stiffness + traits.stiffness_per_torque * np.maximum(voluntary, 0.0)
+        voluntary = np.concatenate(
+            [_voluntary_torque(traits, time, late, for_person) for _ in range(TRIALS)]
+        )
+        stiffness = traits.passive_stiffness + traits.stiffness_per_torque * np.maximum(
+            voluntary, 0.0
+        )
         viscosity = 2 * traits.damping_ratio * np.sqrt(stiffness * traits.inertia)
         intrinsic = traits.inertia * acceleration + viscosity * velocity + stiffness * angle
         reflex = StretchReflex().torque(velocity, traits.reflex_gain, RATE)
@@ -205,7 +219,9 @@ def _target(traits: Traits) -> SineWave:
     return SineWave(mean * traits.maximal_torque, amplitude * traits.maximal_torque, PERIOD)
 
 
-def _voluntary_torque(traits: Traits, time: Array, late: float, random: np.random.Generator) -> Array:
+def _voluntary_torque(
+    traits: Traits, time: Array, late: float, random: np.random.Generator
+) -> Array:
     """Voluntary torque in N·m over one trial, shape (time,).
 
     Delay, amplitude and mean are drawn for the middle of each period, and change linearly from one to the next.
@@ -222,12 +238,18 @@ def _voluntary_torque(traits: Traits, time: Array, late: float, random: np.rando
     innovation = math.sqrt(1 - MEMORY**2) * random.standard_normal(count)
     innovation[0] = random.standard_normal()
     drift = scipy.signal.lfilter([1.0], [1.0, -MEMORY], innovation)
-    amplitude = 1 + traits.amplitude_jitter * random.standard_normal(count) + traits.amplitude_drift * drift
+    amplitude = (
+        1 + traits.amplitude_jitter * random.standard_normal(count) + traits.amplitude_drift * drift
+    )
     amplitude -= happens(traits.weak) * random.uniform(0.2, 0.6, count)
     offset = traits.offset_jitter * random.standard_normal(count)
 
-    delay, amplitude, offset = (np.interp(time, middles, values) for values in (delay, amplitude, offset))
-    torque = target.mean + target.amplitude * offset + amplitude * (target(time - delay) - target.mean)
+    delay, amplitude, offset = (
+        np.interp(time, middles, values) for values in (delay, amplitude, offset)
+    )
+    torque = (
+        target.mean + target.amplitude * offset + amplitude * (target(time - delay) - target.mean)
+    )
     torque *= 1 + traits.fluctuation * _unit_noise(FLUCTUATION_BANDWIDTH, len(time), random)
     for middle in middles[happens(traits.twitches)]:
         centre, width = middle + random.uniform(-PERIOD / 2, PERIOD / 2), random.uniform(0.05, 0.15)

@@ -22,11 +22,17 @@ class Perturbation(Protocol):
         ...  # pragma: no cover
 
 
-def generated(perturbation: Perturbation, samples: int, rate: float, random: np.random.Generator) -> Array:
+def generated(
+    perturbation: Perturbation, samples: int, rate: float, random: np.random.Generator
+) -> Array:
     """Angle that a perturbation generates, if it is one finite number for each sample."""
     values = perturbation.generate(samples, rate, random)
     if np.shape(values) != (samples,) or not np.isfinite(values).all():
-        came = "values that are not finite" if np.shape(values) == (samples,) else f"shape {np.shape(values)}"
+        came = (
+            "values that are not finite"
+            if np.shape(values) == (samples,)
+            else f"shape {np.shape(values)}"
+        )
         raise InputError(
             f"{type(perturbation).__name__}: generate(samples, rate, random) must return one finite number for each "
             f"sample, shape ({samples},); got {came}"
@@ -50,7 +56,9 @@ class FilteredNoise:
                 f"FilteredNoise: cutoff {self.cutoff:g} Hz must be below half the sampling rate of {rate:g} Hz"
             )
         numerator, denominator = scipy.signal.butter(2, self.cutoff, fs=rate)
-        return np.asarray(scipy.signal.lfilter(numerator, denominator, random.standard_normal(samples)))
+        return np.asarray(
+            scipy.signal.lfilter(numerator, denominator, random.standard_normal(samples))
+        )
 
 
 @dataclass(frozen=True)
@@ -98,12 +106,16 @@ class Pulses:
         positive("Pulses", duration=self.duration, interval=self.interval)
         not_negative("Pulses", variation=self.variation)
         if self.duration >= self.interval or self.variation >= 1:
-            raise InputError(f"Pulses: expected a duration below the interval, and a variation below 1, got {self!r}")
+            raise InputError(
+                f"Pulses: expected a duration below the interval, and a variation below 1, got {self!r}"
+            )
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Samples at the rate in Hz, shape (samples,), of 1, 0 and -1; starts at a random time between two pulses."""
         if self.duration * rate * (1 - self.variation) < 1:
-            raise InputError(f"Pulses: {self!r} has pulses that are shorter than a sample at {rate:g} Hz")
+            raise InputError(
+                f"Pulses: {self!r} has pulses that are shorter than a sample at {rate:g} Hz"
+            )
         count = math.ceil(samples / (self.interval * rate * (1 - self.variation))) + 2
         lengths = np.array([self.duration, self.interval - self.duration]) * rate
         lengths = lengths * (1 + self.variation * random.uniform(-1, 1, (count, 2)))
@@ -139,7 +151,9 @@ class Multisine:
             raise InputError(
                 f"Multisine: frequencies must be below half the sampling rate of {rate:g} Hz, got {self.frequencies}"
             )
-        turns = np.outer(self.frequencies, np.arange(samples) / rate) + random.random((len(self.frequencies), 1))
+        turns = np.outer(self.frequencies, np.arange(samples) / rate) + random.random(
+            (len(self.frequencies), 1)
+        )
         return np.asarray(np.sin(2 * np.pi * turns).sum(axis=0))
 
 

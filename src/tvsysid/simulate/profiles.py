@@ -103,7 +103,9 @@ class CovaryingViscosity:
 
     def __post_init__(self) -> None:
         if not callable(self.stiffness):
-            raise InputError(f"CovaryingViscosity: stiffness must be a callable of time, got {self.stiffness!r}")
+            raise InputError(
+                f"CovaryingViscosity: stiffness must be a callable of time, got {self.stiffness!r}"
+            )
 
     @property
     def period(self) -> float | None:
@@ -124,9 +126,13 @@ def checked_profile(system: str, name: str, profile: object, *, number: bool = F
     if callable(profile):
         return
     if not number:
-        raise InputError(f"{system}: {name} must be a callable of time, such as Constant(100), got {profile!r}")
+        raise InputError(
+            f"{system}: {name} must be a callable of time, such as Constant(100), got {profile!r}"
+        )
     if not is_number(profile):
-        raise InputError(f"{system}: {name} must be a finite number or a callable of time, got {profile!r}")
+        raise InputError(
+            f"{system}: {name} must be a finite number or a callable of time, got {profile!r}"
+        )
 
 
 def over_time(name: str, profile: float | Profile, index: NDArray[np.int64], rate: float) -> Array:

@@ -42,9 +42,13 @@ class Setup:
             raise InputError(f"{name}: rate must be above {2 * BANDWIDTH:g} Hz, got {rate:g} Hz")
         positive(name, duration=self.duration)
         if self.inside < 1:
-            raise InputError(f"{name}: a duration of {self.duration:g} s is shorter than a sample at {rate:g} Hz")
+            raise InputError(
+                f"{name}: a duration of {self.duration:g} s is shorter than a sample at {rate:g} Hz"
+            )
         if not isinstance(self.snr_db, (int, float, np.number)) or not self.snr_db > -300:
-            raise InputError(f"{name}: snr_db must be a number of decibels above -300, got {self.snr_db!r}")
+            raise InputError(
+                f"{name}: snr_db must be a number of decibels above -300, got {self.snr_db!r}"
+            )
         if not callable(getattr(self.perturbation, "generate", None)):
             raise InputError(
                 f"{name}: perturbation must be FilteredNoise, PRBS, Pulses, Multisine or have generate, "
@@ -84,12 +88,18 @@ class Setup:
         try:
             if isinstance(seed, np.random.SeedSequence):
                 # Spawning counts in the sequence: with a copy, the same one gives the same numbers again.
-                seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
+                seed = np.random.SeedSequence(
+                    seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size
+                )
             return np.random.default_rng(seed).spawn(count)
         except (TypeError, ValueError) as error:
-            raise InputError(f"{self.system}: seed must be a whole number of zero or more, got {seed!r}") from error
+            raise InputError(
+                f"{self.system}: seed must be a whole number of zero or more, got {seed!r}"
+            ) from error
 
-    def low_passed(self, random: np.random.Generator, cutoff: float, settling: int) -> LowPassedNoise:
+    def low_passed(
+        self, random: np.random.Generator, cutoff: float, settling: int
+    ) -> LowPassedNoise:
         """Noise of the torque, of any size; ``cutoff`` is the system's ``noise_bandwidth``."""
         if cutoff >= self.rate / 2:
             raise InputError(
@@ -136,11 +146,19 @@ class Setup:
 class LowPassedNoise:
     """White noise through a second-order Butterworth low-pass, block after block; after so many samples to settle."""
 
-    def __init__(self, random: np.random.Generator, cutoff: float, rate: float, settling: int) -> None:
-        self.random, self.filter, self.state = random, scipy.signal.butter(2, cutoff, fs=rate), np.zeros(2)
+    def __init__(
+        self, random: np.random.Generator, cutoff: float, rate: float, settling: int
+    ) -> None:
+        self.random, self.filter, self.state = (
+            random,
+            scipy.signal.butter(2, cutoff, fs=rate),
+            np.zeros(2),
+        )
         self(settling)
 
     def __call__(self, samples: int) -> Array:
         """Return the next samples."""
-        noise, self.state = scipy.signal.lfilter(*self.filter, self.random.standard_normal(samples), zi=self.state)
+        noise, self.state = scipy.signal.lfilter(
+            *self.filter, self.random.standard_normal(samples), zi=self.state
+        )
         return np.asarray(noise)

@@ -23,7 +23,13 @@ class System(Protocol):
     """Whatever can be simulated: a joint, and what it is perturbed with."""
 
     def simulate(
-        self, duration: float, *, perturbation: Perturbation, snr_db: float, seed: Seed, rate: float = 1000.0
+        self,
+        duration: float,
+        *,
+        perturbation: Perturbation,
+        snr_db: float,
+        seed: Seed,
+        rate: float = 1000.0,
     ) -> Simulation:
         """Record so many seconds; see :meth:`Joint.simulate`."""
         ...  # pragma: no cover
@@ -59,11 +65,14 @@ class Simulation(Shown, Frozen):
                     )
             object.__setattr__(self, kind, MappingProxyType(checked))
         if not self.pathways:
-            raise InputError("pathways: expected the noiseless torque of one pathway at least, got none")
+            raise InputError(
+                "pathways: expected the noiseless torque of one pathway at least, got none"
+            )
 
     def __repr__(self) -> str:
         ranges = {
-            name: dict.fromkeys([f"{values.min():g}", f"{values.max():g}"]) for name, values in self.truth.items()
+            name: dict.fromkeys([f"{values.min():g}", f"{values.max():g}"])
+            for name, values in self.truth.items()
         }
         truth = ", ".join(f"{name} {' to '.join(ends)}" for name, ends in ranges.items())
         return f"Simulation({self.recording!r}; {truth}; pathways {', '.join(self.pathways)})"
@@ -87,8 +96,12 @@ class Simulation(Shown, Frozen):
         assert ensemble.onsets is not None
         assert ensemble.trials is not None
         recording, trials = self.recording, ensemble.trials
-        first = recording.start + recording.origin - ensemble.origin  # time of a trial's first sample
-        within = np.rint((ensemble.onsets[:, None] + ensemble.time - first) * recording.sampling_rate)
+        first = (
+            recording.start + recording.origin - ensemble.origin
+        )  # time of a trial's first sample
+        within = np.rint(
+            (ensemble.onsets[:, None] + ensemble.time - first) * recording.sampling_rate
+        )
         lengths = np.array([trial.stop - trial.start for trial in recording.trials])
         if not (trials.min() >= 0 and trials.max() < len(lengths)) or not (
             within.min() >= 0 and np.all(within[:, -1] < lengths[trials])
@@ -104,5 +117,7 @@ class Simulation(Shown, Frozen):
 def checked_simulation(made: object, system: str) -> Simulation:
     """Return what a system gave, if it is a simulation."""
     if not isinstance(made, Simulation):
-        raise InputError(f"{system}: simulate must return a tvsysid.simulate.Simulation, got {type(made).__name__}")
+        raise InputError(
+            f"{system}: simulate must return a tvsysid.simulate.Simulation, got {type(made).__name__}"
+        )
     return made

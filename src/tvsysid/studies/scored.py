@@ -33,7 +33,9 @@ class Scores:
         """Metrics and their replicates behind them; none if the study lacks any."""
         indexes, found = self._scores.indexes, []
         for place in places:
-            names = dict(zip(("scenario", "method_key", "metric"), (place[0].label, *place[1:]), strict=True))
+            names = dict(
+                zip(("scenario", "method_key", "metric"), (place[0].label, *place[1:]), strict=True)
+            )
             if not all(name in indexes[dim] for dim, name in names.items()):
                 return []
             own = self._scores.sel(names)
@@ -51,7 +53,10 @@ def judged_by(claims: Sequence[Claim], scores: xr.Dataset) -> pd.DataFrame:
     known = Scores(scores)
     too_few = f"Needs at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
     with np.errstate(divide="ignore", invalid="ignore"):  # a draw of few trials may have no error
-        rows = [judged(claim, list(claim.margins(known)), too_few=too_few, more="trials") for claim in claims]
+        rows = [
+            judged(claim, list(claim.margins(known)), too_few=too_few, more="trials")
+            for claim in claims
+        ]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 

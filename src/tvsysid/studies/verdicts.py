@@ -51,7 +51,12 @@ class Claim:
 
 
 def judged(
-    claim: Claim, margins: Sequence[Margin], *, also: str = "", too_few: str = "", more: str = "data"
+    claim: Claim,
+    margins: Sequence[Margin],
+    *,
+    also: str = "",
+    too_few: str = "",
+    more: str = "data",
 ) -> tuple[object, ...]:
     """Row of ``COLUMNS`` for a claim; without margins it was not studied.
 
@@ -66,8 +71,12 @@ def judged(
         why = too_few if known else "The methods gave no results."
         return (claim.sentence, claim.source, "", *nothing, UNDECIDED, why)
     bounds = [margin.limits(0.025) for margin in known]
-    against = [place for place, margin in enumerate(known) if margin.limits(0.025 / len(known))[1] < 0]
-    unsure = [place for place, (low, _) in enumerate(bounds) if not low > 0 and place not in against]
+    against = [
+        place for place, margin in enumerate(known) if margin.limits(0.025 / len(known))[1] < 0
+    ]
+    unsure = [
+        place for place, (low, _) in enumerate(bounds) if not low > 0 and place not in against
+    ]
     lost = len(margins) - len(known)
     remark = claim.disagreement
     if against:
@@ -75,7 +84,10 @@ def judged(
         speak = "speaks" if len(against) == 1 else "speak"
         told = f"{len(against)} of {len(margins)} comparisons {speak} against it; the clearest: "
     elif unsure or lost:
-        verdict, deciding = UNDECIDED, min(unsure or range(len(known)), key=lambda place: known[place].estimate)
+        verdict, deciding = (
+            UNDECIDED,
+            min(unsure or range(len(known)), key=lambda place: known[place].estimate),
+        )
         count = len(unsure) + lost
         told = f"{count} of {len(margins)} comparisons {'is' if count == 1 else 'are'} open; " + (
             "the most so: " if unsure else "the closest of the others: "
@@ -83,11 +95,23 @@ def judged(
         remark = f"{'A method gave no results.' if lost else f'More {more} may decide.'} {remark}".strip()
     else:
         verdict, deciding = HOLDS, min(range(len(known)), key=lambda place: bounds[place][0])
-        told = f"all {len(margins)} comparisons speak for it; the closest: " if len(margins) > 1 else ""
+        told = (
+            f"all {len(margins)} comparisons speak for it; the closest: "
+            if len(margins) > 1
+            else ""
+        )
         remark = ""
     numbers = np.array([known[deciding].estimate, *bounds[deciding]])
     shown = np.exp(numbers) if claim.unit == RATIO else numbers
-    return (claim.sentence, claim.source, told + known[deciding].words, *shown.tolist(), claim.unit, verdict, remark)
+    return (
+        claim.sentence,
+        claim.source,
+        told + known[deciding].words,
+        *shown.tolist(),
+        claim.unit,
+        verdict,
+        remark,
+    )
 
 
 def log_ratio(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,14 @@ from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.run import plan, read_results, run
 from tvsysid.study.scores import score, time_spent
 from tvsysid.study.simulated import Study
-from tvsysid.study.summary import alignments, by_full_name, exclusions, of_quantity, stiffness_over_time, summarize
+from tvsysid.study.summary import (
+    alignments,
+    by_full_name,
+    exclusions,
+    of_quantity,
+    stiffness_over_time,
+    summarize,
+)
 from tvsysid.study.workers import cores, processes
 
 __all__ = ["EXPERIMENT", "SIMULATIONS", "Experiment", "Prepared", "Recorded", "Study", "alignments"]

@@ -51,7 +51,10 @@ def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
         try:
             with_shifts, without = _mean_stiffness(aligned), _mean_stiffness(unshifted)
             left = [group != number for number in range(count)]
-            apart = [_mean_stiffness(aligned.select(each)) - _mean_stiffness(unshifted.select(each)) for each in left]
+            apart = [
+                _mean_stiffness(aligned.select(each)) - _mean_stiffness(unshifted.select(each))
+                for each in left
+            ]
         except InputError:
             return UNKNOWN
     return AlignmentEffect(with_shifts, without, math.sqrt((count - 1) * float(np.var(apart))))

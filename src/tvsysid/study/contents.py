@@ -24,9 +24,16 @@ if TYPE_CHECKING:
 
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
-NUMBERS = {SIMULATIONS: 6, EXPERIMENT: 4}  # version of the layout of each kind of study, by its title
-CHECKSUMS = "checksums"  # the variable that has the checksum of each chunk of a task, its own the last
-RECORDINGS = "recordings.nc"  # file in the store of an experiment that holds what became of each recording
+NUMBERS = {
+    SIMULATIONS: 6,
+    EXPERIMENT: 4,
+}  # version of the layout of each kind of study, by its title
+CHECKSUMS = (
+    "checksums"  # the variable that has the checksum of each chunk of a task, its own the last
+)
+RECORDINGS = (
+    "recordings.nc"  # file in the store of an experiment that holds what became of each recording
+)
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude, by the ending of the variable that counts what they did."""
 
@@ -54,50 +61,76 @@ class Fixed(NamedTuple):
 
 
 ASKED = {"long_name": "whether the method identifies the scenario"}
-OF_METHOD, OVER_TIME, OF_QUANTITY = ("method_key",), ("method_key", "time"), ("method_key", "quantity", "time")
+OF_METHOD, OVER_TIME, OF_QUANTITY = (
+    ("method_key",),
+    ("method_key", "time"),
+    ("method_key", "quantity", "time"),
+)
 OVER_SCHEDULE = ("method_key", "scheduled", "scheduling")
 OF_TRIAL = {
     "estimate": Variable(OF_QUANTITY, "estimate, in the unit of its quantity", "unit"),
     "standard_error": Variable(OF_QUANTITY, "standard error of the estimate", "unit"),
     "covered": Variable(OF_QUANTITY, "whether the 95 % band of the estimate holds the truth", "1"),
-    "time_varying_vaf": Variable(OVER_TIME, "variance of the noiseless torque accounted for at each time", "percent"),
+    "time_varying_vaf": Variable(
+        OVER_TIME, "variance of the noiseless torque accounted for at each time", "percent"
+    ),
     "vaf": Variable(
         ("method_key", "statistic"),
         "variance of the noiseless torque accounted for, over the realizations of a trial",
         "percent",
     ),
-    "bandpassed_vaf": Variable(("method_key", "statistic"), "the same after a band-pass from 1 to 10 Hz", "percent"),
+    "bandpassed_vaf": Variable(
+        ("method_key", "statistic"), "the same after a band-pass from 1 to 10 Hz", "percent"
+    ),
     "parameters": Variable(OF_METHOD, "effective number of parameters", "1"),
     "seconds": Variable(OF_METHOD, "time an identification took", "s"),
     "stage_seconds": Variable(("stage",), "time the rest of a trial took", "s"),
     "warnings": Variable(OF_METHOD, "warnings of the method"),
     "failure": Variable(OF_METHOD, "why the method gave no result"),
 }
-ROOT_MEAN_SQUARE = "root mean square over realizations of each pathway's predicted torque at each time"
+ROOT_MEAN_SQUARE = (
+    "root mean square over realizations of each pathway's predicted torque at each time"
+)
 OF_SEVERAL_PATHWAYS = {
     "pathway_vaf": Variable(
-        ("method_key", "pathway", "statistic"), "variance of each pathway's noiseless torque accounted for", "percent"
+        ("method_key", "pathway", "statistic"),
+        "variance of each pathway's noiseless torque accounted for",
+        "percent",
     ),
     "pathway_torque": Variable(("method_key", "pathway", "time"), ROOT_MEAN_SQUARE, "N m"),
 }
 """Measured beside, where a simulated system or a method has several pathways."""
 OF_SCHEDULED = {
-    "scheduled_estimate": Variable(OVER_SCHEDULE, "estimate over a variable of the method's own", "unit"),
+    "scheduled_estimate": Variable(
+        OVER_SCHEDULE, "estimate over a variable of the method's own", "unit"
+    ),
     "scheduled_standard_error": Variable(OVER_SCHEDULE, "its standard error", "unit"),
     "scheduling_variable": Variable(OVER_SCHEDULE, "values of the variable", "unit"),
 }
 """Measured beside, where a method says that it estimates something over a variable of its own."""
 OF_CHANGING_TRUTH = {
-    "trial_truth": Variable(("quantity", "time"), "simulated value, mean over the trial's realizations", "unit")
+    "trial_truth": Variable(
+        ("quantity", "time"), "simulated value, mean over the trial's realizations", "unit"
+    )
 }
 """Measured beside, where the truth differs from trial to trial."""
 OF_ANALYSIS = {
-    "estimate": Variable(("bootstrap", "quantity", "time"), "estimate, in the unit of its quantity", "unit"),
-    "time_varying_vaf": Variable(
-        ("bootstrap", "time"), "variance of the recorded torque accounted for at each time", "percent"
+    "estimate": Variable(
+        ("bootstrap", "quantity", "time"), "estimate, in the unit of its quantity", "unit"
     ),
-    "vaf": Variable(("bootstrap",), "variance of the recorded torque accounted for, mean over realizations", "percent"),
-    "bandpassed_vaf": Variable(("bootstrap",), "the same after a band-pass from 1 to 10 Hz", "percent"),
+    "time_varying_vaf": Variable(
+        ("bootstrap", "time"),
+        "variance of the recorded torque accounted for at each time",
+        "percent",
+    ),
+    "vaf": Variable(
+        ("bootstrap",),
+        "variance of the recorded torque accounted for, mean over realizations",
+        "percent",
+    ),
+    "bandpassed_vaf": Variable(
+        ("bootstrap",), "the same after a band-pass from 1 to 10 Hz", "percent"
+    ),
     "parameters": Variable(("bootstrap",), "effective number of parameters", "1"),
     "seconds": Variable((), "time all identifications took", "s"),
     "warnings": Variable((), "warnings of the method"),
@@ -164,7 +197,9 @@ class Layout:
     def bytes_of_numbers(self) -> int:
         """About what it takes on a disk."""
         numbers = sum(
-            int(np.prod(self.shape(variable.dims))) for variable in self.measured.values() if not variable.is_text
+            int(np.prod(self.shape(variable.dims)))
+            for variable in self.measured.values()
+            if not variable.is_text
         )
         return 8 * int(np.prod(self.shape(self.places))) * (numbers + len(self.measured))
 
@@ -179,7 +214,9 @@ def _of_simulations(study: Study) -> Layout:
     traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
     units = {"duration_s": {"units": "s"}, "snr_db": {"units": "dB"}}
     truth = np.stack([known.truth[scenario] for scenario in scenarios])
-    asked = np.array([[label in study.methods_of[each] for label in study.named_methods] for each in scenarios])
+    asked = np.array(
+        [[label in study.methods_of[each] for label in study.named_methods] for each in scenarios]
+    )
     restricted = [] if asked.all() else [Fixed("asked", ("scenario", "method_key"), asked, ASKED)]
     return Layout(
         title=SIMULATIONS,
@@ -244,13 +281,20 @@ def _of_experiment(experiment: Experiment) -> Layout:
         identity={
             "experiment": (experiment.identity, "another experiment"),
             "versions": (versions(), "other versions of the software"),
-            "sources": (digests(experiment.named_methods), "methods whose files were other ones (digests)"),
+            "sources": (
+                digests(experiment.named_methods),
+                "methods whose files were other ones (digests)",
+            ),
         },
     )
 
 
 def _shared(
-    study: Study | Experiment, quantities: Sequence[str], pathways: Sequence[str], period: float, rate: float
+    study: Study | Experiment,
+    quantities: Sequence[str],
+    pathways: Sequence[str],
+    period: float,
+    rate: float,
 ) -> Iterator[Fixed]:
     """What both kinds of study have."""
     yield Fixed("quantity", ("quantity",), list(quantities))
@@ -261,7 +305,12 @@ def _shared(
         yield Fixed("scheduled", ("scheduled",), list(scheduled))
         yield Fixed("scheduling", ("scheduling",), np.arange(max(scheduled.values())))
     times = np.arange(round(period * rate)) / rate
-    yield Fixed("time", ("time",), times, {"units": "s", "long_name": f"time within a realization of {period:g} s"})
+    yield Fixed(
+        "time",
+        ("time",),
+        times,
+        {"units": "s", "long_name": f"time within a realization of {period:g} s"},
+    )
 
 
 def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Dataset:
@@ -272,7 +321,10 @@ def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Da
     values: dict[str, Sequence[object]] = {
         "recorded": [0 if item.account is None else len(item.account) for item in prepared],
         "survivors": [0 if item.ensemble is None else len(item.ensemble) for item in prepared],
-        **{f"excluded_{name}": [each.get(step, 0) for each in counts] for name, step in STEPS.items()},
+        **{
+            f"excluded_{name}": [each.get(step, 0) for each in counts]
+            for name, step in STEPS.items()
+        },
         "trials": [item.trials for item in prepared],
         "trials_left_out": [len(item.refused) for item in prepared],
         "remarks": ["\n".join(item.remarks) for item in prepared],

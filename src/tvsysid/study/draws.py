@@ -55,7 +55,9 @@ class DrawsTask(task.Task):
         found = [self._row(name, ensemble, np.repeat(every, counts)) for counts in distinct]
         rows = [found[number] for number in place.ravel()]
         failures = [row["failure"] for row in rows if row["failure"]]
-        failure = f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
+        failure = (
+            f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
+        )
         warned = "; ".join(self._warnings(len(ensemble), rows, failures))
         return self._outcome(rows, warned, failure, sum(row["spent"] for row in found))
 
@@ -69,10 +71,19 @@ class DrawsTask(task.Task):
 
         def measure(model: Model) -> Row:
             own = model.pathways(drawn)
-            known = {name: None if torque is None else torque[chosen] for name, torque in self.pathways.items()}
-            found = task.explained(drawn.torque[:, drawn.core], np.asarray(sum(own.values())), drawn.sampling_rate)
+            known = {
+                name: None if torque is None else torque[chosen]
+                for name, torque in self.pathways.items()
+            }
+            found = task.explained(
+                drawn.torque[:, drawn.core], np.asarray(sum(own.values())), drawn.sampling_rate
+            )
             found |= task.of_pathways(own, known)
-            found |= {name: found[name][..., 0] for name in ("vaf", "bandpassed_vaf", "pathway_vaf") if name in found}
+            found |= {
+                name: found[name][..., 0]
+                for name in ("vaf", "bandpassed_vaf", "pathway_vaf")
+                if name in found
+            }
             found |= {"estimate": task.over_time(model, self.quantities)}
             return found | task.over_schedule(model, self.scheduled)
 

@@ -21,7 +21,9 @@ def content_of(file: str | Path) -> bytes:
     """What a file holds; nothing if there is none. Raises an InputError if it is there and cannot be read."""
     try:
         if not stat.S_ISREG(os.stat(file).st_mode):  # opening a pipe would wait for ever
-            raise InputError(f"{file}: expected a file, found something else; move it away, and run the study again")
+            raise InputError(
+                f"{file}: expected a file, found something else; move it away, and run the study again"
+            )
         with open(file, "rb") as opened:
             return opened.read()
     except FileNotFoundError:
@@ -87,7 +89,9 @@ def damage(files: Sequence[str]) -> InputError:
     else:
         more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
         what = f"{len(files)} files do not hold what was written there; remove them: {', '.join(files[:NAMED])}{more}"
-    return InputError(f"{what}; then the command that ran the study makes {'it' if len(files) == 1 else 'them'} again")
+    return InputError(
+        f"{what}; then the command that ran the study makes {'it' if len(files) == 1 else 'them'} again"
+    )
 
 
 def to_disk(path: Path) -> None:

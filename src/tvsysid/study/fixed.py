@@ -65,7 +65,8 @@ def contents_of(layout: Layout) -> dict[str, bytes]:
             fill_value=fill,
             dimension_names=(*layout.places, *variable.dims),
             compressors=None,
-            attributes={"long_name": variable.meaning} | ({"units": variable.unit} if variable.unit else {}),
+            attributes={"long_name": variable.meaning}
+            | ({"units": variable.unit} if variable.unit else {}),
         )
     group.update_attributes({"coordinates": " ".join(layout.coordinates)})
     with warnings.catch_warnings():
@@ -88,13 +89,17 @@ def make(path: Path, contents: Mapping[str, bytes], fresh: Path) -> None:
 def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
     """See that a store is the study's, and write again what was cut short; raise if it is another's, or damaged."""
     if not path.is_dir() or _is_other(path, contents):
-        raise InputError(f"{path}: something else is in the way; expected a store of results, or nothing")
+        raise InputError(
+            f"{path}: something else is in the way; expected a store of results, or nothing"
+        )
     manifest, root = _manifest(path), files.content_of(path / ROOT)
     kept, sums = _attributes(root), _sums(contents)
     if kept is not None and (manifest is None or files.checksum(root) == manifest.sums.get(ROOT)):
         _compare(path, kept, layout, manifest)
     if manifest is not None and (others := differences(manifest.sums, sums)):
-        raise InputError(f"{path}: the store is of another study: {others}; give another folder (--out)")
+        raise InputError(
+            f"{path}: the store is of another study: {others}; give another folder (--out)"
+        )
     for name in files.torn(_read(path, sums), sums, path):
         files.write(path / name, contents[name])
     if manifest is None:
@@ -144,11 +149,17 @@ def _check_kind(
     title, number = attributes.get("title", "something else"), attributes.get("layout", "none")
     if numbers.get(title) != number:
         possible = {title: numbers[title]} if title in numbers else numbers
-        expected = " or ".join(f"{known!r} in tvsysid's layout {layout}" for known, layout in possible.items())
-        raise InputError(f"{path}: expected {expected}, found {title!r}, layout {number}; {_other(path, manifest)}")
+        expected = " or ".join(
+            f"{known!r} in tvsysid's layout {layout}" for known, layout in possible.items()
+        )
+        raise InputError(
+            f"{path}: expected {expected}, found {title!r}, layout {number}; {_other(path, manifest)}"
+        )
 
 
-def _compare(path: Path, kept: Mapping[str, Any], layout: Layout, manifest: Manifest | None) -> None:
+def _compare(
+    path: Path, kept: Mapping[str, Any], layout: Layout, manifest: Manifest | None
+) -> None:
     """Raise if a store says that it is another's."""
     _check_kind(path, kept, {layout.title: layout.number}, manifest)
     for name, (ours, what) in layout.identity.items():
@@ -165,7 +176,11 @@ def _compare(path: Path, kept: Mapping[str, Any], layout: Layout, manifest: Mani
 
 def _other(path: Path, manifest: Manifest | None) -> str:
     """What to do with the store of another study, which may be ours with a damaged file if no manifest says so."""
-    unsure = "" if manifest else f"if {path / ROOT} is damaged, remove that file and run the study again; else "
+    unsure = (
+        ""
+        if manifest
+        else f"if {path / ROOT} is damaged, remove that file and run the study again; else "
+    )
     return f"{unsure}give another folder"
 
 

@@ -73,7 +73,9 @@ def _digest(ensemble: Ensemble) -> str:
     found = hashlib.sha256(repr(cut).encode())
     for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
         found.update(np.asarray(values).tobytes())
-    recorded = {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
+    recorded = (
+        {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
+    )
     for name, values in (dict(ensemble.channels) | recorded).items():
         found.update(name.encode() + values.tobytes())
     return found.hexdigest()[:16]
@@ -100,7 +102,9 @@ def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Prepar
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
         recording, _ = _recording(experiment, recorded, _simulated(recorded))
-        return excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
+        return excerpt(recording, experiment.preparation.reference), _preparation(
+            experiment, recording
+        )
 
 
 def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
@@ -119,7 +123,9 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
             failure = str(error) or "there is not enough memory"
     warned = tuple(dict.fromkeys(str(item.message) for item in caught))
     if preparation is None:
-        return Prepared(recorded, None, None, unknown, unknown, {}, {}, trials, refused, warned, failure)
+        return Prepared(
+            recorded, None, None, unknown, unknown, {}, {}, trials, refused, warned, failure
+        )
     ensemble = preparation.ensemble
 
     def over_time(name: str | None) -> Array:
@@ -131,11 +137,22 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     truth = {} if simulation is None else simulation.truth_of(ensemble)
     truth = {name: values.mean(axis=0) for name, values in truth.items()}
     torques = {name: ensemble.channels.get(PATHWAY + name) for name in experiment.pathways}
-    cores = {name: None if torque is None else torque[:, ensemble.core] for name, torque in torques.items()}
-    pathways = {name: None if torque is None else torque - torque.mean(axis=0) for name, torque in cores.items()}
-    wanted = {item.name for method in experiment.named_methods.values() for item in inputs_of(method)}
+    cores = {
+        name: None if torque is None else torque[:, ensemble.core]
+        for name, torque in torques.items()
+    }
+    pathways = {
+        name: None if torque is None else torque - torque.mean(axis=0)
+        for name, torque in cores.items()
+    }
+    wanted = {
+        item.name for method in experiment.named_methods.values() for item in inputs_of(method)
+    }
     needed = [name for name in ensemble.channels if name in wanted]
-    rectified = any(getattr(method, "uses_recorded_angle", False) for method in experiment.named_methods.values())
+    rectified = any(
+        getattr(method, "uses_recorded_angle", False)
+        for method in experiment.named_methods.values()
+    )
     return Prepared(
         recorded=recorded,
         ensemble=replace(
@@ -208,7 +225,9 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], di
             root = None if Path(pattern).is_absolute() else folder
             found = sorted(glob.glob(pattern, root_dir=root, recursive=True))
         if not found:
-            missing[pattern] = "no file has such a name, in the folder of the study or where the name says"
+            missing[pattern] = (
+                "no file has such a name, in the folder of the study or where the name says"
+            )
         for name in found:
             files.setdefault((folder / name).resolve(), name)
     return {name: folder / name for name in files.values()}, missing
@@ -221,4 +240,6 @@ def excerpt(recording: Recording, reference: str | None) -> Recording:
     first = trial.start + (trial.stop - trial.start - count) // 2
     part = slice(first, first + count)
     target = {} if reference is None else {"target": recording.channels[reference][part]}
-    return Recording(recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target)
+    return Recording(
+        recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target
+    )

@@ -69,7 +69,10 @@ class Preparing(Settings):
                     "identified by tvsysid identify --scheduling"
                 )
             optional = ("reference", "task_limit", "residual_limit")
-            return {name: None if name in optional and value is False else value for name, value in values.items()}
+            return {
+                name: None if name in optional and value is False else value
+                for name, value in values.items()
+            }
         return values
 
 
@@ -199,16 +202,25 @@ class Experiment(StudySettings):
 
     @field_validator("participants")
     @classmethod
-    def _names_for_files(cls, values: dict[str, dict[str, tuple[str, ...]]]) -> dict[str, dict[str, tuple[str, ...]]]:
+    def _names_for_files(
+        cls, values: dict[str, dict[str, tuple[str, ...]]]
+    ) -> dict[str, dict[str, tuple[str, ...]]]:
         for name in [*values, *(name for recorded in values.values() for name in recorded)]:
             # A spreadsheet takes what begins with = + - @ for a formula.
-            if not name.isprintable() or not 0 < len(name) <= LONGEST or set(name) & set("/\\:") or name[0] in ".=+-@":
+            if (
+                not name.isprintable()
+                or not 0 < len(name) <= LONGEST
+                or set(name) & set("/\\:")
+                or name[0] in ".=+-@"
+            ):
                 raise ValueError(
                     f"expected names that files and tables may have: up to {LONGEST} characters, no slashes or colons, "
                     f"and none of . = + - @ first; got the name {name[: LONGEST + 1]!r}"
                 )
         if empty := [name for name, recorded in values.items() if not recorded]:
-            raise ValueError(f"expected perturbations with files for each participant; {empty[0]} has none")
+            raise ValueError(
+                f"expected perturbations with files for each participant; {empty[0]} has none"
+            )
         return values
 
     @field_validator("methods", mode="before")
@@ -227,10 +239,16 @@ class Experiment(StudySettings):
             raise ValueError(f"methods: {twice} is there twice; give each method a name of its own")
         there = list(dict.fromkeys(recorded.perturbation for recorded in self._every_recording))
         if unknown := [name for name in self.perturbation or () if name not in there]:
-            raise ValueError(f"perturbation: {unknown[0]} was not recorded; there are {', '.join(there)}")
-        virtual = {recorded.participant for recorded in self._every_recording if recorded.is_virtual}
+            raise ValueError(
+                f"perturbation: {unknown[0]} was not recorded; there are {', '.join(there)}"
+            )
+        virtual = {
+            recorded.participant for recorded in self._every_recording if recorded.is_virtual
+        }
         if both := sorted(virtual & set(self.participants)):
-            raise ValueError(f"participants: {both[0]} is a virtual one too; give the one with files another name")
+            raise ValueError(
+                f"participants: {both[0]} is a virtual one too; give the one with files another name"
+            )
         if twice := _twice([recorded.label for recorded in self.recordings]):
             raise ValueError(f"participants: {twice} is there twice; give each a name of its own")
         return self
@@ -242,14 +260,20 @@ class Experiment(StudySettings):
             Recorded(name, perturbation, files)
             for name, recorded in self.participants.items()
             for perturbation, files in recorded.items()
-        ] + [Recorded(f"P{number}", perturbation, (), number) for number in virtual for perturbation in PERTURBATIONS]
+        ] + [
+            Recorded(f"P{number}", perturbation, (), number)
+            for number in virtual
+            for perturbation in PERTURBATIONS
+        ]
 
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
         """What is studied, participant by participant."""
         chosen = self.perturbation
         return tuple(
-            recorded for recorded in self._every_recording if chosen is None or recorded.perturbation in chosen
+            recorded
+            for recorded in self._every_recording
+            if chosen is None or recorded.perturbation in chosen
         )
 
     @cached_property
@@ -266,7 +290,10 @@ class Experiment(StudySettings):
     @cached_property
     def named_methods(self) -> dict[str, Identifies]:
         """Method objects by the name that they have in results."""
-        return {item.name: parse(item.method) if isinstance(item.method, str) else item.method for item in self.methods}
+        return {
+            item.name: parse(item.method) if isinstance(item.method, str) else item.method
+            for item in self.methods
+        }
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -295,7 +322,10 @@ class Experiment(StudySettings):
         methods = []
         for item in self.methods:
             own = [each for each in self.analyses if each.name == item.name]
-            counts, contiguous = [each.realizations for each in own], any(each.contiguous for each in own)
+            counts, contiguous = (
+                [each.realizations for each in own],
+                any(each.contiguous for each in own),
+            )
             labels = {"name": item.name, "method": label_of(item.method)}
             methods.append(labels | {"realizations": counts, "contiguous": contiguous})
         return {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
@@ -303,22 +333,34 @@ class Experiment(StudySettings):
     def to_json(self) -> str:
         """All settings as text."""
         settings = self.identity
-        virtual = dict.fromkeys(recorded.number for recorded in self.recordings if recorded.is_virtual)
+        virtual = dict.fromkeys(
+            recorded.number for recorded in self.recordings if recorded.is_virtual
+        )
         if virtual:
             settings["virtual"] = list(virtual)
         participants: dict[str, dict[str, list[str]]] = {}
         for recorded in self.recordings:
             if not recorded.is_virtual:
-                participants.setdefault(recorded.participant, {})[recorded.perturbation] = list(recorded.files)
+                participants.setdefault(recorded.participant, {})[recorded.perturbation] = list(
+                    recorded.files
+                )
         if participants:
             settings |= {"participants": participants, "folder": str(self.folder.resolve())}
         if self.reading is not None:
             settings["reading"] = self.reading.model_dump()
         prepared = self.preparation.model_dump()
-        settings["preparation"] = {name: False if value is None else value for name, value in prepared.items()}
-        settings["perturbation"] = list(dict.fromkeys(recorded.perturbation for recorded in self.recordings))
-        inputs = dict.fromkeys(item for method in self.named_methods.values() for item in inputs_of(method))
-        return json.dumps(settings | ({"inputs": [asdict(item) for item in inputs]} if inputs else {}))
+        settings["preparation"] = {
+            name: False if value is None else value for name, value in prepared.items()
+        }
+        settings["perturbation"] = list(
+            dict.fromkeys(recorded.perturbation for recorded in self.recordings)
+        )
+        inputs = dict.fromkeys(
+            item for method in self.named_methods.values() for item in inputs_of(method)
+        )
+        return json.dumps(
+            settings | ({"inputs": [asdict(item) for item in inputs]} if inputs else {})
+        )
 
     @classmethod
     def without_methods(cls, text: str) -> Experiment:

@@ -154,22 +154,35 @@ def plan(study: Study) -> Plan:
     for scenario, methods in study.methods_of.items():
         alike.setdefault(methods, []).append(scenario)
     failures: dict[str, str] = {}
-    carry_out(source.trial(min(study.scenarios, key=lambda scenario: scenario.duration_s), 0))  # loads what is lazy
+    carry_out(
+        source.trial(min(study.scenarios, key=lambda scenario: scenario.duration_s), 0)
+    )  # loads what is lazy
     for scenarios in alike.values():
         scenarios.sort(key=lambda scenario: scenario.duration_s)
-        ends = [end._replace(duration_s=min(end.duration_s, LONGEST_S)) for end in (scenarios[0], scenarios[-1])]
+        ends = [
+            end._replace(duration_s=min(end.duration_s, LONGEST_S))
+            for end in (scenarios[0], scenarios[-1])
+        ]
         taken: list[float] = []
         for scenario, own in zip(ends, (scenarios[0], scenarios[-1]), strict=True):
             started = time.perf_counter()
             outcome = carry_out(source.trial(scenario, 0, study.methods_of[own]))
             taken.append(time.perf_counter() - started)
             failures |= {
-                label: str(text) for label, text in zip(study.named_methods, outcome["failure"], strict=True) if text
+                label: str(text)
+                for label, text in zip(study.named_methods, outcome["failure"], strict=True)
+                if text
             }
         span = ends[1].duration_s - ends[0].duration_s
         slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
-        work += sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in scenarios)
+        work += sum(
+            taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in scenarios
+        )
     simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
     return Plan(
-        len(study.scenarios) * study.trials, simulated, work * study.trials, source.layout.bytes_of_numbers, failures
+        len(study.scenarios) * study.trials,
+        simulated,
+        work * study.trials,
+        source.layout.bytes_of_numbers,
+        failures,
     )

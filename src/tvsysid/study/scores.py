@@ -89,7 +89,9 @@ class Cell:
     def deviation(self) -> Array:
         """Standard deviation over trials of the time-varying VAF; shape (..., time)."""
         own = self.over_time - self.over_time.mean(axis=0)
-        variance = weighted_mean(np.square(own), self.weights) - np.square(weighted_mean(own, self.weights))
+        variance = weighted_mean(np.square(own), self.weights) - np.square(
+            weighted_mean(own, self.weights)
+        )
         return np.asarray(np.sqrt(np.maximum(0.0, variance)))
 
     def measured(self, name: str) -> Value:
@@ -114,7 +116,9 @@ def wave_of(time: Array, truth: Array) -> SquareWave | None:
     upward = np.flatnonzero((truth == high) & (np.roll(truth, 1) == low))
     whole = len(time) * float(time[1] - time[0])
     wave = SquareWave(low, high, whole / len(upward), float(time[upward[0]]))
-    beside = from_switch(time, wave) < 1.5 * float(time[1] - time[0])  # where a switch between two samples is rounded
+    beside = from_switch(time, wave) < 1.5 * float(
+        time[1] - time[0]
+    )  # where a switch between two samples is rounded
     return wave if (beside | (wave(time) == truth)).all() else None
 
 
@@ -129,7 +133,9 @@ def _rise(cell: Cell) -> Value:
     assert cell.wave is not None
     step = cell.wave.high - cell.wave.low
     low, high = cell.wave.low + 0.1 * step, cell.wave.high - (1 - 0.9) * step
-    return metrics.rise_time(cell.time, cell.estimates, low, high, cell.wave.offset, weights=cell.weights)
+    return metrics.rise_time(
+        cell.time, cell.estimates, low, high, cell.wave.offset, weights=cell.weights
+    )
 
 
 def _dip(cell: Cell) -> Value:
@@ -152,7 +158,9 @@ def _spread(cell: Cell, side: int) -> Value:
     """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
     deviation = cell.deviation
     known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
-    chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
+    chosen = deviation[
+        ..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))
+    ]
     return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
 
 
@@ -162,16 +170,31 @@ OWN: dict[str, tuple[str, Callable[[Cell], Value]]] = {
     "vaf": ("%", lambda cell: weighted_mean(cell.realization_vaf, cell.weights)),
     "bandpassed_vaf": ("%", lambda cell: weighted_mean(cell.bandpassed, cell.weights)),
     "coverage": ("%", lambda cell: metrics.share_covered(cell.covered, cell.weights)),
-    "lowest_vaf": ("%", lambda cell: cell.realization_vaf.min() if cell.weights is None else np.nan),
+    "lowest_vaf": (
+        "%",
+        lambda cell: cell.realization_vaf.min() if cell.weights is None else np.nan,
+    ),
     "lowest_time_varying_vaf": ("%", _lowest),
     "switch_dip": (POINTS, _dip),
     "time_varying_vaf_sd": (POINTS, lambda cell: _spread(cell, 0)),
     "time_varying_vaf_sd_soft": (POINTS, lambda cell: _spread(cell, -1)),
     "time_varying_vaf_sd_stiff": (POINTS, lambda cell: _spread(cell, 1)),
-    "coverage_at_switch": ("%", lambda cell: metrics.share_covered(cell.covered[:, cell.at], cell.weights)),
-    "coverage_away": ("%", lambda cell: metrics.share_covered(cell.covered[:, cell.away], cell.weights)),
-    "without_band": ("%", lambda cell: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), cell.weights)),
-    "left_out": ("samples", lambda cell: metrics.left_out(cell.estimates) if cell.weights is None else np.nan),
+    "coverage_at_switch": (
+        "%",
+        lambda cell: metrics.share_covered(cell.covered[:, cell.at], cell.weights),
+    ),
+    "coverage_away": (
+        "%",
+        lambda cell: metrics.share_covered(cell.covered[:, cell.away], cell.weights),
+    ),
+    "without_band": (
+        "%",
+        lambda cell: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), cell.weights),
+    ),
+    "left_out": (
+        "samples",
+        lambda cell: metrics.left_out(cell.estimates) if cell.weights is None else np.nan,
+    ),
     "failed": ("trials", lambda cell: np.nan),
     "seconds": ("s", lambda cell: weighted_mean(cell.durations, cell.weights)),
 }
@@ -180,7 +203,12 @@ UNITS = {
     name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
 } | {name: unit for name, (unit, _) in OWN.items()}  # fmt: skip
 """Of every metric that is computed."""
-OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")  # metrics of a stiffness that switches
+OF_SWITCHES = (
+    "rise_time",
+    "switch_dip",
+    "coverage_at_switch",
+    "coverage_away",
+)  # metrics of a stiffness that switches
 ERRORS = ("bias_error", "debiased_bias_error", "mean_bias", "random_error", "total_error")
 OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
 """Metrics of each quantity that is both estimated and known."""
@@ -266,15 +294,23 @@ def score(results: xr.Dataset) -> xr.Dataset:
             "replicates": ((*dims, "draw"), replicates),
             "trials": (dims[:2], used.sum(axis=1)),
         },
-        coords={name: coord for name, coord in results.coords.items() if set(coord.dims) <= {"scenario", "method_key"}}
+        coords={
+            name: coord
+            for name, coord in results.coords.items()
+            if set(coord.dims) <= {"scenario", "method_key"}
+        }
         | {
-            "metric": [name if quantity in ("", MAIN) else f"{quantity} {name}" for quantity, name in every],
+            "metric": [
+                name if quantity in ("", MAIN) else f"{quantity} {name}" for quantity, name in every
+            ],
             "measure": ("metric", [name for _, name in every]),
             "quantity": ("metric", [quantity for quantity, _ in every]),
             "unit": (
                 "metric",
                 [
-                    units[quantity] if quantity not in ("", MAIN) and name in ERRORS else (UNITS | {PATHWAY: "%"})[name]
+                    units[quantity]
+                    if quantity not in ("", MAIN) and name in ERRORS
+                    else (UNITS | {PATHWAY: "%"})[name]
                     for quantity, name in every
                 ],
             ),
@@ -287,7 +323,11 @@ def score(results: xr.Dataset) -> xr.Dataset:
 def asked(results: xr.Dataset) -> NDArray[np.bool_]:
     """Which methods identify each scenario, (scenario, method_key); all of them unless the study says otherwise."""
     shape = results.sizes["scenario"], results.sizes["method_key"]
-    return np.asarray(results.asked.values) if "asked" in results.coords else np.ones(shape, dtype=bool)
+    return (
+        np.asarray(results.asked.values)
+        if "asked" in results.coords
+        else np.ones(shape, dtype=bool)
+    )
 
 
 def units_of(results: xr.Dataset) -> dict[str, str]:
@@ -295,11 +335,14 @@ def units_of(results: xr.Dataset) -> dict[str, str]:
     found = zip(results.quantity.values, results.unit.values, strict=True)
     changes = {"N m s": "N·m·s", "N m": "N·m", "kg m2": "kg·m²"}
     return {
-        str(name): reduce(lambda unit, each: unit.replace(*each), changes.items(), str(unit)) for name, unit in found
+        str(name): reduce(lambda unit, each: unit.replace(*each), changes.items(), str(unit))
+        for name, unit in found
     }
 
 
-def _cell(time: Array, here: Mapping[str, Array], column: int, quantity: int, used: NDArray[np.bool_]) -> Cell:
+def _cell(
+    time: Array, here: Mapping[str, Array], column: int, quantity: int, used: NDArray[np.bool_]
+) -> Cell:
     """One method's part of the used trials of a scenario."""
     truth = here["truth"][quantity]
     estimates = here["estimate"][used, column, quantity]
@@ -343,7 +386,10 @@ def _undraw(found: dict[str, Value], count: int) -> None:
     """
     part = np.square(found["random_error"]) * (2 * count - 1) / (count - 1) ** 2
     found["debiased_bias_error"] = np.sqrt(np.maximum(0.0, np.square(found["bias_error"]) - part))
-    spreads = {"random_error", *(f"time_varying_vaf_sd{ending}" for ending in ("", "_soft", "_stiff"))}
+    spreads = {
+        "random_error",
+        *(f"time_varying_vaf_sd{ending}" for ending in ("", "_soft", "_stiff")),
+    }
     for name in spreads & found.keys():
         found[name] *= np.sqrt(count / (count - 1))
 
@@ -356,5 +402,7 @@ def time_spent(results: xr.Dataset) -> dict[str, float]:
         {name: float(stages.sel(stage=name)) for name in names}
         for names in (("simulation", "preprocessing"), ("bands", "scoring"))
     )
-    identified = {str(name): float(methods.sel(method_key=name)) for name in results.method_key.values}
+    identified = {
+        str(name): float(methods.sel(method_key=name)) for name in results.method_key.values
+    }
     return before | identified | after

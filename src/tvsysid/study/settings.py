@@ -45,8 +45,12 @@ class StudySettings(Settings):
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
         """Names, and those that methods say in an attribute of theirs, each once."""
-        said = {label: names_said(method, attribute) for label, method in self.named_methods.items()}
-        checked = [checked_name(name, f"method {label}") for label, every in said.items() for name in every]
+        said = {
+            label: names_said(method, attribute) for label, method in self.named_methods.items()
+        }
+        checked = [
+            checked_name(name, f"method {label}") for label, every in said.items() for name in every
+        ]
         return tuple(dict.fromkeys([*names, *checked]))
 
     @property
@@ -54,14 +58,20 @@ class StudySettings(Settings):
         """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
         said = [names_said(method, "quantities") for method in self.named_methods.values()]
         return {
-            name: plain_text(unit) for each in said if isinstance(each, Mapping) for name, unit in each.items()
+            name: plain_text(unit)
+            for each in said
+            if isinstance(each, Mapping)
+            for name, unit in each.items()
         } | UNITS
 
     @property
     def scheduled(self) -> dict[str, int]:
         """What methods say that they estimate over variables of their own, and at how many values at most."""
         every = [scheduled_by(method) for method in self.named_methods.values()]
-        return {name: max(each.get(name, 0) for each in every) for name in self.said("scheduled_quantities")}
+        return {
+            name: max(each.get(name, 0) for each in every)
+            for name in self.said("scheduled_quantities")
+        }
 
     @classmethod
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
@@ -74,7 +84,9 @@ class StudySettings(Settings):
         InputError
             For a file that is missing or no TOML, or a wrong study; names the file and the key.
         """
-        found: dict[str, Any] = {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
+        found: dict[str, Any] = (
+            {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
+        )
         try:
             with Path(path).open("rb") as file:
                 found |= tomllib.load(file)
@@ -91,8 +103,14 @@ def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[s
     """Settings with others in their place; further scenarios follow where they are of the kind expected."""
     merged = settings | others
     further = settings.get("also", ())
-    if "also" not in others and isinstance(further, (list, tuple)) and all(isinstance(item, dict) for item in further):
-        kept = [{name: value for name, value in item.items() if name not in others} for item in further]
+    if (
+        "also" not in others
+        and isinstance(further, (list, tuple))
+        and all(isinstance(item, dict) for item in further)
+    ):
+        kept = [
+            {name: value for name, value in item.items() if name not in others} for item in further
+        ]
         merged |= {"also": [item for item in kept if item]} if kept else {}
     return merged
 
@@ -126,7 +144,9 @@ def _whole(value: Any) -> Any:
     return value
 
 
-AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or an object with ``identify``
+AnyMethod = Annotated[
+    Any, AfterValidator(_identifies)
+]  # key of a method, or an object with ``identify``
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 
@@ -162,7 +182,11 @@ def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: st
 
 def _by_name(value: object) -> object:
     """Value, or mappings in a list by their names, or else by their numbers from 1."""
-    if not isinstance(value, list) or not value or not all(isinstance(each, Mapping) for each in value):
+    if (
+        not isinstance(value, list)
+        or not value
+        or not all(isinstance(each, Mapping) for each in value)
+    ):
         return value
     return {
         str(each.get("name", place)): {key: kept for key, kept in each.items() if key != "name"}
@@ -181,7 +205,9 @@ def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        known = [name for name in _model_at(kind, first["loc"][:-1]).model_fields if name != "folder"]
+        known = [
+            name for name in _model_at(kind, first["loc"][:-1]).model_fields if name != "folder"
+        ]
         close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
         return f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: {', '.join(known)})"
     if first["type"] == "missing":

@@ -31,7 +31,16 @@ from tvsysid.simulate import (
     Simulation,
     System,
 )
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, listed, spawn_key, unique
+from tvsysid.study.settings import (
+    AnyMethod,
+    Listed,
+    Settings,
+    StudySettings,
+    Whole,
+    listed,
+    spawn_key,
+    unique,
+)
 from tvsysid.study.trial import Setting, true_values
 
 VISCOSITIES = ("constant", "covarying")
@@ -55,7 +64,9 @@ def _scenarios(values: Any) -> Any:
     named = {name: target_of(name, "scenario") for name in listed(values) if isinstance(name, str)}
     for name, found in named.items():
         if not isinstance(found, Mapping):
-            raise ValueError(f"scenario {name!r} must be a mapping of settings, such as 'duration_s', got {found!r}")
+            raise ValueError(
+                f"scenario {name!r} must be a mapping of settings, such as 'duration_s', got {found!r}"
+            )
     return tuple(named[each] if isinstance(each, str) else each for each in listed(values))
 
 
@@ -82,7 +93,12 @@ class Scenario(NamedTuple):
     @property
     def label(self) -> str:
         """Name in results and files."""
-        words = [self.stiffness, self.perturbation, f"{self.duration_s:.10g}s", f"{self.snr_db:.10g}dB"]
+        words = [
+            self.stiffness,
+            self.perturbation,
+            f"{self.duration_s:.10g}s",
+            f"{self.snr_db:.10g}dB",
+        ]
         words += [self.viscosity] if self.viscosity not in ("constant", OWN) else []
         words = [self.system, *words] if self.system != "joint" else words
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
@@ -131,7 +147,9 @@ class _Grid(Settings):
     @field_validator("duration_s", "snr_db", check_fields=False)
     @classmethod
     def _numbers(cls, values: tuple[float, ...] | None, info: Any) -> tuple[float, ...] | None:
-        if info.field_name == "snr_db" and any(np.isnan(value) or value == -np.inf for value in values or ()):
+        if info.field_name == "snr_db" and any(
+            np.isnan(value) or value == -np.inf for value in values or ()
+        ):
             raise ValueError("expected decibels, or inf for no noise")
         return values and unique(values)
 
@@ -196,23 +214,39 @@ class Study(_Grid, StudySettings):
     noun: ClassVar[str] = "study"
 
     stiffness: Annotated[Parts, _said(f"names of profiles: {', '.join(PROFILES)}")] = ("square",)
-    perturbation: Annotated[Parts, _said(f"names of perturbations: {', '.join(PERTURBATIONS)}")] = ("noise", "prbs")
+    perturbation: Annotated[Parts, _said(f"names of perturbations: {', '.join(PERTURBATIONS)}")] = (
+        "noise",
+        "prbs",
+    )
     duration_s: Annotated[Numbers, _said("numbers of seconds")] = (150.0,)
     snr_db: Annotated[Numbers, _said("numbers of decibels")] = (10.0,)
     viscosity: Annotated[Parts, _said(f"names: {', '.join(VISCOSITIES)}")] = ("constant",)
     system: Annotated[Parts, _said(f"names of systems: {', '.join(SYSTEMS)}")] = ("joint",)
-    also: Annotated[tuple[Further, ...], BeforeValidator(_scenarios), _said("further scenarios: tables, or names")] = ()
+    also: Annotated[
+        tuple[Further, ...],
+        BeforeValidator(_scenarios),
+        _said("further scenarios: tables, or names"),
+    ] = ()
     rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
     subtract_mean: Annotated[bool, _said("true or false")] = False
-    methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = STUDIED_METHODS
+    methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = (
+        STUDIED_METHODS
+    )
     trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
     seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
 
     @model_validator(mode="after")
     def _named_apart(self) -> Study:
-        for name, what in {"methods": "method", **{name: what for name, (_, what, _) in KINDS.items()}}.items():
-            values = [value for settings in (self, *self.also) for value in getattr(settings, name, None) or ()]
+        for name, what in {
+            "methods": "method",
+            **{name: what for name, (_, what, _) in KINDS.items()},
+        }.items():
+            values = [
+                value
+                for settings in (self, *self.also)
+                for value in getattr(settings, name, None) or ()
+            ]
             if len(set(map(label_of, values))) < len(set(map(repr, values))):
                 raise ValueError(
                     f"{name}: two {what}s have the same name; as dataclasses their settings tell them apart"
@@ -240,7 +274,9 @@ class Study(_Grid, StudySettings):
                 f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are {samples:g}; give another "
                 "period or rate"
             )
-        for value in itertools.chain(self.duration_s, *(further.duration_s or () for further in self.also)):
+        for value in itertools.chain(
+            self.duration_s, *(further.duration_s or () for further in self.also)
+        ):
             count = value / self.period
             if not 2 <= count < math.inf or abs(count - round(count)) > 1e-9:
                 raise ValueError(
@@ -252,8 +288,13 @@ class Study(_Grid, StudySettings):
     @cached_property
     def named_methods(self) -> dict[str, Identifies]:
         """Method objects by the label that they have in results."""
-        every = [*self.methods, *(value for further in self.also for value in further.methods or ())]
-        return {label_of(value): parse(value) if isinstance(value, str) else value for value in every}
+        every = [
+            *self.methods,
+            *(value for further in self.also for value in further.methods or ()),
+        ]
+        return {
+            label_of(value): parse(value) if isinstance(value, str) else value for value in every
+        }
 
     @cached_property
     def parts(self) -> dict[str, Any]:
@@ -276,7 +317,9 @@ class Study(_Grid, StudySettings):
         """Labels of the methods that identify each scenario: those of every grid that it belongs to."""
         found: dict[Scenario, frozenset[str]] = {}
         for settings in (self, *self.also):
-            chosen = {name: getattr(settings, name) or getattr(self, name) for name in (*GRID, "methods")}
+            chosen = {
+                name: getattr(settings, name) or getattr(self, name) for name in (*GRID, "methods")
+            }
             methods = frozenset(map(label_of, chosen.pop("methods")))
             for values in itertools.product(*chosen.values()):
                 scenario = self._as_taken(Scenario._make(_labels(values)))
@@ -299,12 +342,21 @@ class Study(_Grid, StudySettings):
             changes["stiffness"] = self.parts[f"stiffness {scenario.stiffness}"]
         if scenario.viscosity == "covarying":
             changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
-        return replace(system, **changes) if changes else system, self.parts[f"perturbation {scenario.perturbation}"]
+        return replace(system, **changes) if changes else system, self.parts[
+            f"perturbation {scenario.perturbation}"
+        ]
 
     def setting_of(self, scenario: Scenario) -> Setting:
         """How a scenario is simulated and cut."""
         measured = self.known.quantities, self.known.pathways, self.scheduled
-        return Setting(scenario.duration_s, scenario.snr_db, self.rate, self.period, *measured, self.subtract_mean)
+        return Setting(
+            scenario.duration_s,
+            scenario.snr_db,
+            self.rate,
+            self.period,
+            *measured,
+            self.subtract_mean,
+        )
 
     @cached_property
     def known(self) -> Known:
@@ -324,19 +376,25 @@ class Study(_Grid, StudySettings):
             for alike in kinds.values()
         ]
         first = [both[0][0] for both in probes]
-        quantities = self.said("quantities", *IMPEDANCE, *(name for each in first for name in each.truth))
+        quantities = self.said(
+            "quantities", *IMPEDANCE, *(name for each in first for name in each.truth)
+        )
         pathways = self.said("pathway_names", *(name for each in first for name in each.pathways))
         truth, changes = {}, False
         for alike, both in zip(kinds.values(), probes, strict=True):
             usual = true_values(*both[0], quantities)
-            steady = all(_is_always(dict(zip(quantities, usual, strict=True)), *each) for each in both)
+            steady = all(
+                _is_always(dict(zip(quantities, usual, strict=True)), *each) for each in both
+            )
             changes |= not steady
             for scenario in alike:
                 own = () if steady else self._probed(scenario, scenario.duration_s, 0)
                 truth[scenario] = true_values(*own, quantities) if own else usual
         return Known(quantities, pathways if len(pathways) > 1 else (), truth, changes)
 
-    def _probed(self, scenario: Scenario, duration_s: float, seed: int) -> tuple[Simulation, Ensemble]:
+    def _probed(
+        self, scenario: Scenario, duration_s: float, seed: int
+    ) -> tuple[Simulation, Ensemble]:
         setting = Setting(duration_s, 10.0, self.rate, self.period, (), ())
         try:
             simulation = setting.simulated(*self.simulated(scenario), np.random.SeedSequence(seed))
@@ -358,9 +416,15 @@ class Study(_Grid, StudySettings):
         settings: dict[str, object] = {name: _labels(getattr(self, name)) for name in GRID}
         if self.also:
             settings["also"] = [
-                {name: _labels(value) for name, value in further if value is not None} for further in self.also
+                {name: _labels(value) for name, value in further if value is not None}
+                for further in self.also
             ]
-        others: dict[str, object] = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
+        others: dict[str, object] = {
+            "rate": self.rate,
+            "period": self.period,
+            "trials": self.trials,
+            "seed": self.seed,
+        }
         others |= {"subtract_mean": True} if self.subtract_mean else {}
         return json.dumps(settings | {"methods": _labels(self.methods)} | others)
 
@@ -369,7 +433,8 @@ def _is_always(usual: Mapping[str, Array], simulation: Simulation, ensemble: Ens
     """Whether a simulation knows these values of every realization, rounding aside."""
     known = simulation.truth_of(ensemble)
     return all(
-        np.allclose(known.get(name, np.nan), values, rtol=1e-6, equal_nan=True) for name, values in usual.items()
+        np.allclose(known.get(name, np.nan), values, rtol=1e-6, equal_nan=True)
+        for name, values in usual.items()
     )
 
 

@@ -58,14 +58,20 @@ class Simulations(Source):
         scenario = self._study.scenarios[place[0]]
         return self.trial(scenario, place[1], self._study.methods_of[scenario])
 
-    def trial(self, scenario: Scenario, number: int, methods: frozenset[str] = frozenset()) -> Trial:
+    def trial(
+        self, scenario: Scenario, number: int, methods: frozenset[str] = frozenset()
+    ) -> Trial:
         """A trial of a scenario, which may be none of the study's own, by some methods, or all."""
         label = scenario.label
         if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
-            names: list[str] = [item.name for item in fields(system)] if is_dataclass(system) else []
+            names: list[str] = (
+                [item.name for item in fields(system)] if is_dataclass(system) else []
+            )
             parts = (system, perturbation, *(getattr(system, name) for name in names))
-            self._simulated[scenario] = pickled({label: (system, perturbation)}, "scenario", parts)[label]
+            self._simulated[scenario] = pickled({label: (system, perturbation)}, "scenario", parts)[
+                label
+            ]
         return Trial(
             label=f"trial {number} of {label}",
             setting=self._study.setting_of(scenario),
@@ -154,8 +160,14 @@ def recordings_in(store: Store, results: xr.Dataset) -> xr.Dataset:
 
 def with_recordings(results: xr.Dataset, known: xr.Dataset) -> xr.Dataset:
     """Results with what is known of the recordings, and all settings."""
-    names: dict[Any, Any] = {name: each for name, each in known.data_vars.items() if name != "digest"}
-    return results.assign({name: (each.dims, each.values, each.attrs) for name, each in names.items()}).assign_attrs(
+    names: dict[Any, Any] = {
+        name: each for name, each in known.data_vars.items() if name != "digest"
+    }
+    return results.assign(
+        {name: (each.dims, each.values, each.attrs) for name, each in names.items()}
+    ).assign_attrs(
         experiment=known.attrs["experiment"],
-        data=json.dumps(dict(zip(known.recording.values.tolist(), known.digest.values.tolist(), strict=True))),
+        data=json.dumps(
+            dict(zip(known.recording.values.tolist(), known.digest.values.tolist(), strict=True))
+        ),
     )

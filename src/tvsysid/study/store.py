@@ -65,7 +65,9 @@ class Store:
         self._measured = names[:-1]
         self._arrays = {name: self._opened[name].variable for name in names}
         # Of each variable: its folder, and the rest of a chunk's path below the task's two numbers.
-        self._parts = {name: (f"{name}/c", "/0" * (array.ndim - 2)) for name, array in self._arrays.items()}
+        self._parts = {
+            name: (f"{name}/c", "/0" * (array.ndim - 2)) for name, array in self._arrays.items()
+        }
 
     @property
     def places(self) -> list[Place]:
@@ -75,7 +77,11 @@ class Store:
 
     def missing(self) -> list[Place]:
         """Places whose tasks are to be done: those not there, cut short or with a failure."""
-        return [place for place, found in self._tasks() if found.state != files.WHOLE or found.contents[FAILURE]]
+        return [
+            place
+            for place, found in self._tasks()
+            if found.state != files.WHOLE or found.contents[FAILURE]
+        ]
 
     def write(self, place: Place, outcome: Outcome) -> None:
         """Write what a task measured; it is there when this returns, and absent until then."""
@@ -90,7 +96,9 @@ class Store:
         """Forget what tasks measured where a text among it is not the expected one; the places forgotten."""
         forgotten = []
         for place, found in self._tasks():
-            if found.state == files.WHOLE and self._values(name, found.contents[name]).item() != expected(place):
+            if found.state == files.WHOLE and self._values(
+                name, found.contents[name]
+            ).item() != expected(place):
                 forgotten.append(place)
         for place in forgotten:
             self._file(CHECKSUMS, place).unlink()
@@ -108,13 +116,17 @@ class Store:
                 if content := found.contents.get(name):
                     values[place] = self._values(name, content)
             if not small:
-                self._verified.sums |= {self._chunk(name, place): each for name, each in found.sums.items()}
+                self._verified.sums |= {
+                    self._chunk(name, place): each for name, each in found.sums.items()
+                }
         if torn:
             raise InputError(
                 f"{self.path}: {torn} results are cut short, as a loss of power leaves them; give the command that ran "
                 "the study again, and they are made again"
             )
-        results = self._opened.assign({name: self._opened[name].copy(data=values) for name, values in read.items()})
+        results = self._opened.assign(
+            {name: self._opened[name].copy(data=values) for name, values in read.items()}
+        )
         results = _in_order(results.assign_attrs(machine=self._machine))
         return results.load() if small else results
 
@@ -146,13 +158,19 @@ class Store:
         recorded, size = self._content(CHECKSUMS, place), 8 * len(self._measured)
         if len(recorded) < size + 8:
             return Found(files.TORN if recorded else ABSENT)
-        body, own = recorded[:size] + recorded[size + 8 :], int.from_bytes(recorded[size : size + 8], "little")
+        body, own = (
+            recorded[:size] + recorded[size + 8 :],
+            int.from_bytes(recorded[size : size + 8], "little"),
+        )
         state = files.state(body, own, self._key_of(CHECKSUMS, place))
         if state != files.WHOLE:
             return Found(state) if state == files.TORN else self._damage([CHECKSUMS], place)
         sums = dict(zip(self._measured, np.frombuffer(body, "<u8").tolist(), strict=True))
         contents = {name: self._content(name, place) for name in sums}
-        states = {name: files.state(contents[name], sums[name], self._key_of(name, place)) for name in sums}
+        states = {
+            name: files.state(contents[name], sums[name], self._key_of(name, place))
+            for name in sums
+        }
         if damaged := [name for name, state in states.items() if state == files.DAMAGED]:
             return self._damage(damaged, place)
         if files.TORN in states.values():
@@ -218,7 +236,9 @@ class Store:
         array = self._arrays[name]
         if not content:
             return self._nothing(name, array.shape[2:])
-        values = _texts(content) if array.dtype.kind in TEXT else np.frombuffer(content, array.dtype)
+        values = (
+            _texts(content) if array.dtype.kind in TEXT else np.frombuffer(content, array.dtype)
+        )
         return np.reshape(values, array.shape[2:])
 
 
@@ -247,7 +267,9 @@ def open_store(path: Path, layout: Layout) -> Iterator[Store]:
                     shutil.rmtree(fresh, ignore_errors=True)
             yield stored(path)
     except Timeout as error:
-        raise InputError(f"{path}: another process is writing to this store; wait for it, or give another") from error
+        raise InputError(
+            f"{path}: another process is writing to this store; wait for it, or give another"
+        ) from error
 
 
 def stored(path: Path) -> Store:
@@ -256,7 +278,9 @@ def stored(path: Path) -> Store:
     Raises an InputError if the folder is no such store, or its files are cut short or damaged.
     """
     if not path.is_dir():
-        raise InputError(f"{path}: there is no such folder; expected a store of results written by tvsysid")
+        raise InputError(
+            f"{path}: there is no such folder; expected a store of results written by tvsysid"
+        )
     return Store(path, *fixed.verified(path))
 
 

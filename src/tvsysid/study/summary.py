@@ -70,15 +70,24 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
 
     if "scenario" not in found.dims:
         return _of_experiment(found)
-    rows = [row for scenario in found.scenario.values for row in _rows(found.sel(scenario=scenario))]
+    rows = [
+        row for scenario in found.scenario.values for row in _rows(found.sel(scenario=scenario))
+    ]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def _rows(cell: xr.Dataset) -> Iterator[tuple[object, ...]]:
-    labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
+    labels = (
+        str(cell.profile.values),
+        str(cell.perturbation.values),
+        float(cell.duration_s),
+        float(cell.snr_db),
+    )
     others = tuple(str(cell[name].values) for name in ("viscosity", "scenario", "system"))
     absent = () if cell.switches else OF_SWITCHES
-    kinds = tuple(map(str, values) for values in (cell.measure.values, cell.unit.values, cell.quantity.values))
+    kinds = tuple(
+        map(str, values) for values in (cell.measure.values, cell.unit.values, cell.quantity.values)
+    )
     names = list(zip(*kinds, strict=True))
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
@@ -139,11 +148,15 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
 def measured(results: xr.Dataset) -> dict[str, Array]:
     """Metrics of the stiffness and of the torque, each over (recording, analysis); NaN where there is none."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of means over nothing: a method that failed
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # of means over nothing: a method that failed
         return _errors(results, MAIN) | {
             "vaf": np.nanmean(results.vaf.values, axis=-1),
             "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
-            "lowest_time_varying_vaf": np.nanmin(mean_over_draws(results.time_varying_vaf.values), axis=-1),
+            "lowest_time_varying_vaf": np.nanmin(
+                mean_over_draws(results.time_varying_vaf.values), axis=-1
+            ),
             "seconds": results.seconds.values,
             "failed": np.isnan(results.vaf.values).sum(axis=-1),
         }
@@ -177,7 +190,11 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     Columns are participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
     time_varying_vaf (%).
     """
-    chosen = results[["estimate", "time_varying_vaf"]].sel(quantity=MAIN, drop=True).rename(estimate="stiffness")
+    chosen = (
+        results[["estimate", "time_varying_vaf"]]
+        .sel(quantity=MAIN, drop=True)
+        .rename(estimate="stiffness")
+    )
     chosen = chosen.drop_vars("unit", errors="ignore")
     means = chosen.mean("bootstrap")
     means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
@@ -196,9 +213,13 @@ def alignments(results: xr.Dataset) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 
     names = [name for name in AlignmentEffect._fields if f"alignment_{name}" in results]
-    table = pd.DataFrame({name: results[name].values.astype(object).astype(str) for name in OF_RECORDING})
+    table = pd.DataFrame(
+        {name: results[name].values.astype(object).astype(str) for name in OF_RECORDING}
+    )
     table = table.assign(**{name: results[f"alignment_{name}"].values for name in names})
-    table = table.reindex(columns=[*OF_RECORDING, *AlignmentEffect._fields]).dropna(ignore_index=True)
+    table = table.reindex(columns=[*OF_RECORDING, *AlignmentEffect._fields]).dropna(
+        ignore_index=True
+    )
     table.insert(len(table.columns) - 1, "difference", table.aligned - table.unshifted)
     return table.assign(percent=100 * table.difference / table.unshifted)
 
@@ -217,10 +238,21 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
             continue
         table = item.account.table.reset_index()
         recorded = item.recorded
-        for place, value in enumerate((recorded.label, recorded.participant, recorded.perturbation)):
+        for place, value in enumerate(
+            (recorded.label, recorded.participant, recorded.perturbation)
+        ):
             table.insert(place, OF_RECORDING[place], value)
         tables.append(table)
     if not tables:
-        columns = ("realization", "trial", "onset_s", "shift_s", "excluded_by", "reached", "limit", "unit")
+        columns = (
+            "realization",
+            "trial",
+            "onset_s",
+            "shift_s",
+            "excluded_by",
+            "reached",
+            "limit",
+            "unit",
+        )
         return pd.DataFrame(columns=[*OF_RECORDING, *columns])
     return pd.concat(tables, ignore_index=True)

@@ -23,7 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import __version__, metrics
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders, plain_text, printable
+from tvsysid.errors import (
+    DataQualityWarning,
+    InputError,
+    describe_error,
+    library_folders,
+    plain_text,
+    printable,
+)
 from tvsysid.methods.apply import identify
 from tvsysid.methods.base import SkippedError
 from tvsysid.models import Model
@@ -32,13 +39,17 @@ from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Array, Ensemble
 from tvsysid.study.settings import differences
 
-Outcome = dict[str, NDArray[Any]]  # what a task measured: an array for each variable of its study's layout
+Outcome = dict[
+    str, NDArray[Any]
+]  # what a task measured: an array for each variable of its study's layout
 Row = dict[str, Any]
 """What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
 Known = Mapping[str, Array | None]
 """Noiseless torque of each pathway that is measured, shape (realization, time), where it is known."""
 SKIPPED = "skipped: "  # what the warning begins with of a method that cannot serve the data
-Shapes = Mapping[str, tuple[int, ...]]  # numbers that are measured of each identification, and their shapes
+Shapes = Mapping[
+    str, tuple[int, ...]
+]  # numbers that are measured of each identification, and their shapes
 
 
 @cache
@@ -84,7 +95,11 @@ class Task(ABC):
                 model = identify(method, ensemble).model
                 seconds = time.perf_counter() - begun
             _check_found(model)
-            told = [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
+            told = [
+                str(item.message)
+                for item in caught
+                if issubclass(item.category, DataQualityWarning)
+            ]
             row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
             return row | {"parameters": model.diagnostics.parameters} | measure(model)
         except SkippedError as error:
@@ -129,7 +144,9 @@ def failed(reason: str) -> Row:
 def _check_found(model: Model) -> None:
     main = [estimate for name, estimate in model.estimates.items() if name == "stiffness"]
     if not any(np.isfinite(estimate.values).any() for estimate in main or model.estimates.values()):
-        raise InputError("it found no stiffness at any time" if main else "it found nothing at any time")
+        raise InputError(
+            "it found no stiffness at any time" if main else "it found nothing at any time"
+        )
 
 
 def stacked(rows: Sequence[Row], shapes: Shapes) -> Outcome:
@@ -168,9 +185,15 @@ def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
     if len(found) < 2 or not known:
         return {}
     unknown = np.full(next(iter(found.values())).shape[1], np.nan)
-    rms = [np.sqrt(mean_known(np.square(found[name]))) if name in found else unknown for name in known]
+    rms = [
+        np.sqrt(mean_known(np.square(found[name]))) if name in found else unknown for name in known
+    ]
     vaf = [
-        statistics(metrics.vaf(torque, found[name]) if torque is not None and name in found else np.zeros(0))
+        statistics(
+            metrics.vaf(torque, found[name])
+            if torque is not None and name in found
+            else np.zeros(0)
+        )
         for name, torque in known.items()
     ]
     return {"pathway_torque": np.stack(rms), "pathway_vaf": np.stack(vaf)}
@@ -189,12 +212,20 @@ def over_schedule(model: Model, lengths: Mapping[str, int]) -> Row:
         if estimate is None or len(estimate.axes) != 1 or estimate.axes == ("time",):
             continue
         if (count := len(estimate.values)) > length:
-            raise InputError(f"{name}: expected the {length} values that the method states at most, got {count}")
+            raise InputError(
+                f"{name}: expected the {length} values that the method states at most, got {count}"
+            )
         error = estimate.standard_error
         found[0, place, :count] = estimate.values
         found[1, place, :count] = np.nan if error is None else error.values
         found[2, place, :count] = model.coordinates[estimate.axes[0]]
-    return dict(zip(("scheduled_estimate", "scheduled_standard_error", "scheduling_variable"), found, strict=True))
+    return dict(
+        zip(
+            ("scheduled_estimate", "scheduled_standard_error", "scheduling_variable"),
+            found,
+            strict=True,
+        )
+    )
 
 
 STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
@@ -203,7 +234,11 @@ STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
 def statistics(values: Array) -> Array:
     """``STATISTICS`` of the values that there are."""
     known = values[np.isfinite(values)]
-    return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
+    return (
+        np.array([known.mean(), known.std(), known.min()])
+        if len(known)
+        else np.full(len(STATISTICS), np.nan)
+    )
 
 
 def digests(items: Mapping[str, object]) -> dict[str, str]:
@@ -216,7 +251,9 @@ def digests(items: Mapping[str, object]) -> dict[str, str]:
     return found
 
 
-def pickled(items: Mapping[str, object], what: str = "method", parts: Sequence[object] = ()) -> dict[str, bytes]:
+def pickled(
+    items: Mapping[str, object], what: str = "method", parts: Sequence[object] = ()
+) -> dict[str, bytes]:
     """Pickle methods for workers. A class from a script, a notebook or a loose file is sent whole.
 
     So are the classes of the ``parts`` that an item is made of. Raises an InputError if one cannot be pickled.
@@ -248,4 +285,6 @@ def _module_of(item: object) -> ModuleType | None:
 def _is_loose(module: ModuleType) -> bool:
     """Return whether a module is a file of the user's, not of an installed package."""
     file = getattr(module, "__file__", None)
-    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
+    return (
+        bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
+    )

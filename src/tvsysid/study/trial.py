@@ -36,10 +36,14 @@ class Setting(NamedTuple):
     scheduled: Mapping[str, int] = {}
     subtract_mean: bool = False
 
-    def simulated(self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence) -> Simulation:
+    def simulated(
+        self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence
+    ) -> Simulation:
         """Record a system."""
         rate = self.rate * max(1, -(-SIMULATED_HZ // self.rate))
-        made = system.simulate(self.duration_s, perturbation=perturbation, snr_db=self.snr_db, seed=seed, rate=rate)
+        made = system.simulate(
+            self.duration_s, perturbation=perturbation, snr_db=self.snr_db, seed=seed, rate=rate
+        )
         return checked_simulation(made, type(system).__name__)
 
     def cut(self, recording: Recording) -> Ensemble:
@@ -48,10 +52,20 @@ class Setting(NamedTuple):
 
     def torques(self, simulation: Simulation) -> dict[str, Array]:
         """Noiseless ``"torque"``, and those of pathways, such as ``"reflex pathway"``; (realization, time)."""
-        beside = {f"{name} pathway": simulation.pathways[name] for name in self.pathways if name in simulation.pathways}
-        cut = self.cut(replace(simulation.noiseless, channels=beside))  # a pathway may be at rest, a torque may not
+        beside = {
+            f"{name} pathway": simulation.pathways[name]
+            for name in self.pathways
+            if name in simulation.pathways
+        }
+        cut = self.cut(
+            replace(simulation.noiseless, channels=beside)
+        )  # a pathway may be at rest, a torque may not
         torques = {name: np.asarray(cut.signal(name)[:, cut.core]) for name in ("torque", *beside)}
-        return {name: each - each.mean(axis=0) for name, each in torques.items()} if self.subtract_mean else torques
+        return (
+            {name: each - each.mean(axis=0) for name, each in torques.items()}
+            if self.subtract_mean
+            else torques
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,31 +106,45 @@ class Trial(task.Task):
                 own = model.pathways(ensemble)
                 estimate = {"estimate": task.over_time(model, setting.quantities)}
                 estimate |= task.over_schedule(model, setting.scheduled)
-                explained = task.explained(torques["torque"], np.asarray(sum(own.values())), ensemble.sampling_rate)
+                explained = task.explained(
+                    torques["torque"], np.asarray(sum(own.values())), ensemble.sampling_rate
+                )
                 return bands | estimate | explained | task.of_pathways(own, known)
 
         rows = [
-            self.attempt(label, ensemble, measure) if label in self.asked else task.failed("") for label in self.methods
+            self.attempt(label, ensemble, measure) if label in self.asked else task.failed("")
+            for label in self.methods
         ]
         return self._outcome(rows, list(clock.seconds.values()), truth)
 
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where no method gave a result."""
         unknown = np.full(self.shapes["estimate"], np.nan)
-        return self._outcome([task.failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown)
+        return self._outcome(
+            [task.failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown
+        )
 
     def _outcome(self, rows: list[Row], seconds: list[float], truth: Array) -> Outcome:
         texts = {
             "warnings": task.as_text(["; ".join(dict.fromkeys(row["warnings"])) for row in rows]),
             "failure": task.as_text([row["failure"] for row in rows]),
         }
-        return task.stacked(rows, self.shapes) | texts | {"stage_seconds": np.array(seconds), "trial_truth": truth}
+        return (
+            task.stacked(rows, self.shapes)
+            | texts
+            | {"stage_seconds": np.array(seconds), "trial_truth": truth}
+        )
 
 
 def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[str, ...]) -> Array:
     """Means over an ensemble's realizations of what a simulation knows, (quantity, time); NaN where it does not."""
     known = simulation.truth_of(ensemble)
-    return np.stack([_mean(known[name]) if name in known else np.full(ensemble.samples, np.nan) for name in quantities])
+    return np.stack(
+        [
+            _mean(known[name]) if name in known else np.full(ensemble.samples, np.nan)
+            for name in quantities
+        ]
+    )
 
 
 def _mean(values: Array) -> Array:

@@ -17,7 +17,10 @@ class Verified(MemoryStore):
     """Fixed files from the memory; tasks' chunks, once their ``sums`` are known, from the disk when they are used."""
 
     def __init__(self, contents: Mapping[str, bytes], path: Path, key: int) -> None:
-        super().__init__({name: cpu.Buffer.from_bytes(content) for name, content in contents.items()}, read_only=True)
+        super().__init__(
+            {name: cpu.Buffer.from_bytes(content) for name, content in contents.items()},
+            read_only=True,
+        )
         self.sums: dict[str, int] = {}
         self._path, self._key = path, key
 

@@ -7,7 +7,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -86,7 +93,11 @@ def _outcomes(
 
 
 def _from(
-    executor: Executor, task_at: Callable[[Place], Task], places: Iterable[Place], workers: int, cancel: bool = False
+    executor: Executor,
+    task_at: Callable[[Place], Task],
+    places: Iterable[Place],
+    workers: int,
+    cancel: bool = False,
 ) -> Generator[tuple[Place, Outcome]]:
     """Outcomes as they come; never more than a few trials are under way.
 
@@ -154,17 +165,26 @@ def _alone(task: Task, killers: dict[str, str]) -> Outcome:
             untried = dict.fromkeys(task.methods, "not tried")
             for label in (None, *(label for label in task.methods if label not in killers)):
                 try:
-                    _in_one_process(replace(task, left_out={each: untried[each] for each in untried if each != label}))
+                    _in_one_process(
+                        replace(
+                            task,
+                            left_out={each: untried[each] for each in untried if each != label},
+                        )
+                    )
                 except BrokenExecutor:
                     if label is None:
-                        return task.all_failed("the worker process died before any method was tried")
+                        return task.all_failed(
+                            "the worker process died before any method was tried"
+                        )
                     killers[label] = (
                         f"its worker process died in {task.label}, so it was not tried again: it crashed, or took more "
                         "memory than there is"
                     )
                     break
             else:
-                return task.all_failed("the worker process died, though each method by itself does not kill it")
+                return task.all_failed(
+                    "the worker process died, though each method by itself does not kill it"
+                )
 
 
 def _in_one_process(task: Task) -> Outcome:

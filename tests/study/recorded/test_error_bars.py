@@ -38,6 +38,9 @@ def test_bootstraps_of_a_recording_vary_as_recordings_do(key, recordings, long_r
     for ensemble in long_recordings:
         count = len(ensemble)
         weights = (block_weights if in_one_piece else bootstrap_weights)(count, size, DRAWS, 5)
-        drawn = [method.identify(ensemble.select(np.repeat(np.arange(count), each))).stiffness for each in weights]
+        drawn = [
+            method.identify(ensemble.select(np.repeat(np.arange(count), each))).stiffness
+            for each in weights
+        ]
         told.append(np.sqrt(np.var(drawn, axis=0, ddof=1).mean()))
     assert np.mean(told) == pytest.approx(spread, rel=0.2)

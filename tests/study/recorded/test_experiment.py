@@ -15,7 +15,18 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
     assert [item.label for item in experiment.recordings][:3] == ["P1-noise", "P1-prbs", "P2-noise"]
     assert len(experiment.recordings) == 12
     assert [item.label for item in experiment.analyses] == [
-        *("eirf-75", "eirf-150", "sds-75", "sds-150", "birf-75", "birf-150", "esm-75", "esm-150", "kbr-20", "kbr-40")
+        *(
+            "eirf-75",
+            "eirf-150",
+            "sds-75",
+            "sds-150",
+            "birf-75",
+            "birf-150",
+            "esm-75",
+            "esm-150",
+            "kbr-20",
+            "kbr-40",
+        )
     ]
     assert experiment.bootstraps == 100
     methods = experiment.named_methods
@@ -29,13 +40,20 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
 def test_files_take_the_place_of_virtual_participants(tmp_path):
     experiment = Experiment(participants={"anna": {"walking": "anna*.mat"}}, reading=READING)
     assert [item.label for item in experiment.recordings] == ["anna-walking"]
-    both = Experiment(participants={"anna": {"noise": "anna*.mat"}}, reading=READING, virtual=2, perturbation="noise")
+    both = Experiment(
+        participants={"anna": {"noise": "anna*.mat"}},
+        reading=READING,
+        virtual=2,
+        perturbation="noise",
+    )
     assert [item.label for item in both.recordings] == ["anna-noise", "P2-noise"]
 
 
 def test_methods_have_settings_names_and_numbers_of_realizations_of_their_own():
     mine = {"name": "wide", "method": "sds:window=0.2", "realizations": 30, "contiguous": True}
-    experiment = Experiment(methods=["kbr", mine, tv.BasisIRF(), "sds:window=0.1"], realizations=[40])
+    experiment = Experiment(
+        methods=["kbr", mine, tv.BasisIRF(), "sds:window=0.1"], realizations=[40]
+    )
     assert [item.label for item in experiment.analyses] == [
         *("kbr-40", "wide-30", f"{tv.BasisIRF()!r}-40", "sds:window=0.1-40")
     ]
@@ -85,29 +103,56 @@ def test_a_toml_file_says_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"bootstrap": 5}, r"bootstrap: unknown key; did you mean bootstraps\? \(known: participants, virtual"),
+        (
+            {"bootstrap": 5},
+            r"bootstrap: unknown key; did you mean bootstraps\? \(known: participants, virtual",
+        ),
         ({"bootstraps": 1}, r"bootstraps: Input should be greater than or equal to 2; got 1"),
         ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
-        ({"methods": ["sds", "sds"]}, r"methods: sds-75 is there twice; give each method a name of its own"),
-        ({"perturbation": ["noise", "pbrs"]}, r"perturbation: pbrs was not recorded; there are noise, prbs"),
-        ({"participants": {"a": {"noise": "a.mat"}}}, r"reading: files need it: which channels are angle and torque"),
-        ({"reading": {"angle": "pos", "torque": "tq"}}, r"reading.sampling_rate: this is missing; give it"),
+        (
+            {"methods": ["sds", "sds"]},
+            r"methods: sds-75 is there twice; give each method a name of its own",
+        ),
+        (
+            {"perturbation": ["noise", "pbrs"]},
+            r"perturbation: pbrs was not recorded; there are noise, prbs",
+        ),
+        (
+            {"participants": {"a": {"noise": "a.mat"}}},
+            r"reading: files need it: which channels are angle and torque",
+        ),
+        (
+            {"reading": {"angle": "pos", "torque": "tq"}},
+            r"reading.sampling_rate: this is missing; give it",
+        ),
         ({"preparation": {"ratee": 1}}, r"preparation.ratee: unknown key; did you mean rate\?"),
-        ({"virtual": [1, 1]}, r"participants: P1-noise is there twice; give each a name of its own"),
+        (
+            {"virtual": [1, 1]},
+            r"participants: P1-noise is there twice; give each a name of its own",
+        ),
         (
             {"participants": {"P1": {"walk": "a"}}, "reading": READING, "virtual": 1},
             r"participants: P1 is a virtual one",
         ),
-        ({"participants": {"A": {}}, "reading": READING}, r"perturbations with files for each participant; A has none"),
+        (
+            {"participants": {"A": {}}, "reading": READING},
+            r"perturbations with files for each participant; A has none",
+        ),
         (
             {"participants": {"a/b": {"noise": "a"}}, "reading": READING},
             r"names that files and tables may have.*got the name 'a/b'",
         ),
-        ({"participants": {"a\0": {"noise": "a"}}, "reading": READING}, r"names that files and tables may have"),
+        (
+            {"participants": {"a\0": {"noise": "a"}}, "reading": READING},
+            r"names that files and tables may have",
+        ),
         ({"reading": READING | {"start": 1}}, r"reading.start: unknown key"),
         ({"virtual": -1}, r"virtual.0: Input should be greater than or equal to 0; got -1"),
         ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),
-        ({"methods": [3]}, r"expected the key of a method, or an object with identify\(ensemble\); got 3"),
+        (
+            {"methods": [3]},
+            r"expected the key of a method, or an object with identify\(ensemble\); got 3",
+        ),
     ],
 )
 def test_what_is_wrong_is_told_by_key(settings, message):
@@ -116,7 +161,9 @@ def test_what_is_wrong_is_told_by_key(settings, message):
 
 
 def test_a_wrong_file_is_named(tmp_path):
-    with pytest.raises(tv.InputError, match=r"none.toml: No such file or directory; give a TOML file"):
+    with pytest.raises(
+        tv.InputError, match=r"none.toml: No such file or directory; give a TOML file"
+    ):
         Experiment.from_toml(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("bootstraps =")
     with pytest.raises(tv.InputError, match=r"bad.toml: not a TOML file"):
@@ -127,7 +174,10 @@ def test_a_wrong_file_is_named(tmp_path):
 
 
 def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
-    one, two = Experiment(methods="sds"), Experiment(methods=["kbr", "birf"], virtual=[2], bootstraps=5)
+    one, two = (
+        Experiment(methods="sds"),
+        Experiment(methods=["kbr", "birf"], virtual=[2], bootstraps=5),
+    )
     recorded = next(item for item in one.recordings if item.label == "P2-noise")
     assert one.seed_of(recorded, 75) == two.seed_of(two.recordings[0], 75)
     seeds = {one.seed_of(item, count) for item in one.recordings for count in (75, 150)}

@@ -17,7 +17,13 @@ from tvsysid.study import Experiment, exclusions, prepared_recordings, shown
 
 
 def experiment_on(folder, files, **changes):
-    settings = {"preparation": SHORT, "reading": READING, "methods": "birf", "realizations": 10, "bootstraps": 2}
+    settings = {
+        "preparation": SHORT,
+        "reading": READING,
+        "methods": "birf",
+        "realizations": 10,
+        "bootstraps": 2,
+    }
     return Experiment(participants={"P1": {"noise": files}}, folder=folder, **settings | changes)
 
 
@@ -34,7 +40,9 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     # What the survivors' torque was before its mean was taken off: the voluntary torque, but for the answers' mean.
     voluntary = by_hand.ensemble.channels["voluntary"][:, by_hand.ensemble.core].mean(axis=0)
     assert np.sqrt(np.mean((prepared.mean_torque - voluntary) ** 2)) < 0.05 * np.ptp(voluntary)
-    assert np.ptp(prepared.target_torque) == pytest.approx(0.45 * tv.simulate.Traits.of(1).maximal_torque, rel=0.01)
+    assert np.ptp(prepared.target_torque) == pytest.approx(
+        0.45 * tv.simulate.Traits.of(1).maximal_torque, rel=0.01
+    )
     assert (prepared.trials, prepared.refused, prepared.remarks) == (10, {}, ())
 
 
@@ -126,7 +134,9 @@ def test_a_trial_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path, spoi
 
 def test_a_locked_file_is_told_and_the_others_go_on(tmp_path):
     write_trials(tmp_path)
-    with h5py.File(tmp_path / "trial1.mat", "w", userblock_size=512) as writing:  # as MATLAB writes version 7.3
+    with h5py.File(
+        tmp_path / "trial1.mat", "w", userblock_size=512
+    ) as writing:  # as MATLAB writes version 7.3
         for name, values in trial(1).items():
             writing[name] = values
         writing.flush()
@@ -138,7 +148,9 @@ def test_a_locked_file_is_told_and_the_others_go_on(tmp_path):
 
 def test_a_column_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path):
     columns = [trial(number) for number in range(3)]
-    matrices = {name: np.stack([column[name] for column in columns], axis=1) for name in ("angle", "torque")}
+    matrices = {
+        name: np.stack([column[name] for column in columns], axis=1) for name in ("angle", "torque")
+    }
     matrices["angle"][40:60, 1] = np.inf
     savemat(tmp_path / "all.mat", matrices)
     reading = READING | {"columns": "trials"}
@@ -183,7 +195,9 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
 
 def test_preparation_that_leaves_nothing_fails_alone(tmp_path):
     write_trials(tmp_path)
-    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat", preparation=SHORT | {"period": 30.0}))
+    (prepared,) = prepared_recordings(
+        experiment_on(tmp_path, "trial*.mat", preparation=SHORT | {"period": 30.0})
+    )
     assert prepared.ensemble is None
     assert "lasts 24 s" in prepared.failure
 
@@ -213,7 +227,11 @@ def test_data_are_told_apart_by_their_digest(tmp_path):
 def test_the_digest_tells_how_the_ensemble_was_cut(tmp_path):
     write_trials(tmp_path)
     (first,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
-    for change in ({"mean_subtracted": False}, {"context": first.ensemble.context - 1}, {"sampling_rate": 50.0}):
+    for change in (
+        {"mean_subtracted": False},
+        {"context": first.ensemble.context - 1},
+        {"sampling_rate": 50.0},
+    ):
         changed = dataclasses.replace(first, ensemble=dataclasses.replace(first.ensemble, **change))
         assert changed.digest != first.digest, change
 
@@ -223,7 +241,9 @@ def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_
     folder.mkdir()
     write_trials(folder)
     savemat(folder / "more[1].mat", trial(5))
-    (prepared,) = prepared_recordings(experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"]))
+    (prepared,) = prepared_recordings(
+        experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"])
+    )
     assert (prepared.trials, prepared.refused) == (4, {})
 
 
@@ -242,13 +262,25 @@ def test_a_trial_in_another_unit_than_the_others_is_a_doubt(tmp_path):
     savemat(tmp_path / "trial2.mat", signals | {"torque": 1000 * signals["torque"]})
     (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
     (remark,) = prepared.remarks
-    assert re.fullmatch(r"trial2\.mat: the torque is \S+ times as large as in most trials; .* another unit\?", remark)
+    assert re.fullmatch(
+        r"trial2\.mat: the torque is \S+ times as large as in most trials; .* another unit\?",
+        remark,
+    )
 
 
 def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_path):
     for number in range(2):
-        savemat(tmp_path / f"trial{number}.mat", trial(number) | {"goal": np.sin(np.arange(3072) * np.pi / 128)})
-    preparing = {"reference": "goal", "task_limit": None, "residual_limit": None, "ends": 1.0, "context": 0.25}
+        savemat(
+            tmp_path / f"trial{number}.mat",
+            trial(number) | {"goal": np.sin(np.arange(3072) * np.pi / 128)},
+        )
+    preparing = {
+        "reference": "goal",
+        "task_limit": None,
+        "residual_limit": None,
+        "ends": 1.0,
+        "context": 0.25,
+    }
     experiment = experiment_on(tmp_path, "trial*.mat", preparation=preparing)
     excerpt, _ = shown(experiment, experiment.recordings[0])
     assert list(excerpt.channels) == ["target"]
@@ -269,7 +301,10 @@ def test_channels_that_methods_need_reach_them(tmp_path):
     for number in range(3):
         signals = trial(number)
         activity = 1.0 + 0.1 * np.random.default_rng(number).standard_normal(len(signals["angle"]))
-        savemat(tmp_path / f"trial{number}.mat", signals | {"EMG_SIGNAL": activity, "LEVEL": 2.0 + 0 * activity})
+        savemat(
+            tmp_path / f"trial{number}.mat",
+            signals | {"EMG_SIGNAL": activity, "LEVEL": 2.0 + 0 * activity},
+        )
     channels = {"emg": "EMG_SIGNAL", "level": "LEVEL"}
 
     def experiment(methods):

@@ -27,14 +27,28 @@ def same(one, other):
 
 
 def tasks_in(store):
-    return sum(1 for file in (store / "checksums/c").rglob("*") if file.name == "0" and file.is_file())
+    return sum(
+        1 for file in (store / "checksums/c").rglob("*") if file.name == "0" and file.is_file()
+    )
 
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
     results = small.results
-    assert results.estimate.sel(quantity="stiffness").dims == ("recording", "analysis", "bootstrap", "time")
+    assert results.estimate.sel(quantity="stiffness").dims == (
+        "recording",
+        "analysis",
+        "bootstrap",
+        "time",
+    )
     assert results.estimate.sel(quantity="stiffness").shape == (2, 6, 4, 256)
-    assert results.analysis.values.tolist() == ["birf-10", "birf-20", "esm-10", "esm-20", "kbr-10", "kbr-20"]
+    assert results.analysis.values.tolist() == [
+        "birf-10",
+        "birf-20",
+        "esm-10",
+        "esm-20",
+        "kbr-10",
+        "kbr-20",
+    ]
     assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
     assert (results.failure == "").all()
     assert results.unit.values.tolist()[:3] == ["N m/rad", "N m s/rad", "kg m2"]
@@ -44,23 +58,36 @@ def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
 def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
     experiment, item = small.experiment, small.prepared[1]
     seed = experiment.seed_of(item.recorded, 20)
-    for place, method in ((1, tv.BasisIRF(max_lag=15 / 128)), (3, tv.EnsembleSpectral(window=30 / 128))):
+    for place, method in (
+        (1, tv.BasisIRF(max_lag=15 / 128)),
+        (3, tv.EnsembleSpectral(window=30 / 128)),
+    ):
         weights = bootstrap_weights(len(item.ensemble), 20, 4, seed)
         drawn = item.ensemble.select(np.repeat(np.arange(len(item.ensemble)), weights[2]))
         model = method.identify(drawn)
         at = small.results.isel(recording=1, analysis=place, bootstrap=2)
-        np.testing.assert_allclose(at.estimate.sel(quantity="stiffness"), model.stiffness, rtol=1e-9)
+        np.testing.assert_allclose(
+            at.estimate.sel(quantity="stiffness"), model.stiffness, rtol=1e-9
+        )
         torque, predicted = drawn.torque[:, drawn.core], model.predict(drawn)
         assert float(at.vaf) == pytest.approx(tv.metrics.vaf(torque, predicted).mean())
-        assert float(at.bandpassed_vaf) == pytest.approx(tv.metrics.bandpassed_vaf(torque, predicted, 128.0).mean())
-        np.testing.assert_allclose(at.time_varying_vaf, tv.metrics.time_varying_vaf(torque, predicted))
+        assert float(at.bandpassed_vaf) == pytest.approx(
+            tv.metrics.bandpassed_vaf(torque, predicted, 128.0).mean()
+        )
+        np.testing.assert_allclose(
+            at.time_varying_vaf, tv.metrics.time_varying_vaf(torque, predicted)
+        )
 
 
 def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(small):
     experiment, item = small.experiment, small.prepared[0]
     weights = block_weights(len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20))
     model = tv.KernelRegression.preset("experiment").identify(item.ensemble.select(weights[3] > 0))
-    found = small.results.estimate.sel(quantity="stiffness").sel(recording="P1-noise", analysis="kbr-20").values[3]
+    found = (
+        small.results.estimate.sel(quantity="stiffness")
+        .sel(recording="P1-noise", analysis="kbr-20")
+        .values[3]
+    )
     np.testing.assert_allclose(found, model.stiffness, rtol=1e-9)
 
 
@@ -137,12 +164,15 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
     }  # fmt: skip
     path = tmp_path / "results.zarr"
     run(Experiment(**settings), store=path, workers=1)
-    with pytest.raises(tv.InputError, match="the store is of another experiment: bootstraps: 2 there, 3 here"):
+    with pytest.raises(
+        tv.InputError, match="the store is of another experiment: bootstraps: 2 there, 3 here"
+    ):
         run(Experiment(**settings | {"bootstraps": 3}), store=path, workers=1)
     savemat(tmp_path / "trial0.mat", trial(7))
     # Other data are identified again; the others are not.
     with pytest.warns(
-        tv.DataQualityWarning, match="not the data that were identified before: P1-noise; identified again"
+        tv.DataQualityWarning,
+        match="not the data that were identified before: P1-noise; identified again",
     ):
         changed = run(Experiment(**settings), store=path, workers=1)
     xr.testing.assert_allclose(changed.estimate, run(Experiment(**settings), workers=1).estimate)
@@ -151,7 +181,9 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
 @pytest.mark.slow
 def test_stores_of_another_kind_are_refused(small, done, tmp_path):
     path = shutil.copytree(done, tmp_path / "results.zarr")
-    with pytest.raises(tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"):
+    with pytest.raises(
+        tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"
+    ):
         run(tv.study.Study(duration_s=40, trials=1, methods="sds"), store=path, workers=1)
     xr.testing.assert_identical(read_results(path).estimate.load(), small.results.estimate)
 
@@ -169,7 +201,9 @@ class Sometimes:
 @pytest.mark.slow
 def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
     method = {"name": "sometimes", "method": Sometimes(), "contiguous": True}
-    experiment = Experiment(**SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"})
+    experiment = Experiment(
+        **SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"}
+    )
     results = run(experiment, prepared=small.prepared[:1], workers=1)
     failed = np.isnan(results.vaf.sel(analysis="sometimes-10").values[0])
     assert 0 < failed.sum() < 30
@@ -195,7 +229,9 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
 
 
 def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
-    experiment = Experiment(**SMALL | {"methods": "eirf", "perturbation": "noise", "realizations": 20})
+    experiment = Experiment(
+        **SMALL | {"methods": "eirf", "perturbation": "noise", "realizations": 20}
+    )
     results = run(experiment, prepared=small.prepared[:1], workers=1)
     text = str(results.warnings.values[0, 0])
     assert text.count("20 realizations are fewer than the 31 lags") == 1
@@ -237,7 +273,10 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
         process.join(60)
     seen = []
     heard = {"progress": lambda done, total: seen.append(done)}
-    same(run(small.experiment, prepared=small.prepared, store=path, workers=1, **heard), small.results)
+    same(
+        run(small.experiment, prepared=small.prepared, store=path, workers=1, **heard),
+        small.results,
+    )
     assert seen[0] >= 3
 
 
@@ -278,8 +317,13 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     np.testing.assert_array_equal(second.estimate[0], first.estimate[0])
     assert float(second.estimate.sel(quantity="stiffness")[1].mean()) == pytest.approx(50, rel=0.1)
     same(read_results(folder / "r.zarr"), second)
-    (folder / "r.zarr" / RECORDINGS).write_bytes(then)  # as where one copy of a store was put over another in part
-    with pytest.raises(tv.InputError, match=r"recordings.nc: this file is of other data than the results; give the c"):
+    (folder / "r.zarr" / RECORDINGS).write_bytes(
+        then
+    )  # as where one copy of a store was put over another in part
+    with pytest.raises(
+        tv.InputError,
+        match=r"recordings.nc: this file is of other data than the results; give the c",
+    ):
         read_results(folder / "r.zarr")
 
 
@@ -292,7 +336,10 @@ def test_what_is_known_of_the_recordings_is_verified_too(tmp_path):
     content[len(content) // 2] ^= 1
     for fault in (content, content[:-9], b"", None):
         file.unlink() if fault is None else file.write_bytes(fault)
-        with pytest.raises(tv.InputError, match=r"recordings.nc: this file is missing, cut short or damaged; give the"):
+        with pytest.raises(
+            tv.InputError,
+            match=r"recordings.nc: this file is missing, cut short or damaged; give the",
+        ):
             read_results(store)
     same(run(experiment, store=store, workers=1), results)
     same(read_results(store), results)
@@ -316,11 +363,17 @@ def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
 
 
 def test_recordings_prepared_of_another_experiment_are_refused(small):
-    with pytest.raises(tv.InputError, match="prepared are not the experiment's: P1-prbs, P1-noise; give what"):
+    with pytest.raises(
+        tv.InputError, match="prepared are not the experiment's: P1-prbs, P1-noise; give what"
+    ):
         run(small.experiment, prepared=small.prepared[::-1], workers=1)
 
 
 def test_more_realizations_than_there_are_is_a_doubt(small):
-    experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "noise", "realizations": 400})
+    experiment = Experiment(
+        **SMALL | {"methods": "birf", "perturbation": "noise", "realizations": 400}
+    )
     results = run(experiment, prepared=small.prepared[:1], workers=1)
-    assert "400 realizations are drawn from 268: they vary less" in str(results.warnings.values[0, 0])
+    assert "400 realizations are drawn from 268: they vary less" in str(
+        results.warnings.values[0, 0]
+    )

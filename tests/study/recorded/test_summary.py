@@ -14,13 +14,17 @@ def test_every_figure_is_as_defined(small):
     at = results.sel(recording="P1-prbs", analysis="esm-20")
     truth = results.truth.sel(quantity="stiffness").sel(recording="P1-prbs").values
     key = ("P1", "prbs", "esm", 20)
-    assert table[*key, "mean_stiffness"] == pytest.approx(float(at.estimate.sel(quantity="stiffness").mean()))
+    assert table[*key, "mean_stiffness"] == pytest.approx(
+        float(at.estimate.sel(quantity="stiffness").mean())
+    )
     assert table[*key, "random_error"] == pytest.approx(
         np.sqrt(at.estimate.sel(quantity="stiffness").values.var(axis=0, ddof=1).mean())
     )
     assert table[*key, "vaf"] == pytest.approx(float(at.vaf.mean()))
     assert table[*key, "bandpassed_vaf"] == pytest.approx(float(at.bandpassed_vaf.mean()))
-    assert table[*key, "lowest_time_varying_vaf"] == pytest.approx(float(at.time_varying_vaf.mean("bootstrap").min()))
+    assert table[*key, "lowest_time_varying_vaf"] == pytest.approx(
+        float(at.time_varying_vaf.mean("bootstrap").min())
+    )
     assert table[*key, "bias_error"] == pytest.approx(
         tv.metrics.bias_error(at.estimate.sel(quantity="stiffness").values, truth)
     )
@@ -33,15 +37,24 @@ def test_every_figure_is_as_defined(small):
 def test_every_quantity_that_is_estimated_is_scored(small):
     results = small.results
     table = summarize(results)
-    assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}  # birf, esm and kbr find no reflex
+    assert set(table.quantity) == {
+        "",
+        "stiffness",
+        "viscosity",
+        "inertia",
+    }  # birf, esm and kbr find no reflex
     at = results.sel(recording="P1-prbs", analysis="esm-20", quantity="viscosity")
-    rows = table[(table.perturbation == "prbs") & (table.method == "esm") & (table.realizations == 20)]
+    rows = table[
+        (table.perturbation == "prbs") & (table.method == "esm") & (table.realizations == 20)
+    ]
     rows = rows[rows.quantity == "viscosity"].set_index("metric")
     assert rows.index.tolist() == ["mean_viscosity", "random_error", "bias_error", "mean_bias"]
     assert set(rows.unit) == {"N·m·s/rad"}
     estimates, truth = at.estimate.values, at.truth.values
     assert rows.value["mean_viscosity"] == pytest.approx(estimates.mean())
-    assert rows.value["random_error"] == pytest.approx(np.sqrt(estimates.var(axis=0, ddof=1).mean()))
+    assert rows.value["random_error"] == pytest.approx(
+        np.sqrt(estimates.var(axis=0, ddof=1).mean())
+    )
     assert rows.value["bias_error"] == pytest.approx(tv.metrics.bias_error(estimates, truth))
     assert rows.value["mean_bias"] == pytest.approx((estimates.mean(axis=0) - truth).mean())
     people = summarize(results.assign(truth=results.truth * np.nan))
@@ -55,7 +68,9 @@ def test_stiffness_over_time_has_mean_and_spread(small):
         *("stiffness", "standard_deviation", "time_varying_vaf"),
     ]
     assert len(table) == 2 * 6 * 256
-    rows = table[(table.perturbation == "noise") & (table.method == "birf") & (table.realizations == 10)]
+    rows = table[
+        (table.perturbation == "noise") & (table.method == "birf") & (table.realizations == 10)
+    ]
     at = small.results.sel(recording="P1-noise", analysis="birf-10", quantity="stiffness").estimate
     np.testing.assert_allclose(rows.stiffness, at.mean("bootstrap"))
     np.testing.assert_allclose(rows.standard_deviation, at.std("bootstrap", ddof=1))

@@ -14,7 +14,13 @@ from scipy.ndimage import convolve1d
 from tvsysid.estimates import StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
-from tvsysid.methods.adaptive.averaging import Averaged, Hypotheses, Outcome, averaged, averaged_beside
+from tvsysid.methods.adaptive.averaging import (
+    Averaged,
+    Hypotheses,
+    Outcome,
+    averaged,
+    averaged_beside,
+)
 from tvsysid.methods.adaptive.evidence import Line, inverse_of
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
@@ -35,7 +41,16 @@ from tvsysid.methods.adaptive.moments import (
     normal,
     without_angle,
 )
-from tvsysid.methods.adaptive.noise import EXACT, FLOOR, Misfit, alike, misfit, reach_of, residual_products, whitened
+from tvsysid.methods.adaptive.noise import (
+    EXACT,
+    FLOOR,
+    Misfit,
+    alike,
+    misfit,
+    reach_of,
+    residual_products,
+    whitened,
+)
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
@@ -133,7 +148,9 @@ class AdaptiveRegression(base.Method):
         "functions of time that stiffness is a sum of are known, birf with these is more exact.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
-    sometimes: ClassVar[tuple[str, ...]] = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)
+    sometimes: ClassVar[tuple[str, ...]] = (
+        "reflex_gain, and the torque of each pathway, where a reflex is shown",
+    )
     differs: ClassVar[str] = (
         "How fast stiffness changes is found from the data, and the band counts how unsure that is; where a "
         "reflex is shown, its torque is no stiffness."
@@ -158,7 +175,9 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        return Identification(ensemble, with_reflex(ensemble, self.emg) or Derived.of(ensemble)).model(repr(self))
+        return Identification(
+            ensemble, with_reflex(ensemble, self.emg) or Derived.of(ensemble)
+        ).model(repr(self))
 
     def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit what the model found plausible, and no more: its reflex, smooth parts and numbers of switches."""
@@ -191,7 +210,10 @@ class Identification:
     """An ensemble, reduced to its moments at each time; of ``known`` hypotheses, no others are looked for."""
 
     def __init__(
-        self, ensemble: Ensemble, signals: Signals, known: Mapping[str, Hypotheses] = MappingProxyType({})
+        self,
+        ensemble: Ensemble,
+        signals: Signals,
+        known: Mapping[str, Hypotheses] = MappingProxyType({}),
     ) -> None:
         self.ensemble, self.signals = ensemble, signals
         self.gram = gram = gram_of(signals)
@@ -203,7 +225,10 @@ class Identification:
         taps = USUAL_TAPS if recorded is None else DECIMATOR / recorded.shape[-1]
         self.axis = Axis(len(self.gram), periodic, taps, realizations=signals.realizations[0])
         first = constants(
-            without_angle(gram).sum(axis=0)[:-1], np.diag(gram.sum(axis=0))[1:-1], signals.holds, signals.positive
+            without_angle(gram).sum(axis=0)[:-1],
+            np.diag(gram.sum(axis=0))[1:-1],
+            signals.holds,
+            signals.positive,
         ).values
         seen = (gram[:, U, -1] - gram[:, U, 1:-1] @ first) / floored(gram[:, U, U])
         self.coefficients = np.vstack([seen, np.repeat(first[:, None], self.axis.times, axis=1)])
@@ -231,7 +256,9 @@ class Identification:
         every = self.coefficients.copy()
         every[V] += viscosity
         beyond = misfit(self.gram, every, self.independent)
-        error = (spread if self.coloured else spread @ about.angle @ spread) * max(found.excess[U], 1.0)
+        error = (spread if self.coloured else spread @ about.angle @ spread) * max(
+            found.excess[U], 1.0
+        )
         error += mixed @ steady.covariance @ mixed.T
         if known or beyond.viscosity or beyond.inertia:
             same, moved = alike(times, rate), spread @ found.mixed
@@ -248,14 +275,22 @@ class Identification:
         no noise but misfit, which whitening would amplify.
         """
         signals, times = self.signals, self.axis.times
-        noise = residual_products(signals, self.coefficients, viscosity) / max(self.independent - 1, 1)
-        loud = float(np.mean(np.diag(noise))) + EXACT * float(self.gram[:, -1, -1].mean()) / len(self.ensemble)
+        noise = residual_products(signals, self.coefficients, viscosity) / max(
+            self.independent - 1, 1
+        )
+        loud = float(np.mean(np.diag(noise))) + EXACT * float(self.gram[:, -1, -1].mean()) / len(
+            self.ensemble
+        )
         noise.flat[:: times + 1] += FLOOR * loud
         white = whitened(noise, self.independent, signals.rate, self.axis.periodic)
 
         def weighed(factor: Array) -> Normal:
             # A reflex's differences take up what decimation does to the acceleration.
-            low = factor if isinstance(signals, WithReflex) else convolve1d(factor, LOW_BAND, mode="constant")
+            low = (
+                factor
+                if isinstance(signals, WithReflex)
+                else convolve1d(factor, LOW_BAND, mode="constant")
+            )
             return normal(signals, (factor.T @ factor, low.T @ low), self.coefficients, viscosity)
 
         if self.coloured:
@@ -276,10 +311,16 @@ class Identification:
         solved, moved = spread @ found.right[V].T, spread @ found.mixed.T
         mixed = solved[:, A - V : -1]
         seen = beside.known + solved[:, -1] - moved @ beside.values - mixed @ steady.values[1:]
-        error = (spread if self.coloured else spread @ about.velocity @ spread) * max(found.excess[V], 1.0)
+        error = (spread if self.coloured else spread @ about.velocity @ spread) * max(
+            found.excess[V], 1.0
+        )
         error += (moved * beside.variance) @ moved.T + mixed @ steady.covariance[1:, 1:] @ mixed.T
         if beside.misfit.inertia:
-            error += beside.misfit.inertia * alike(len(seen), self.signals.rate) * np.outer(mixed[:, 0], mixed[:, 0])
+            error += (
+                beside.misfit.inertia
+                * alike(len(seen), self.signals.rate)
+                * np.outer(mixed[:, 0], mixed[:, 0])
+            )
         line = self._line(V, seen, error)
         return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
@@ -293,7 +334,12 @@ class Identification:
         total = float(np.sum(seen * power) / np.sum(power))
         least = 1e-6 * float(np.sqrt(np.mean(self.gram[:, -1, -1]) / np.mean(power)))
         size, still = max(abs(total), least), own < power
-        return Line.of(self.axis, np.where(still, total, seen), error + np.diag(still * (UNSEEN * size) ** 2), size)
+        return Line.of(
+            self.axis,
+            np.where(still, total, seen),
+            error + np.diag(still * (UNSEEN * size) ** 2),
+            size,
+        )
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found; the last round looks for no other switches than the round before found."""
@@ -303,7 +349,10 @@ class Identification:
             if viscosity.probability(Outcome.constant) > 0.5:
                 break
             if turn and not self.known:
-                self.known = {"stiffness": stiffness.averaged.hypotheses(), "viscosity": viscosity.hypotheses()}
+                self.known = {
+                    "stiffness": stiffness.averaged.hypotheses(),
+                    "viscosity": viscosity.hypotheses(),
+                }
             stiffness = self.stiffness(viscosity.mixture.mean(), viscosity.mixture.variance())
             viscosity = self.viscosity(stiffness)
         return self._model(name, stiffness, viscosity)
@@ -312,7 +361,9 @@ class Identification:
         ensemble, edges = self.ensemble, self.signals.edges
         unit = self.signals.scale[1] / self.signals.scale[0]
         pooled = min(2 * reach_of(self.independent, self.signals.rate) + 1, self.axis.times)
-        freedom, many = (max(1.0, (self.independent - 1) * each - 2) for each in (pooled, self.axis.times))
+        freedom, many = (
+            max(1.0, (self.independent - 1) * each - 2) for each in (pooled, self.axis.times)
+        )
         seen_viscosity, inertia = viscosity.mixture, stiffness.constants.values[1]
         variance = stiffness.constants.covariance[1, 1]
         reflex = self.signals if isinstance(self.signals, WithReflex) else None
@@ -322,7 +373,9 @@ class Identification:
         physical = seen_viscosity.above(0.0)
         sure = np.full(self.axis.times, math.sqrt(max(variance, 0.0)))
         errors = {
-            "stiffness": _mixture_error(stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom),
+            "stiffness": _mixture_error(
+                stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom
+            ),
             "viscosity": _mixture_error(physical, viscosity.arc(), edges, unit, freedom),
             "inertia": StandardError(base.padded(sure * unit, *edges), np.array(many), 0.0),
         }
@@ -347,8 +400,12 @@ class Identification:
             sampling_rate=rate,
             time=ensemble.time,
             estimates=estimates,
-            switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)),
-            smoothness=tuple(row for each in both.items() for row in tables.smoothness(*each, unit, rate)),
+            switches=tuple(
+                row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)
+            ),
+            smoothness=tuple(
+                row for each in both.items() for row in tables.smoothness(*each, unit, rate)
+            ),
             beside=None if reflex is None else reflex.beside,
             hypotheses={name: found.hypotheses() for name, found in both.items()},
             diagnostics=Diagnostics(
@@ -362,7 +419,9 @@ class Identification:
         """Share of the torque that answers to the angle which the model explains, in per cent."""
         ensemble = self.ensemble
         first = max(0, ensemble.context - shared.HALF_WIDTH)
-        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+        angle, torque = (
+            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
+        )
         products = shared.colour_products(ensemble)
         moments = shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
         return moments.second_order_agreement(impedance, len(ensemble))
@@ -385,12 +444,18 @@ class Identification:
             mean = float(np.mean(stiffness.values))
             yield from not_of_second_order(mean, self.signals.stiffness(mean, stiffness.constants))
             beside = self.signals.beside
-            yield from doubtful_gain(beside.estimates["reflex_gain"], bool(beside.diagnostics.details["constant"]))
+            yield from doubtful_gain(
+                beside.estimates["reflex_gain"], bool(beside.diagnostics.details["constant"])
+            )
         below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
-        yield from contradicted(np.sum(self.gram[:, V, V] * below**2) / np.sum(self.gram[:, -1, -1]))
+        yield from contradicted(
+            np.sum(self.gram[:, V, V] * below**2) / np.sum(self.gram[:, -1, -1])
+        )
 
 
-def _mixture_error(mixture: Mixture, arc: float, edges: tuple[int, int], unit: float, freedom: float) -> MixtureError:
+def _mixture_error(
+    mixture: Mixture, arc: float, edges: tuple[int, int], unit: float, freedom: float
+) -> MixtureError:
     scaled = mixture._replace(means=mixture.means * unit, variances=mixture.variances * unit**2)
     spread = base.padded(np.sqrt(scaled.variance()), *edges)
     return MixtureError(spread, np.array(freedom), arc, mixture=scaled)

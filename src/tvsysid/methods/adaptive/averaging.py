@@ -11,14 +11,33 @@ import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
 from tvsysid.methods.adaptive.harmonics import few_harmonics
-from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Hypothesis, Mixture, mixture_of, path
-from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
+from tvsysid.methods.adaptive.mixture import (
+    LIGHTEST,
+    Candidate,
+    Hypothesis,
+    Mixture,
+    mixture_of,
+    path,
+)
+from tvsysid.methods.adaptive.placing import (
+    Found,
+    Placed,
+    Windows,
+    add,
+    joined,
+    refined,
+    simplified,
+    total,
+)
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
 from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
-LIKELY, MOST_MODELS = 7.0, 32  # log evidence below the best down to which models count, and how many at most
+LIKELY, MOST_MODELS = (
+    7.0,
+    32,
+)  # log evidence below the best down to which models count, and how many at most
 MOST_SMEARED = 6  # switches up to which it is tried how steps are smeared
 COARSELY = 1 / 4  # sample between positions where smears are compared
 OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
@@ -47,11 +66,16 @@ def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidat
     scores = np.array([smooth.score for smooth in smooths])
     for placed, first, stop in zip(filled, ends[:-1], ends[1:], strict=True):
         gram, cross = grams[:, first:stop, first:stop], crosses[:, first:stop]
-        prior = placed.log_volume - (stop - first) * math.log(line.axis.times) - math.log(len(every))
+        prior = (
+            placed.log_volume - (stop - first) * math.log(line.axis.times) - math.log(len(every))
+        )
         factors = jumps_of_every_size(gram, cross, line.axis.periodic)
         for sizes, factor in zip(every, factors.T, strict=True):
             values = scores + prior + factor
-            out.extend(Candidate(*each, placed, sizes) for each in zip(smooths, map(float, values), strict=True))
+            out.extend(
+                Candidate(*each, placed, sizes)
+                for each in zip(smooths, map(float, values), strict=True)
+            )
     return out
 
 
@@ -88,14 +112,18 @@ class Averaged(NamedTuple):
     def hypotheses(self) -> Hypotheses:
         """Return what was averaged, the most probable first."""
         return tuple(
-            Hypothesis(each.smooth.line.axis, each.smooth.roughness, each.placed.positions) for each in self.candidates
+            Hypothesis(each.smooth.line.axis, each.smooth.roughness, each.placed.positions)
+            for each in self.candidates
         )
 
     def arc(self) -> float:
         """Length of the path of the estimate apart from its size, for simultaneous bands."""
         paths = [path(each) for each in self.candidates]
         mean = sum(weight * each.mean for weight, each in zip(self.weights, paths, strict=True))
-        apart = [math.sqrt(weight) * (each.mean - mean) for weight, each in zip(self.weights, paths, strict=True)]
+        apart = [
+            math.sqrt(weight) * (each.mean - mean)
+            for weight, each in zip(self.weights, paths, strict=True)
+        ]
         features = np.column_stack([paths[0].factor, *apart])
         return arc_length(features, np.eye(features.shape[1]))
 
@@ -112,15 +140,25 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
     every = _found(line)
     found = _weighed(line, every)
     best = found.candidates[0]
-    if found.probability(lambda each: not each.switches) > 0.5 or len(best.placed.positions) > MOST_SMEARED:
+    if (
+        found.probability(lambda each: not each.switches) > 0.5
+        or len(best.placed.positions) > MOST_SMEARED
+    ):
         return found
-    axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
+    axes = [
+        line.axis._replace(taps=0.0),
+        *(line.axis._replace(jitter=jitter) for jitter in JITTERS),
+    ]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
     other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
     if scores[1 + other] + prior < scores[0] - OPEN:
         return found
-    beside = _found(replace(line, axis=axes[other]), parts=[each.smooth.roughness for each in found.candidates])
-    return _weighed(line, [*every, *(each._replace(evidence=each.evidence + prior) for each in beside)])
+    beside = _found(
+        replace(line, axis=axes[other]), parts=[each.smooth.roughness for each in found.candidates]
+    )
+    return _weighed(
+        line, [*every, *(each._replace(evidence=each.evidence + prior) for each in beside)]
+    )
 
 
 def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:
@@ -136,7 +174,9 @@ def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Aver
 def tied(placed: Placed, line: Line) -> Placed:
     """Switches of another line, with what is known of where they lie."""
     columns = line.columns(placed.positions)
-    volume = len(placed.positions) * math.log(line.axis.times) + math.log(0.5)  # no position is to be found
+    volume = len(placed.positions) * math.log(line.axis.times) + math.log(
+        0.5
+    )  # no position is to be found
     return placed._replace(columns=columns, log_volume=volume)
 
 
@@ -150,7 +190,10 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
 
 
 def _found(
-    line: Line, others: Placed | None = None, known: Hypotheses = (), parts: Sequence[Roughness] = ()
+    line: Line,
+    others: Placed | None = None,
+    known: Hypotheses = (),
+    parts: Sequence[Roughness] = (),
 ) -> list[Candidate]:
     """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`.
 
@@ -162,12 +205,17 @@ def _found(
     if known:
         beside = dict(zip(kinds, smooths, strict=True))
         best_ones = {tuple(each.positions): each for each in reversed(known)}.values()
-        found_ones = [Found(each.positions, beside[each.roughness.weights.tobytes()]) for each in best_ones]
+        found_ones = [
+            Found(each.positions, beside[each.roughness.weights.tobytes()]) for each in best_ones
+        ]
     else:
         grid = Grid(line)
         states = first_states(smooths, grid)
         if others is not None and not states[0].places:
-            most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
+            most = max(
+                [each.evidence for each in candidates(smooths, own)]
+                + [state.score for state in states[1:]]
+            )
             if most < states[0].score - 1:
                 none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
                 return candidates(smooths, [none])
@@ -185,7 +233,9 @@ def _found(
         add(again, refined(Found(best.placed.positions, best.smooth), windows), line)
     if not kinds:  # beside the best set, and beside none
         for best in {each.sizes is None: each for each in every}.values():
-            smooths += tuple(Smooth(line, each) for each in few_harmonics(line, best.placed.columns))
+            smooths += tuple(
+                Smooth(line, each) for each in few_harmonics(line, best.placed.columns)
+            )
     return candidates(smooths, [*again, *own])
 
 
@@ -195,7 +245,10 @@ def _weighed(line: Line, every: list[Candidate]) -> Averaged:
     weights = np.exp([each.evidence - every[0].evidence for each in kept])
     weights /= weights.sum()
     heavy = weights >= LIGHTEST
-    kept, weights = [each for each, is_heavy in zip(kept, heavy, strict=True) if is_heavy], weights[heavy]
+    kept, weights = (
+        [each for each, is_heavy in zip(kept, heavy, strict=True) if is_heavy],
+        weights[heavy],
+    )
     weights /= weights.sum()
     parts = [mixture_of(each, share) for each, share in zip(kept, weights, strict=True)]
     shares = [part.weights * weight for part, weight in zip(parts, weights, strict=True)]
@@ -203,5 +256,7 @@ def _weighed(line: Line, every: list[Candidate]) -> Averaged:
     mixture = Mixture(*(np.concatenate(each, axis=1) for each in (shares, means, variances)))
     size = line.size
     scaled = Mixture(mixture.weights, mixture.means * size, mixture.variances * size**2)
-    outcomes = [Outcome(each.evidence, each.smooth.roughness, each.sizes is not None) for each in every]
+    outcomes = [
+        Outcome(each.evidence, each.smooth.roughness, each.sizes is not None) for each in every
+    ]
     return Averaged(kept, weights, scaled, outcomes)

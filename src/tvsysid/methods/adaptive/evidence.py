@@ -18,9 +18,13 @@ ROUNDING = 1e-10  # share of a matrix's trace that is rounding
 
 def factor_of(matrix: Array) -> Array:
     """Cholesky factor; of a matrix that is singular to rounding, that of one that is not."""
-    factor, failed = dpotrf(matrix, lower=1, clean=1)  # many are small: checks around it take longer than it does
+    factor, failed = dpotrf(
+        matrix, lower=1, clean=1
+    )  # many are small: checks around it take longer than it does
     if failed:
-        factor, failed = dpotrf(matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix)), lower=1, clean=1)
+        factor, failed = dpotrf(
+            matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix)), lower=1, clean=1
+        )
     if failed:
         raise np.linalg.LinAlgError("a matrix of products is not positive definite")
     return np.asarray(factor)
@@ -81,7 +85,9 @@ class Line:
         steps = self.axis.seen(positions)
         weighted = self.precision @ steps
         power = np.einsum("tc,tc->c", steps, weighted)
-        return Columns(positions, steps, weighted, self.features.T @ weighted, power, steps.T @ self.weighted)
+        return Columns(
+            positions, steps, weighted, self.features.T @ weighted, power, steps.T @ self.weighted
+        )
 
 
 class Columns(NamedTuple):
@@ -116,7 +122,9 @@ class Smooth:
         system.flat[:: len(system) + 1] += 1.0
         self.factor = factor_of(system)
         self.answer = self.solved(self.root * line.cross[self.kept])
-        self.evidence = 0.5 * float(self.answer @ self.answer) - float(np.log(np.diag(self.factor)).sum())
+        self.evidence = 0.5 * float(self.answer @ self.answer) - float(
+            np.log(np.diag(self.factor)).sum()
+        )
 
     @property
     def score(self) -> float:
@@ -165,7 +173,9 @@ class Products(NamedTuple):
         """With another's column in the place of one."""
         out = self.take(np.arange(len(self.cross)))
         for mine, theirs in zip(
-            (*out.columns, out.taken, out.cross), (*other.columns, other.taken, other.cross), strict=True
+            (*out.columns, out.taken, out.cross),
+            (*other.columns, other.taken, other.cross),
+            strict=True,
         ):
             mine[..., place] = theirs[..., index]
         return out
@@ -181,7 +191,11 @@ class Sizes(NamedTuple):
 @lru_cache(maxsize=4)
 def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
     """Priors of sizes, equally likely; where the end goes on at the beginning, ramps between switches may cancel."""
-    return tuple(Sizes(spread, balanced) for balanced in ((False, True) if periodic else (False,)) for spread in SIZES)
+    return tuple(
+        Sizes(spread, balanced)
+        for balanced in ((False, True) if periodic else (False,))
+        for spread in SIZES
+    )
 
 
 @lru_cache(maxsize=64)
@@ -214,7 +228,9 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
     factor = factor_of(system)
     half = solved_by(factor, turn.T)
     answer = half @ cross
-    log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(np.log(sizes.spread))
+    log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(
+        np.log(sizes.spread)
+    )
     return Jumps(0.5 * float(answer @ answer) - 0.5 * log_determinant, answer @ half, half.T @ half)
 
 
@@ -236,7 +252,13 @@ def jumps_of_every_size(gram: Array, cross: Array, periodic: bool) -> Array:
 
 
 def one_more(
-    own: Products, gram: Array, cross: Array, mixed: Array, power: Array, balanced: bool, spreads: tuple[float, ...]
+    own: Products,
+    gram: Array,
+    cross: Array,
+    mixed: Array,
+    power: Array,
+    balanced: bool,
+    spreads: tuple[float, ...],
 ) -> Array:
     """Log evidence (spread, column) for some switches and each of many others in turn, by rank-one updates.
 
@@ -261,4 +283,8 @@ def one_more(
     share = variance / taken
     before = 0.5 * np.sum(share * answer**2 - np.log(taken), axis=1, keepdims=True)
     left = 1 + variance * np.maximum(power - share @ (turned**2).T, 0.0)
-    return np.asarray(before + 0.5 * variance * (wanted - share * answer @ turned.T) ** 2 / left - 0.5 * np.log(left))
+    return np.asarray(
+        before
+        + 0.5 * variance * (wanted - share * answer @ turned.T) ** 2 / left
+        - 0.5 * np.log(left)
+    )

@@ -22,7 +22,9 @@ def few_harmonics(line: Line, steps: Columns) -> list[Roughness]:
     """
     count, out = 1 + 2 * min(HARMONICS, line.axis.harmonics), list[Roughness]()
     features = steps.features[:count]
-    gram = np.block([[line.gram[:count, :count], features], [features.T, steps.seen.T @ steps.weighted]])
+    gram = np.block(
+        [[line.gram[:count, :count], features], [features.T, steps.seen.T @ steps.weighted]]
+    )
     cross = np.append(line.cross[:count], steps.cross)
     variances, weights = np.square(AMPLITUDES)[:, None], np.zeros(len(line.cross))
     log_prior = math.log(SHARE) - (count - 1) / 2 * math.log1p(FIRST * (2 + SECOND))
@@ -32,12 +34,18 @@ def few_harmonics(line: Line, steps: Columns) -> list[Roughness]:
             place, variance = always[turn]
         else:
             known = weights[1:count] > 0
-            odds = np.log(np.where(known.reshape(-1, 2)[:, ::-1].ravel(), SECOND, FIRST) / len(AMPLITUDES))
+            odds = np.log(
+                np.where(known.reshape(-1, 2)[:, ::-1].ravel(), SECOND, FIRST) / len(AMPLITUDES)
+            )
             left = 1 + variances * np.diag(gram)[1:count]
             gain = odds + 0.5 * (variances * cross[1:count] ** 2 / left - np.log(left))
             gain[:, known] = -np.inf
             size, place = divmod(int(np.argmax(gain)), count - 1)
-            log_prior, place, variance = log_prior + odds[place], place + 1, float(variances[size, 0])
+            log_prior, place, variance = (
+                log_prior + odds[place],
+                place + 1,
+                float(variances[size, 0]),
+            )
         if place < count:
             weights[place] = variance
         share = variance / (1 + variance * gram[place, place]) * gram[place]
@@ -45,5 +53,9 @@ def few_harmonics(line: Line, steps: Columns) -> list[Roughness]:
         if turn >= len(always):
             top = (int(np.flatnonzero(weights)[-1]) + 1) // 2
             amplitude = math.sqrt(weights[1:].sum() / 2)
-            out.append(Roughness("few harmonics", amplitude, line.axis.period / top, log_prior, weights.copy()))
+            out.append(
+                Roughness(
+                    "few harmonics", amplitude, line.axis.period / top, log_prior, weights.copy()
+                )
+            )
     return out

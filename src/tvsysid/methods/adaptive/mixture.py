@@ -75,7 +75,12 @@ def path(candidate: Candidate) -> Path:
     answers = smooth.line.axis.steps(placed.positions) - smooth.spread.T @ products.taken
     values, vectors = np.linalg.eigh(found.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return Path(mean + answers @ found.mean, np.concatenate([smooth.spread.T, answers @ root], axis=1), found, answers)
+    return Path(
+        mean + answers @ found.mean,
+        np.concatenate([smooth.spread.T, answers @ root], axis=1),
+        found,
+        answers,
+    )
 
 
 def mixture_of(candidate: Candidate, weight: float) -> Mixture:
@@ -88,7 +93,11 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
     uneven = candidate.smooth.line.axis.uneven(placed.positions) @ own.found.mean**2
     most = max(4, round(MOST_POSITIONS * weight))
     nearest = np.argmin(
-        [distance(candidate.smooth.line, np.arange(float(times)), position) for position in placed.positions], axis=0
+        [
+            distance(candidate.smooth.line, np.arange(float(times)), position)
+            for position in placed.positions
+        ],
+        axis=0,
     )
     parts = []
     for place in range(len(placed.positions)):
@@ -99,7 +108,9 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
     widest = max(len(share) for _, share, _, _ in parts)
     out = Mixture(*(np.zeros((times, widest)), np.zeros((times, widest)), np.ones((times, widest))))
     for rows, share, means, variances in parts:
-        for target, values in zip(out, (np.broadcast_to(share, means.shape), means, variances), strict=True):
+        for target, values in zip(
+            out, (np.broadcast_to(share, means.shape), means, variances), strict=True
+        ):
             target[rows, : len(share)] = values
     return out
 
@@ -109,17 +120,24 @@ def thinned(window: Array, share: Array, most: int) -> tuple[Array, Array]:
     kept = np.flatnonzero(share > LIGHTEST)
     if not len(kept):
         kept = np.array([int(np.argmax(share))])
-    group = np.minimum((np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1).astype(int)
+    group = np.minimum(
+        (np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1
+    ).astype(int)
     best = [kept[group == each][np.argmax(share[kept][group == each])] for each in np.unique(group)]
     weights = np.array([share[kept][group == each].sum() for each in np.unique(group)])
     return window[best], weights / weights.sum()
 
 
-def _moved(candidate: Candidate, own: Path, place: int, window: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+def _moved(
+    candidate: Candidate, own: Path, place: int, window: Array, rows: NDArray[np.intp]
+) -> tuple[Array, Array]:
     """Means and variances (row, position) with one switch at the positions of a window, the others at their modes."""
     smooth, sizes = candidate.smooth, candidate.sizes
     assert sizes is not None
-    modes, moving = smooth.products(candidate.placed.columns), smooth.products(smooth.line.columns(window))
+    modes, moving = (
+        smooth.products(candidate.placed.columns),
+        smooth.products(smooth.line.columns(window)),
+    )
     count, many = len(modes.cross), len(moving.cross)
     gram = np.repeat(modes.between(modes)[None], many, axis=0)
     between = moving.between(modes)

@@ -56,14 +56,26 @@ class MixtureError(StandardError):
     mixture: Mixture | None = None
 
     def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture)
+        return type(self), (
+            self.values,
+            np.array(self.freedom),
+            self.arc,
+            self.absent,
+            self.mixture,
+        )
 
-    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+    def limits(
+        self, values: Array, level: float, simultaneous: bool = False
+    ) -> tuple[Array, Array]:
         """Quantiles of the mixture, of Student's t for each of its parts, between which the truth lies."""
         assert self.mixture is not None
         known = np.isfinite(self.values)
         freedom = self.freedom[known]
-        multiple = simultaneous_value(level, freedom, self.arc) if simultaneous else critical_value(level, freedom)
+        multiple = (
+            simultaneous_value(level, freedom, self.arc)
+            if simultaneous
+            else critical_value(level, freedom)
+        )
         lower, upper = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
         inside = INSIDE * multiple * self.values[known]
         lower[known] = np.minimum(self._quantile(-multiple, freedom), values[known] - inside)
@@ -76,7 +88,9 @@ class MixtureError(StandardError):
         weights, means, variances = self.mixture
         spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
         each = np.where(
-            weights > 0, means + spreads * multiple[:, None], means[:, :1] + spreads[:, :1] * multiple[:, None]
+            weights > 0,
+            means + spreads * multiple[:, None],
+            means[:, :1] + spreads[:, :1] * multiple[:, None],
         )
         low, high, share = each.min(axis=1), each.max(axis=1), ndtr(wanted)
         for _ in range(BISECTIONS if weights.shape[1] > 1 else 0):
@@ -89,7 +103,9 @@ class MixtureError(StandardError):
 
 def _as_normal(multiple: Array, freedom: Array) -> Array:
     """Normal deviate of the same probability as Student's t, to 0.2 % (Wallace 1959)."""
-    shrunk = np.sqrt(freedom * np.log1p(multiple**2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
+    shrunk = (
+        np.sqrt(freedom * np.log1p(multiple**2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
+    )
     return np.asarray(np.copysign(shrunk, multiple))
 
 
@@ -116,7 +132,9 @@ class AdaptiveModel(Model):
             return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, signals)))}
         found = self.beside.pathways(ensemble)
         more = (self.stiffness - self.beside.stiffness, self.viscosity - self.beside.viscosity)
-        return found | {"intrinsic": found["intrinsic"] + more[0] * signals[0] + more[1] * signals[1]}
+        return found | {
+            "intrinsic": found["intrinsic"] + more[0] * signals[0] + more[1] * signals[1]
+        }
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         return {**_columns("switch", self.switches), **_columns("smoothness", self.smoothness)}, {}
@@ -126,4 +144,7 @@ def _columns(axis: str, rows: tuple[NamedTuple, ...]) -> Labelled:
     """A table by columns, over an axis of its own."""
     if not rows:
         return {}
-    return {f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows]) for name in rows[0]._fields}
+    return {
+        f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows])
+        for name in rows[0]._fields
+    }

@@ -21,7 +21,9 @@ from tvsysid.signals import Ensemble
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation leave alone
 MIN_REALIZATIONS = 4  # realizations
 SHORTEST = 16  # samples of a realization that have derivatives, at least
-STILL = 1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
+STILL = (
+    1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
+)
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
@@ -65,7 +67,10 @@ class Derived(Signals):
             realizations=(len(ensemble), independent_realizations(ensemble)),
             holds=np.zeros(2),
             positive=np.zeros((0, 2)),
-            scale=(float(np.sqrt(np.mean(ensemble.angle**2))), float(np.sqrt(np.mean(ensemble.torque**2)))),
+            scale=(
+                float(np.sqrt(np.mean(ensemble.angle**2))),
+                float(np.sqrt(np.mean(ensemble.torque**2))),
+            ),
             ensemble=ensemble,
         )
 
@@ -120,7 +125,9 @@ class Normal(NamedTuple):
     excess: tuple[float, float]
 
 
-def normal(signals: Signals, weights: tuple[Array, Array], coefficients: Array, viscosity: Array) -> Normal:
+def normal(
+    signals: Signals, weights: tuple[Array, Array], coefficients: Array, viscosity: Array
+) -> Normal:
     """Products with weights of the whole band and of the low one; the torque loses that of a ``viscosity`` (time,).
 
     The ``coefficients`` (signal, time) give the errors whose scores are compared.
@@ -151,7 +158,11 @@ def normal(signals: Signals, weights: tuple[Array, Array], coefficients: Array, 
     for place, matrix in enumerate((angle, velocity)):
         np.fill_diagonal(matrix, floored(np.diag(matrix)))
         own = floored(np.diag(squares[2 * place]))
-        taken = np.maximum(1 - alike[place] / (own * power), 1e-3) * signals.realizations[1] / signals.realizations[0]
+        taken = (
+            np.maximum(1 - alike[place] / (own * power), 1e-3)
+            * signals.realizations[1]
+            / signals.realizations[0]
+        )
         excess.append(float(np.sum(scores[place]) / np.sum(np.diag(matrix) * taken)))
     return Normal(angle, mixed, velocity, right, steady, slow, (excess[0], excess[1]))
 
@@ -170,7 +181,9 @@ class Constants(NamedTuple):
 def without_angle(gram: Array) -> Array:
     """Products of what of each signal but the angle is not in proportion to the angle at each time."""
     power = floored(gram[:, U, U])
-    return np.asarray(gram[:, 1:, 1:] - gram[:, 1:, U, None] * gram[:, None, U, 1:] / power[:, None, None])
+    return np.asarray(
+        gram[:, 1:, 1:] - gram[:, 1:, U, None] * gram[:, None, U, 1:] / power[:, None, None]
+    )
 
 
 def constants(free: Array, power: Array, holds: Array, positive: Array) -> Constants:

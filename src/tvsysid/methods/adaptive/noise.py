@@ -12,9 +12,13 @@ from tvsysid.methods.adaptive.moments import A, Signals, V, without_angle
 from tvsysid.numerics import Array
 
 POOLED = 0.05  # s to either side over which the strength of the noise is pooled; also how far misfit is alike
-TOGETHER = 0.5  # s of all realizations but one together over which it is pooled to either side at least
+TOGETHER = (
+    0.5  # s of all realizations but one together over which it is pooled to either side at least
+)
 COLOUR = 0.25  # s from which the noise is predicted at most
-FLOOR = 0.01  # share of the noise's variance that is taken as white at least: the rest may be misfit
+FLOOR = (
+    0.01  # share of the noise's variance that is taken as white at least: the rest may be misfit
+)
 TOLD = 1e-6  # determinant of velocity's and acceleration's correlations below which they cannot be told apart
 EXACT = 1e-8  # share of the torque's power that is taken as noise at least
 
@@ -50,8 +54,12 @@ def predictors(covariance: Array, lags: int, independent: int) -> Array:
     """Noise less its prediction, (time, time): of each order from 0 at first, of the order chosen from there on."""
     times, (row, column) = len(covariance), covariance.strides
     shape = times - lags, lags + 1, lags + 1
-    order = np.append(np.arange(lags)[::-1], lags)  # the sample before, the one before that ...; last what follows
-    near = as_strided(covariance, shape, (row + column, row, column), writeable=False).sum(axis=0)[np.ix_(order, order)]
+    order = np.append(
+        np.arange(lags)[::-1], lags
+    )  # the sample before, the one before that ...; last what follows
+    near = as_strided(covariance, shape, (row + column, row, column), writeable=False).sum(axis=0)[
+        np.ix_(order, order)
+    ]
     factor = np.linalg.cholesky(near)
     left = near[-1, -1] - np.append(0.0, np.cumsum(factor[-1, :-1] ** 2))
     samples = independent * shape[0]
@@ -71,7 +79,9 @@ def pooled(values: Array, reach: int, periodic: bool) -> Array:
     if not reach:
         return values
     ends = (values[-reach:], values[:reach]) if periodic else (np.zeros(reach), np.zeros(reach))
-    return np.convolve(np.concatenate([ends[0], values, ends[1]]), np.ones(2 * reach + 1), mode="valid")
+    return np.convolve(
+        np.concatenate([ends[0], values, ends[1]]), np.ones(2 * reach + 1), mode="valid"
+    )
 
 
 class Misfit(NamedTuple):
@@ -89,7 +99,9 @@ def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
     """
     every = without_angle(gram)
     own = every[:, :2, :2]
-    cross = every[:, [V - 1, A - 1], -1] - np.einsum("tij,jt->ti", every[:, [V - 1, A - 1], :-1], coefficients[1:])
+    cross = every[:, [V - 1, A - 1], -1] - np.einsum(
+        "tij,jt->ti", every[:, [V - 1, A - 1], :-1], coefficients[1:]
+    )
     square = (
         every[:, -1, -1]
         - 2 * np.einsum("ti,it->t", every[:, -1, :-1], coefficients[1:])
@@ -103,7 +115,9 @@ def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
         return Misfit(0.0, 0.0)
     inverse = np.linalg.inv(scaled[sure]) / (size[sure][:, :, None] * size[sure][:, None, :])
     moved = np.einsum("tij,tj->ti", inverse, cross[sure])
-    left = np.maximum(square[sure] - np.einsum("ti,ti->t", moved, cross[sure]), 0.0) / (independent - 3)
+    left = np.maximum(square[sure] - np.einsum("ti,ti->t", moved, cross[sure]), 0.0) / (
+        independent - 3
+    )
     out = []
     for place in range(2):
         share = inverse[:, place, place]

@@ -23,7 +23,10 @@ RESOLVED = 1 / 16  # samples from one position that is tried to the next
 APART = 1.0  # samples that two switches are apart at least
 NEAR = 6.0  # samples to either side of where a switch was found in which it may lie
 SWEEPS = 4  # of all switches, each placed beside the others, at most
-CLOSE, SAME = 3.0, 0.26  # samples within which one of two switches may stand for both; two sets are the same
+CLOSE, SAME = (
+    3.0,
+    0.26,
+)  # samples within which one of two switches may stand for both; two sets are the same
 
 
 class Found(NamedTuple):
@@ -88,7 +91,10 @@ def joined(parts: list[Columns]) -> Columns:
 
 def together(parts: list[Products]) -> Products:
     """Products side by side."""
-    taken, cross = (np.concatenate([getattr(each, name) for each in parts], axis=-1) for name in ("taken", "cross"))
+    taken, cross = (
+        np.concatenate([getattr(each, name) for each in parts], axis=-1)
+        for name in ("taken", "cross")
+    )
     return Products(joined([each.columns for each in parts]), taken, cross)
 
 
@@ -135,14 +141,22 @@ def refined(found: Found, windows: Windows) -> Placed:
     order = np.argsort(positions)
     columns = own.columns.take(order)
     volume = float(volumes.sum())
-    return Placed(positions[order], columns, tuple(about[k] for k in order), tuple(shares[k] for k in order), volume)
+    return Placed(
+        positions[order],
+        columns,
+        tuple(about[k] for k in order),
+        tuple(shares[k] for k in order),
+        volume,
+    )
 
 
 def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array:
     """Log evidence for some switches and one more at each position of a window, apart from them."""
     products = window.products
     gram, mixed = others.between(others), products.between(others)
-    (value,) = one_more(products, gram, others.cross, mixed, window.power, sizes.balanced, (sizes.spread,))
+    (value,) = one_more(
+        products, gram, others.cross, mixed, window.power, sizes.balanced, (sizes.spread,)
+    )
     for position in others.columns.positions:
         near = distance(line, products.columns.positions, position) < APART
         if not near.all():
@@ -156,7 +170,12 @@ def total(placed: Placed, smooth: Smooth) -> float:
     if not count:
         return smooth.score
     axis, products = smooth.line.axis, smooth.products(placed.columns)
-    return smooth.score + best_sizes(products, axis.periodic)[1] + placed.log_volume - count * math.log(axis.times)
+    return (
+        smooth.score
+        + best_sizes(products, axis.periodic)[1]
+        + placed.log_volume
+        - count * math.log(axis.times)
+    )
 
 
 def simplified(placed: Placed, smooth: Smooth, windows: Windows) -> Placed:

@@ -17,8 +17,13 @@ from tvsysid.numerics import Array
 LEVEL = 30.0  # standard deviation of the constant, in mean sizes
 AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # of the smooth part, in mean sizes
 SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, in mean sizes
-SHORTEST, RATIO = 4.0, 1.6  # length in samples of the roughest smooth part, and from one to the next
-LONGEST = 1 / 1.2  # period below which lengths are tried; from half of it on one harmonic is all that is left
+SHORTEST, RATIO = (
+    4.0,
+    1.6,
+)  # length in samples of the roughest smooth part, and from one to the next
+LONGEST = (
+    1 / 1.2
+)  # period below which lengths are tried; from half of it on one harmonic is all that is left
 FAINT = 1e-7  # share of the first harmonic's variance below which others are left out
 DECIMATOR = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after a decimation by 10
@@ -66,14 +71,21 @@ class Axis(NamedTuple):
 
     def features(self) -> Array:
         """A constant, and cosines and sines of the harmonics, (time, feature)."""
-        turns = 2 * np.pi * np.outer(np.arange(self.times), np.arange(1, self.harmonics + 1)) / self.period
+        turns = (
+            2
+            * np.pi
+            * np.outer(np.arange(self.times), np.arange(1, self.harmonics + 1))
+            / self.period
+        )
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(self.times, -1)
         return np.concatenate([np.ones((self.times, 1)), waves], axis=1)
 
     def late(self, positions: Array) -> Array:
         """Samples by which times are later than positions (time, position): at most half of them where they repeat."""
         late = np.arange(self.times)[:, None] - positions
-        return np.asarray(late - self.times * np.floor(late / self.times + 0.5) if self.periodic else late)
+        return np.asarray(
+            late - self.times * np.floor(late / self.times + 0.5) if self.periodic else late
+        )
 
     def sharp(self, late: Array) -> Array:
         """Steps of 1, so many samples late; a sawtooth that jumps by 1 where the end goes on at the beginning."""

@@ -45,7 +45,9 @@ class WithReflex(Signals):
         rest = slice(2, 2 + len(further))
         added = float(further @ constants.values[rest])
         sure = float(further @ constants.covariance[rest, rest] @ further)
-        return mixture._replace(means=own * mixture.means + added, variances=own**2 * mixture.variances + sure)
+        return mixture._replace(
+            means=own * mixture.means + added, variances=own**2 * mixture.variances + sure
+        )
 
     def stiffness(self, mean: float, constants: Constants) -> float:
         """Of the same fit, from the mean of the angle's coefficient."""
@@ -56,10 +58,14 @@ class WithReflex(Signals):
         """Of the same fit, with its variance."""
         weights = self.readout[2, 2:]
         rest = slice(1, 1 + len(weights))
-        return float(weights @ constants.values[rest]), float(weights @ constants.covariance[rest, rest] @ weights)
+        return float(weights @ constants.values[rest]), float(
+            weights @ constants.covariance[rest, rest] @ weights
+        )
 
 
-def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None = None) -> WithReflex | None:
+def with_reflex(
+    ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None = None
+) -> WithReflex | None:
     """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``.
 
     None also if too little is known of the history of enough realizations. A channel of EMG may drive it.

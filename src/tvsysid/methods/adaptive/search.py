@@ -11,17 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, one_more
-from tvsysid.methods.adaptive.placing import APART, Found, Windows, best_sizes, distance, refined, together
+from tvsysid.methods.adaptive.placing import (
+    APART,
+    Found,
+    Windows,
+    best_sizes,
+    distance,
+    refined,
+    together,
+)
 from tvsysid.methods.adaptive.prior import SIZES
 from tvsysid.numerics import Array
 
-FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
-POLISHED, ABOUT = 1 / 8, 1.5  # samples to which positions are polished after each step, and how far they may move
+FINE, COARSE, PAIRS = (
+    400,
+    200,
+    100,
+)  # positions that are tried: of one more switch, of the first, of a pair at most
+POLISHED, ABOUT = (
+    1 / 8,
+    1.5,
+)  # samples to which positions are polished after each step, and how far they may move
 STEPS, MOST = 60, 12  # of the search, and switches at most
 GAIN = 50.0  # log evidence that a further switch is taken to bring at most
 NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
 FAINT = 1e-12  # share of all precision below which there is none
-PARTED, PARTS = 6, 3  # switches at most of the best sets of each number, and how many of these are polished
+PARTED, PARTS = (
+    6,
+    3,
+)  # switches at most of the best sets of each number, and how many of these are polished
 REACH = 12.0  # log evidence below the best down to which sets are kept
 MOST_SETS = 8  # that are kept
 START = Sizes(0.2, False)
@@ -84,7 +102,9 @@ def _pair(products: Products, grid: Grid) -> tuple[float, tuple[int, int]]:
     gram = grid.pair_gram - products.taken.T @ products.taken
     power, variance = np.diag(gram), START.spread**2
     square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
-    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(square)
+    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(
+        square
+    )
     value[np.tri(len(value), dtype=bool)] = -np.inf
     best = int(np.argmax(value))
     return float(value.flat[best]), (best // len(value), best % len(value))
@@ -121,8 +141,14 @@ class Walk:
     def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
         """Best score of a set and one switch more, and where that is."""
         steps, mixed = self.at(places)
-        gram, kinds = steps.between(steps), (False, True) if self.grid.line.axis.periodic else (False,)
-        found = [one_more(self.products, gram, steps.cross, mixed, self.power, each, SIZES) for each in kinds]
+        gram, kinds = (
+            steps.between(steps),
+            (False, True) if self.grid.line.axis.periodic else (False,),
+        )
+        found = [
+            one_more(self.products, gram, steps.cross, mixed, self.power, each, SIZES)
+            for each in kinds
+        ]
         best, positions = np.max(found, axis=(0, 1)), self.grid.fine.positions
         for place in places:
             best[distance(self.grid.line, positions, place) < APART] = -np.inf
@@ -167,8 +193,13 @@ def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, .
     cut = round(places[0]) % times if periodic and places else 0
     weights = np.roll(np.diag(line.precision), -cut)
     edges = np.append(np.arange(0, times, -(-times // COARSE)), times)
-    sums = [np.append(0.0, np.cumsum(each))[edges] for each in (weights, weights * np.roll(line.seen, -cut))]
-    power, cross = (np.subtract.outer(each, each) for each in sums)  # of all between an edge and one before
+    sums = [
+        np.append(0.0, np.cumsum(each))[edges]
+        for each in (weights, weights * np.roll(line.seen, -cut))
+    ]
+    power, cross = (
+        np.subtract.outer(each, each) for each in sums
+    )  # of all between an edge and one before
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.where(before, cross**2 / np.maximum(power, FAINT * power.max()), -np.inf)
     best, chosen = gains[:, 0], list[NDArray[np.intp]]()
@@ -201,7 +232,8 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
         able = {
             key: state
             for key, state in open_ones.items()
-            if state.score + min(state.gain, GAIN) > best and (key in walks or state.places not in closed_at)
+            if state.score + min(state.gain, GAIN) > best
+            and (key in walks or state.places not in closed_at)
         }
         if not able:
             break
@@ -228,7 +260,8 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
     scores.pop((), None)
     best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
     near = sorted(
-        ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH), reverse=True
+        ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH),
+        reverse=True,
     )
     sets = [Found(np.array(places), smooths[key]) for _, key, places in near]
     return [*sets[:MOST_SETS], Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]

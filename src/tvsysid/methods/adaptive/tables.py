@@ -20,7 +20,9 @@ def parameters(found: Averaged) -> float:
     best = found.candidates[0]
     line = best.smooth.line
     factor = path(best).factor
-    return float(np.einsum("tc,ts,sc->", factor, line.precision, factor, optimize=True)) + len(best.placed.positions)
+    return float(np.einsum("tc,ts,sc->", factor, line.precision, factor, optimize=True)) + len(
+        best.placed.positions
+    )
 
 
 def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iterator[Smoothness]:
@@ -31,11 +33,17 @@ def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iter
         key = each.roughness.kind, each.roughness.amplitude, each.roughness.length
         probabilities[key] = probabilities.get(key, 0.0) + float(share)
     for (kind, amplitude, length), probability in probabilities.items():
-        rows.append(Smoothness(quantity, kind, amplitude * line.size * unit, length / rate, probability))
-    yield from sorted((row for row in rows if row.probability >= WORTH), key=lambda row: -row.probability)
+        rows.append(
+            Smoothness(quantity, kind, amplitude * line.size * unit, length / rate, probability)
+        )
+    yield from sorted(
+        (row for row in rows if row.probability >= WORTH), key=lambda row: -row.probability
+    )
 
 
-def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: float) -> Iterator[Switch]:
+def switches(
+    quantity: str, found: Averaged, unit: float, missing: int, rate: float
+) -> Iterator[Switch]:
     """Switches that are likely enough to be named, in the order of time."""
     line = found.candidates[0].smooth.line
     seen: list[tuple[float, Switch]] = []
@@ -47,12 +55,18 @@ def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: fl
         for place, position in enumerate(positions):
             if any(distance(line, np.array([other]), position)[0] < CLOSE for other in before):
                 continue
-            weight = min(sum(share for _, share in _near(found, position)), 1.0)  # rounding may exceed it
+            weight = min(
+                sum(share for _, share in _near(found, position)), 1.0
+            )  # rounding may exceed it
             earliest, latest = _limits(candidate, place)
             error = float(np.sqrt(sizes.covariance[place, place]))
             size = line.size * unit
-            first, early, late = ((float(value) + missing) / rate for value in (position, earliest, latest))
-            row = Switch(quantity, first, early, late, size * float(sizes.mean[place]), size * error, weight)
+            first, early, late = (
+                (float(value) + missing) / rate for value in (position, earliest, latest)
+            )
+            row = Switch(
+                quantity, first, early, late, size * float(sizes.mean[place]), size * error, weight
+            )
             seen.append((position, row))
     rows = [row for _, row in seen if row.probability >= NAMED]
     yield from sorted(rows, key=lambda row: row.time)

@@ -7,13 +7,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 
-CERTAIN, LIKELY = 0.995, 0.8  # probabilities from which on they are not mentioned; and below which something is open
+CERTAIN, LIKELY = (
+    0.995,
+    0.8,
+)  # probabilities from which on they are not mentioned; and below which something is open
 
 
 def changes(model: AdaptiveModel) -> list[str]:
     """When stiffness switches, in the order of time, whether it changes smoothly, and whether a reflex is taken out."""
     switches = [each for each in model.switches if each.quantity == "stiffness"]
-    constant = sum(row.probability for row in model.smoothness if (row.quantity, row.kind) == ("stiffness", "none"))
+    constant = sum(
+        row.probability
+        for row in model.smoothness
+        if (row.quantity, row.kind) == ("stiffness", "none")
+    )
     likely = any(each.probability > 0.5 for each in switches)
     lines = [*map(_switch, switches), _smoothly(constant, " between switches" if likely else "")]
     if model.beside is not None:
@@ -34,6 +41,8 @@ def _switch(switch: Switch) -> str:
 def _smoothly(constant: float, where: str) -> str:
     share = max(constant, 1 - constant)
     if share < LIKELY:
-        return f"whether it changes smoothly{where} is open (probability {100 * (1 - constant):.0f} %)"
+        return (
+            f"whether it changes smoothly{where} is open (probability {100 * (1 - constant):.0f} %)"
+        )
     words = "it is constant" if constant > 0.5 else "it changes smoothly"
     return f"{words}{where}" + (f" (probability {100 * share:.0f} %)" if share < CERTAIN else "")

@@ -17,10 +17,16 @@ from tvsysid.numerics.noise import autocorrelation
 class OneSignError(StandardError):
     """Random error of an estimate that is nowhere negative, or nowhere positive: nor is its band."""
 
-    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+    def limits(
+        self, values: Array, level: float, simultaneous: bool = False
+    ) -> tuple[Array, Array]:
         """See :meth:`tvsysid.Estimate.band`."""
         lower, upper = super().limits(values, level, simultaneous)
-        return (lower, np.minimum(upper, 0.0)) if np.nanmin(values) < 0 else (np.maximum(lower, 0.0), upper)
+        return (
+            (lower, np.minimum(upper, 0.0))
+            if np.nanmin(values) < 0
+            else (np.maximum(lower, 0.0), upper)
+        )
 
 
 class Covariance(NamedTuple):
@@ -29,7 +35,9 @@ class Covariance(NamedTuple):
     matrix: Array
     freedom: float
 
-    def error(self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False) -> StandardError:
+    def error(
+        self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False
+    ) -> StandardError:
         """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
         columns = slice(start, start + features.shape[1])
         covariance = self.matrix[columns, columns]
@@ -58,5 +66,8 @@ def covariance_of(problem: Problem, found: Found) -> Covariance:
     inverse = np.linalg.inv(gram + np.diag(weight)) / scale[:, None]
     true = problem.with_data(data.weighed(data.noise, autocorrelation(left, 0.0)))
     coloured = true.moments_and_slopes(found, true.moments(found.shape).scaled(found.scale))[0]
-    matrix = float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse.T + noise * (inverse * weight) @ inverse.T
+    matrix = (
+        float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse.T
+        + noise * (inverse * weight) @ inverse.T
+    )
     return Covariance(matrix, freedom)

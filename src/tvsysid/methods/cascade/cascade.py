@@ -143,15 +143,21 @@ class JointCascade(base.Method):
         base.check_positive(self, max_lag=self.max_lag)
         if self.period is not None:
             base.check_positive(self, period=self.period)
-        if not (len(self.harmonics) == 3 and all(type(h) is int and h >= 0 for h in self.harmonics)):
+        if not (
+            len(self.harmonics) == 3 and all(type(h) is int and h >= 0 for h in self.harmonics)
+        ):
             raise InputError(
                 "JointCascade: harmonics must be three whole numbers of 0 or more: of stiffness, viscosity and "
                 f"reflex gain; got {self.harmonics!r}"
             )
         if self.constant not in (True, False, None):
-            raise InputError(f"JointCascade: constant must be True, False or None, got {self.constant!r}")
+            raise InputError(
+                f"JointCascade: constant must be True, False or None, got {self.constant!r}"
+            )
         if self.delay == "fit" and self.emg is not None:
-            raise InputError("JointCascade: the delay from EMG to torque is not fitted; give it in s, as in delay=0.01")
+            raise InputError(
+                "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in delay=0.01"
+            )
         if self.delay is not None and self.delay != "fit":
             base.check_positive(self, delay=self.delay)
         if self.emg is not None:
@@ -167,7 +173,10 @@ class JointCascade(base.Method):
 
     def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
-        if isinstance(model, result.JointCascadeModel) and model.diagnostics.details["reflex_shown"]:
+        if (
+            isinstance(model, result.JointCascadeModel)
+            and model.diagnostics.details["reflex_shown"]
+        ):
             return result.model(repr(self), self.refitted(ensemble, model.hyperparameters))
         return self.identify(ensemble)
 
@@ -175,7 +184,12 @@ class JointCascade(base.Method):
         """Return the solution with these hyperparameters, of a reflex that is shown."""
         search = self._search(ensemble)
         return result.Chosen(
-            search, {}, known.reflex, True, search.limited(known.reflex, search.refitted(known)), self.emg
+            search,
+            {},
+            known.reflex,
+            True,
+            search.limited(known.reflex, search.refitted(known)),
+            self.emg,
         )
 
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
@@ -189,7 +203,10 @@ class JointCascade(base.Method):
         return result.Chosen(search, fits, name, shown, search.limited(name, found), self.emg)
 
     def _search(self, ensemble: Ensemble) -> Search:
-        rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)
+        rate, lags = (
+            ensemble.sampling_rate,
+            base.fitting_lags("JointCascade", self.max_lag, ensemble),
+        )
         period = ensemble.duration if self.period is None else self.period
         signals, known = lagged_signals(ensemble.angle, ensemble.context, lags, rate)
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)[..., ensemble.core]
@@ -199,13 +216,21 @@ class JointCascade(base.Method):
                 f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, realizations have "
                 f"{ensemble.samples / rate:g} s with {ensemble.context / rate:g} s of context; give longer ones"
             )
-        bases = [FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period) for h in self.harmonics[:2]]
+        bases = [
+            FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period)
+            for h in self.harmonics[:2]
+        ]
         bases += [np.ones((ensemble.samples, 1))] * (len(signals) - 2)
         data = Data.of(ensemble.torque[:, ensemble.core], signals, tuple(bases), fitted)
         drives = self._drives(ensemble, data)
         shape = () if self.emg else ("threshold",)
         free = {
-            name: ("frequency", "damping", *shape * (name in DIRECTIONS), *("delay",) * (self.delay == "fit"))
+            name: (
+                "frequency",
+                "damping",
+                *shape * (name in DIRECTIONS),
+                *("delay",) * (self.delay == "fit"),
+            )
             for name in drives
         }
         return Search(ensemble, data, lags, drives, self.harmonics[2], period, self._delay, free)
@@ -233,7 +258,9 @@ class JointCascade(base.Method):
             return _past(ensemble, np.concatenate(parts), data)
 
         plain = rectified(1, 0.0) + rectified(-1, 0.0)  # both directions together are not rectified
-        return {"linear": lambda threshold: plain} | {name: partial(rectified, s) for name, s in DIRECTIONS.items()}
+        return {"linear": lambda threshold: plain} | {
+            name: partial(rectified, s) for name, s in DIRECTIONS.items()
+        }
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
         """Which reflex there is, or might be, and whether one is shown."""
@@ -263,7 +290,9 @@ class JointCascade(base.Method):
 def _past(ensemble: Ensemble, values: Array, data: Data) -> Array:
     """Values with their history (realization, history + time), as deviations from the mean; 0 where not recorded."""
     samples = round(HISTORY * ensemble.sampling_rate)
-    rows = history(ensemble, values, samples)[data.rows, data.times.start : samples + data.times.stop]
+    rows = history(ensemble, values, samples)[
+        data.rows, data.times.start : samples + data.times.stop
+    ]
     return deviations(rows)
 
 

@@ -24,14 +24,18 @@ SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sa
 HISTORY = 0.75  # seconds of it that are used where they were recorded
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
 LIMITED = 500  # times of a period at which signs are limited, or somewhat more
-CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
+CERTAIN = (
+    10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
+)
 MISFIT = 0.02  # share of the squares left by which whitening may make them larger
 PLAIN = 30.0  # floor of the noise, in shares of its power, where whitening is not right
 LIKELY = 0.05  # probability below which what changes is taken to do so, and a threshold to be one
 
 DIRECTIONS = {"positive": 1, "negative": -1}
 
-Drives = Mapping[str, Callable[[float], Array]]  # by threshold, deviations (realization, history + time)
+Drives = Mapping[
+    str, Callable[[float], Array]
+]  # by threshold, deviations (realization, history + time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,10 @@ class Candidate:
 
     def better_than(self, other: Candidate) -> float:
         """Probability that this one predicts so much better by chance."""
-        squares = (np.sum(self.problem.data.whitened(each.left) * each.left, axis=1) for each in (self, other))
+        squares = (
+            np.sum(self.problem.data.whitened(each.left) * each.left, axis=1)
+            for each in (self, other)
+        )
         return predicts_better(*squares)[0]
 
 
@@ -117,11 +124,17 @@ class Search(NamedTuple):
         data = data.weighed(autocorrelation(left, PLAIN))
         plain = best.problem.with_data(data)
         alike = Candidate(plain, plain.at(best.found.shape, best.found.parameters))
-        return self._solved(data, shapes) if alike.share() - best.share() > MISFIT * (1 - alike.share()) else found
+        return (
+            self._solved(data, shapes)
+            if alike.share() - best.share() > MISFIT * (1 - alike.share())
+            else found
+        )
 
     def _solved(self, data: Data, shapes: Mapping[str, Shape]) -> dict[str, Candidate]:
         problems = {name: self.problem(name, data) for name in shapes}
-        return {name: Candidate(problem, problem.at(shapes[name])) for name, problem in problems.items()}
+        return {
+            name: Candidate(problem, problem.at(shapes[name])) for name, problem in problems.items()
+        }
 
     def limited(self, name: str, fit: Candidate) -> Candidate:
         """Solution with the same hyperparameters, whose viscosity and gain are not negative.
@@ -140,7 +153,10 @@ class Search(NamedTuple):
             replace(fit.problem, positive=block_diag(rows, *(sign * gain for gain in gains)))
             for sign in ((1, -1) if name == "emg" else (1,))
         ]
-        both = [Candidate(each, each.solved(old.shape, old.moments, old.scale, old.parameters)) for each in problems]
+        both = [
+            Candidate(each, each.solved(old.shape, old.moments, old.scale, old.parameters))
+            for each in problems
+        ]
         return min(both, key=lambda each: each.found.solved.lost)
 
     def refitted(self, known: Hyperparameters) -> Candidate:
@@ -175,7 +191,9 @@ def by_evidence(fits: Mapping[str, Candidate]) -> tuple[str, bool]:
     """Reflex of most evidence, and whether it has clearly more than no reflex, a linear late answer, or another one."""
     evidence = {name: fit.found.objective for name, fit in fits.items()}
     best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
-    return best, all(evidence[best] - other > CERTAIN for name, other in evidence.items() if name != best)
+    return best, all(
+        evidence[best] - other > CERTAIN for name, other in evidence.items() if name != best
+    )
 
 
 def _best(fits: Mapping[str, Candidate]) -> Candidate:

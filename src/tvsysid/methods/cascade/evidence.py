@@ -12,7 +12,9 @@ from scipy.linalg import lapack
 
 from tvsysid.numerics import Array
 
-FLAT = math.log(1e4)  # log standard deviation, relative to the noise, of what the prior says nothing of
+FLAT = math.log(
+    1e4
+)  # log standard deviation, relative to the noise, of what the prior says nothing of
 SIZES = (-9.0, 3.0)  # bounds of a log size
 DECAYS = (0.6, 6.0)  # bounds of the power with which harmonics fall
 USUAL_DECAY, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
@@ -91,9 +93,17 @@ class Prior(NamedTuple):
                 parameter(np.ones(family.several or 1), start)
             if family.harmonics:
                 parameter(np.ones(2 * family.harmonics), start + 1)
-                parameter(-np.log(np.repeat(np.arange(1, family.harmonics + 1), 2)), start + 1, is_decay=True)
+                parameter(
+                    -np.log(np.repeat(np.arange(1, family.harmonics + 1), 2)),
+                    start + 1,
+                    is_decay=True,
+                )
             start += family.columns
-        return cls(np.concatenate(offset), np.stack(parts, axis=1) if parts else np.zeros((total, 0)), np.array(decay))
+        return cls(
+            np.concatenate(offset),
+            np.stack(parts, axis=1) if parts else np.zeros((total, 0)),
+            np.array(decay),
+        )
 
     @property
     def usual(self) -> Array:
@@ -156,7 +166,9 @@ def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Solve
     floor = 1e-14 * moments.square + np.finfo(float).tiny
     explained = float(half @ half)
     left = max(moments.square - explained, floor)
-    density = -0.5 * moments.number * math.log(left / moments.square) - float(np.sum(np.log(np.diag(factor))))
+    density = -0.5 * moments.number * math.log(left / moments.square) - float(
+        np.sum(np.log(np.diag(factor)))
+    )
     by_spread = moments.number / left * mean**2 - (1 - np.einsum("ij,ij->j", inverse, inverse))
     lost = (most - explained) / moments.square
     return Solved(spread * mean, density, left / moments.number, inverse, by_spread, lost)
@@ -184,5 +196,7 @@ def tuned(moments: Moments, prior: Prior, start: Array) -> Array:
     bounds = [DECAYS if is_decay else SIZES for is_decay in prior.decay]
     options = {"maxiter": ITERATIONS, "ftol": 1e-9}
     return np.asarray(
-        scipy.optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+        scipy.optimize.minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        ).x
     )

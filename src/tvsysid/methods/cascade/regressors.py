@@ -24,7 +24,9 @@ from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import decimated
 
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
-HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
+HALF_WIDTH = (
+    8  # samples to either side from which velocity and acceleration follow at the recorded rate
+)
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 WINDOW = 256  # samples of a realization whose noise counts as correlated, at most
@@ -67,7 +69,9 @@ def second_order_fit(lags: Array) -> Array:
 
 def readout(lags: int, rate: float) -> Array:
     """Weights (quantity, signal) that give the same of the coefficients of the :func:`intrinsic_filters`."""
-    return np.asarray(second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T)
+    return np.asarray(
+        second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
+    )
 
 
 def deviations(values: Array) -> Array:
@@ -75,7 +79,9 @@ def deviations(values: Array) -> Array:
     axis = -1 if values.shape[-2] == 1 else -2
     known = np.isfinite(values)
     total = np.where(known, values, 0.0).sum(axis=axis, keepdims=True)
-    return np.asarray(np.where(known, values - total / np.maximum(known.sum(axis=axis, keepdims=True), 1), 0.0))
+    return np.asarray(
+        np.where(known, values - total / np.maximum(known.sum(axis=axis, keepdims=True), 1), 0.0)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +105,9 @@ class Data:
     own: Array
 
     @classmethod
-    def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
+    def of(
+        cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]
+    ) -> Self:
         """Of torque and signals (signal, realization, time) as they are, where those are ``fitted`` (likewise).
 
         These are the times that are fitted in half of the realizations, and the realizations that are at all of them.
@@ -162,28 +170,40 @@ class Data:
         functions, signals = self.functions, (*self.signals[:, rows], self.torque[rows])
         ends = np.cumsum([0, *(each.shape[1] for each in functions)])
         if self.are_few(ends[-1]):
-            columns = np.concatenate([x * a.T[:, None] for a, x in zip(functions, signals, strict=True)])
+            columns = np.concatenate(
+                [x * a.T[:, None] for a, x in zip(functions, signals, strict=True)]
+            )
             return self.cross(self.whitened(columns), rows)
         out = np.zeros((ends[-1], ends[-1]))
         for inside, inverse in self.windows:
             for i, a in enumerate(functions):
                 for j, b in enumerate(functions[: i + 1]):
                     weighted = signals[i][:, inside].T @ signals[j][:, inside] * inverse
-                    out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] += a[inside].T @ weighted @ b[inside]
+                    out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] += (
+                        a[inside].T @ weighted @ b[inside]
+                    )
         return np.tril(out) + np.tril(out, -1).T
 
     def whitened(self, values: Array) -> Array:
         """Values (…, time) times the inverse covariance of the noise."""
-        return np.concatenate([values[..., inside] @ inverse for inside, inverse in self.windows], axis=-1)
+        return np.concatenate(
+            [values[..., inside] @ inverse for inside, inverse in self.windows], axis=-1
+        )
 
     def features(self, weights: Array) -> list[Array]:
         """What gives sums of the signals' coefficients at each time, (time, column), by weights (sum, signal)."""
-        return [np.concatenate([a * w for a, w in zip(self.bases, row, strict=True)], axis=1) for row in weights]
+        return [
+            np.concatenate([a * w for a, w in zip(self.bases, row, strict=True)], axis=1)
+            for row in weights
+        ]
 
     def cross(self, white: Array, rows: slice | NDArray[np.int64] = slice(None)) -> Array:
         """Products (column, signal) of the intrinsic columns and the torque with whitened signals of some rows."""
         every = (*self.signals[:, rows], self.torque[rows])
-        parts = [np.einsum("rt,krt->kt", x, white) @ a for a, x in zip(self.functions, every, strict=True)]
+        parts = [
+            np.einsum("rt,krt->kt", x, white) @ a
+            for a, x in zip(self.functions, every, strict=True)
+        ]
         return np.concatenate(parts, axis=1).T
 
     def torque_of(self, coefficients: Array) -> Array:
@@ -257,14 +277,22 @@ class Reflex:
         """
         times, total = self.data.torque.shape[1], self.drive(shape.threshold).shape[1]
         stop = self.data.times.stop
-        functions = self.basis((np.arange(stop - total, stop) / self.rate + shape.delay) / self.period)
+        functions = self.basis(
+            (np.arange(stop - total, stop) / self.rate + shape.delay) / self.period
+        )
         history = total - times
         longest = min(times, WINDOW)
         response = shape.response(history + longest, self.rate)
         matrix = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
         for inside, inverse in self.data.windows:
             driven = slice(inside.start, inside.stop + history)
-            yield inside, driven, inverse, matrix[: len(inverse), : len(inverse) + history], functions[driven]
+            yield (
+                inside,
+                driven,
+                inverse,
+                matrix[: len(inverse), : len(inverse) + history],
+                functions[driven],
+            )
 
     def moments(self, shape: Shape, fold: int | None) -> tuple[Array, Array]:
         """Weighted products of the columns with themselves, and with the intrinsic ones and the torque."""
@@ -279,14 +307,21 @@ class Reflex:
         for inside, driven, inverse, muscle, gain in self.windows(shape):
             part, later = drive[:, driven], inverse @ muscle
             own = own + gain.T @ (muscle.T @ later * (part.T @ part)) @ gain
-            cross = cross + np.concatenate([a[inside].T @ (x[:, inside].T @ part * later) for a, x in every]) @ gain
+            cross = (
+                cross
+                + np.concatenate([a[inside].T @ (x[:, inside].T @ part * later) for a, x in every])
+                @ gain
+            )
         return own, cross
 
     def with_signals(self, shape: Shape, weighted: Array) -> Array:
         """Products (signal, function) of the columns with weighted signals (signal, realization, time)."""
         rows, out = self.drive(shape.threshold), np.zeros(())
         for inside, driven, _, muscle, gain in self.windows(shape):
-            out = out + np.einsum("rs,krs->ks", rows[:, driven], weighted[..., inside] @ muscle) @ gain
+            out = (
+                out
+                + np.einsum("rs,krs->ks", rows[:, driven], weighted[..., inside] @ muscle) @ gain
+            )
         return out
 
     def columns(self, shape: Shape, mixture: Array | None = None) -> Array:
@@ -303,7 +338,9 @@ class Reflex:
         return np.asarray(self.columns(shape, coefficients[:, None])[0])
 
 
-def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[Array, NDArray[np.bool_]]:
+def lagged_signals(
+    angle: Array, context: int, lags: int, rate: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """Intrinsic signals (signal, realization, time) of angles with context, and where their lags lie within it."""
     missing = max(0, lags - context)
     angle = np.pad(angle, ((0, 0), (missing, missing)))

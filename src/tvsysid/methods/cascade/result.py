@@ -92,7 +92,13 @@ class Intrinsic(NamedTuple):
         values = {name: each @ coefficients[: each.shape[1]] for name, each in features.items()}
         for name, sign in (("stiffness", np.sign(coefficients[0])), ("viscosity", 1.0)):
             values[name] = of_sign(values[name], sign)
-        return cls(weights, np.stack(over_time[1:3], axis=1), float((fitted @ coefficients).mean()), values, features)
+        return cls(
+            weights,
+            np.stack(over_time[1:3], axis=1),
+            float((fitted @ coefficients).mean()),
+            values,
+            features,
+        )
 
 
 def model(method: str, chosen: Chosen) -> JointCascadeModel:
@@ -119,7 +125,9 @@ def model(method: str, chosen: Chosen) -> JointCascadeModel:
     error = reflex_sure.error(basis, known, chosen.fit.problem.own, one_sign=True)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(chosen)
-    details = _details(used, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
+    details = _details(used, chosen, torques, reflex_sure) | {
+        "stiffness_fitted": intrinsic.fitted_stiffness
+    }
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
         method=method,
@@ -134,7 +142,9 @@ def model(method: str, chosen: Chosen) -> JointCascadeModel:
         fast_response=intrinsic.fast,
         hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
         diagnostics=Diagnostics(
-            used.found.solved.effective, warnings=tuple(_warnings(chosen, details, estimates)), details=details
+            used.found.solved.effective,
+            warnings=tuple(_warnings(chosen, details, estimates)),
+            details=details,
         ),
     )
 
@@ -172,7 +182,9 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     return gain * muscle / muscle.sum(), lags
 
 
-def _details(used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure: Covariance) -> dict[str, float]:
+def _details(
+    used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
+) -> dict[str, float]:
     shape, free = chosen.fit.found.shape, chosen.fit.problem.free
     errors = np.sqrt(np.diag(sure.matrix)[len(sure.matrix) - len(free) :])
     torque = used.problem.data.torque
@@ -180,7 +192,10 @@ def _details(used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure
     def explained(part: Array) -> float:
         return 100 * (1 - float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2)))
 
-    details: dict[str, float] = {"reflex_shown": float(chosen.shown), "constant": float(not used.problem.data.varies)}
+    details: dict[str, float] = {
+        "reflex_shown": float(chosen.shown),
+        "constant": float(not used.problem.data.varies),
+    }
     if not chosen.emg:
         details["direction"] = 1.0 if chosen.name == "positive" else -1.0
     for name, value in shape._asdict().items():
@@ -190,15 +205,22 @@ def _details(used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure
         if name in free:
             error = float(errors[free.index(name)])
             details[f"{name}_error"] = error * value if name in LOGARITHMIC else error
-    details["vaf"], details["vaf_intrinsic"] = explained(torques[0] + torques[1]), explained(torques[0])
+    details["vaf"], details["vaf_intrinsic"] = (
+        explained(torques[0] + torques[1]),
+        explained(torques[0]),
+    )
     details["vaf_reflex"] = explained(torques[1])
     details["vaf_held_out"] = 100 * used.share()
-    for name, fit in (dict(chosen.fits) | ({chosen.name: chosen.fit} if chosen.shown else {})).items():
+    for name, fit in (
+        dict(chosen.fits) | ({chosen.name: chosen.fit} if chosen.shown else {})
+    ).items():
         details[f"evidence_{name}"] = float(fit.found.objective)
     return details
 
 
-def _warnings(chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]) -> Iterator[str]:
+def _warnings(
+    chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]
+) -> Iterator[str]:
     if not chosen.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a joint without one, and "
@@ -208,7 +230,9 @@ def _warnings(chosen: Chosen, details: Mapping[str, float], estimates: Mapping[s
     shape, free = chosen.fit.found.shape, chosen.fit.problem.free
     place = dict(zip(free, place_of(shape, free), strict=True))
     if "delay" in free and place["delay"] in (TERMS["delay"].low, TERMS["delay"].high):
-        yield (f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; fix it (delay=0.04)")
+        yield (
+            f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; fix it (delay=0.04)"
+        )
     if "threshold" in free and place["threshold"] >= TERMS["threshold"].high:
         yield (
             f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, nor is the reflex's "

@@ -43,7 +43,9 @@ LOGARITHMIC = ("frequency", "damping")
 def place_of(shape: Shape, free: tuple[str, ...]) -> Array:
     """Numbers that are free, as they count."""
     values = (getattr(shape, name) for name in free)
-    return np.array([math.log(v) if name in LOGARITHMIC else v for name, v in zip(free, values, strict=True)])
+    return np.array(
+        [math.log(v) if name in LOGARITHMIC else v for name, v in zip(free, values, strict=True)]
+    )
 
 
 def moved(shape: Shape, free: tuple[str, ...], place: Array) -> Shape:
@@ -139,7 +141,10 @@ class Problem:
         assert self.reflex is not None
         white = self.data.whitened(slopes)
         cross = self.data.cross(white)
-        mixed = np.concatenate([cross[:-1], self.reflex.with_signals(found.shape, white).T]) / found.scale[:, None]
+        mixed = (
+            np.concatenate([cross[:-1], self.reflex.with_signals(found.shape, white).T])
+            / found.scale[:, None]
+        )
         own = np.tensordot(white, slopes, axes=((1, 2), (1, 2)))
         gram = np.block([[moments.gram, mixed], [mixed.T, own]])
         return gram, np.concatenate([moments.cross, cross[-1]])
@@ -160,7 +165,9 @@ class Problem:
         moments = moments.scaled(scale)
         return self.solved(shape, moments, scale, parameters)
 
-    def solved(self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None) -> Found:
+    def solved(
+        self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None
+    ) -> Found:
         """Solution from moments of the scaled columns."""
         if parameters is None:
             parameters = tuned(moments, self.prior, self.prior.usual)
@@ -183,7 +190,9 @@ class Problem:
 
     def left(self, found: Found) -> Array:
         """Torque (realization, time) that a solution leaves."""
-        return np.asarray(self.data.torque - np.sum(self.torques(found.shape, found.coefficients), axis=0))
+        return np.asarray(
+            self.data.torque - np.sum(self.torques(found.shape, found.coefficients), axis=0)
+        )
 
     def slopes(self, found: Found) -> Array:
         """Derivatives of the reflex torque by the free numbers of its shape, (number, realization, time)."""
@@ -221,7 +230,9 @@ class Problem:
                 break
             place, better = place_of(found.shape, self.free), None
             for halving in range(HALVINGS):
-                tried = self.at(moved(found.shape, self.free, place + step / 2**halving), found.parameters)
+                tried = self.at(
+                    moved(found.shape, self.free, place + step / 2**halving), found.parameters
+                )
                 if tried.objective > found.objective:
                     better = tried
                     break
@@ -258,5 +269,7 @@ def held_out(problem: Problem, found: Found) -> Array:
     for fold, rows in enumerate(data.folds if len(data.folds) > 1 else []):
         others = found.moments.without(problem.moments(found.shape, fold).scaled(found.scale))
         coefficients = solve(others, found.spread, limits).coefficients / found.scale
-        left[rows] = (data.torque - np.sum(problem.torques(found.shape, coefficients), axis=0))[rows]
+        left[rows] = (data.torque - np.sum(problem.torques(found.shape, coefficients), axis=0))[
+            rows
+        ]
     return left

@@ -17,7 +17,9 @@ from tvsysid.signals import Array, Ensemble
 
 Fitted = Fit | InstrumentalFit
 
-GUESS = 1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
+GUESS = (
+    1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
+)
 SMOOTH = 0.5  # Hz to either side over which the residual's power is averaged
 FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
@@ -44,13 +46,18 @@ class KernelPosterior:
     @property
     def covariance(self) -> Array:
         """Of shape (coefficient, coefficient); of some megabytes, and therefore worked out when somebody asks."""
-        unseen = np.outer(0.5 * self.variances, 1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf))
+        unseen = np.outer(
+            0.5 * self.variances,
+            1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf),
+        )
         covariance = np.diag(unseen.ravel())
         covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance
         return covariance
 
 
-def posterior_of(record: Record, kernel: Kernel, variances: Array, reweighted: int = 0) -> KernelPosterior:
+def posterior_of(
+    record: Record, kernel: Kernel, variances: Array, reweighted: int = 0
+) -> KernelPosterior:
     """Fit the coefficients that the data can see, with prior ``variances`` (coefficient,).
 
     The frequencies are weighted by what the fit left, so many times.
@@ -60,7 +67,9 @@ def posterior_of(record: Record, kernel: Kernel, variances: Array, reweighted: i
     spectrum = WHITE
     for _ in range(reweighted):
         spectrum = residual_spectrum(record, posterior, spectrum)
-        posterior = _fit_visible(record, kernel, variances, 0.5 * posterior.fit.noise_variance, spectrum)
+        posterior = _fit_visible(
+            record, kernel, variances, 0.5 * posterior.fit.noise_variance, spectrum
+        )
     return posterior
 
 
@@ -82,17 +91,26 @@ def _fit_visible(
         noise = 0.5 * found.noise_variance
 
 
-def residual_spectrum(record: Record, posterior: KernelPosterior, before: NoiseSpectrum) -> NoiseSpectrum:
+def residual_spectrum(
+    record: Record, posterior: KernelPosterior, before: NoiseSpectrum
+) -> NoiseSpectrum:
     """Spectrum of what a fit under the spectrum ``before`` left of the torque."""
     by = np.append(-posterior.fit.mean, 1.0)
     prior = posterior.fit.noise_variance * record.weak_prior
     spectra = []
     for runs in record.stacks:
-        blocks = [np.tensordot(by, rows, axes=1) for _, rows in runs.rows(posterior.kernel, posterior.kept)]
+        blocks = [
+            np.tensordot(by, rows, axes=1)
+            for _, rows in runs.rows(posterior.kernel, posterior.kept)
+        ]
         left, terms = np.concatenate(blocks, axis=1), runs.external_terms
         # The external term of each run.
-        seen, target = ((each * before.weights(runs.frequency)).view(np.float64) for each in (terms, left))
-        left -= np.linalg.solve(seen @ seen.T + prior * np.eye(len(terms)), seen @ target.T).T @ terms
+        seen, target = (
+            (each * before.weights(runs.frequency)).view(np.float64) for each in (terms, left)
+        )
+        left -= (
+            np.linalg.solve(seen @ seen.T + prior * np.eye(len(terms)), seen @ target.T).T @ terms
+        )
         power = np.sum(np.abs(left) ** 2, axis=0)
         spectra.append((runs.frequency, power, np.full_like(power, len(left))))
     at = max((frequency for frequency, _, _ in spectra), key=len)
@@ -104,7 +122,9 @@ def residual_spectrum(record: Record, posterior: KernelPosterior, before: NoiseS
 
 def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
     """Mean power of so many numbers within :data:`SMOOTH` of frequencies, mirrored at the ends."""
-    mirrored = np.concatenate([2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency])
+    mirrored = np.concatenate(
+        [2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency]
+    )
     order = np.argsort(mirrored, kind="stable")
     first = np.searchsorted(mirrored[order], at - SMOOTH, "left")
     last = np.searchsorted(mirrored[order], at + SMOOTH, "right")
@@ -127,7 +147,10 @@ class KernelErrors:
         """By quantity."""
         kernel, covariance = self.posterior.kernel, self.posterior.covariance
         features = sum(kernel(*each) for each in self.times) / len(self.times)
-        parts = (slice(first, first + kernel.columns) for first in range(0, len(covariance), kernel.columns))
+        parts = (
+            slice(first, first + kernel.columns)
+            for first in range(0, len(covariance), kernel.columns)
+        )
         covariances = tuple(covariance[part, part] for part in parts)
         return self.of_noise((features,) * len(covariances), covariances).standard_errors()
 
@@ -150,7 +173,10 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
     Of lower orders than 2, what the model does not have is 0.
     """
     phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
-    periodic, slow = harmonic_features(phase, kernel.period, kernel.highest), kernel.slow_features(clock)
+    periodic, slow = (
+        harmonic_features(phase, kernel.period, kernel.highest),
+        kernel.slow_features(clock),
+    )
     weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
     for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
         weights[kernel.slow, kernel.place, signal] = of_signal

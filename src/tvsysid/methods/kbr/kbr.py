@@ -160,9 +160,13 @@ class KernelRegression(base.Method):
         try:
             low, high = (float(edge) for edge in self.band)
         except (TypeError, ValueError) as error:
-            raise InputError(f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}") from error
+            raise InputError(
+                f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}"
+            ) from error
         if not 0 <= low < high < math.inf:
-            raise InputError(f"KernelRegression: band must rise from 0 Hz or more, got {self.band!r}")
+            raise InputError(
+                f"KernelRegression: band must rise from 0 Hz or more, got {self.band!r}"
+            )
         if type(self.order) is not int or not 0 <= self.order <= 2:
             raise InputError(
                 "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with inertia too), got "
@@ -192,16 +196,24 @@ class KernelRegression(base.Method):
         if instrument is not None:
             data = record.Record.of(ensemble, self.band).with_instrument(data)
         features = data.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
-        posterior = fitting.posterior_of(data, features, variances, REWEIGHTED * (self.weighting == "residual"))
+        posterior = fitting.posterior_of(
+            data, features, variances, REWEIGHTED * (self.weighting == "residual")
+        )
         each = fitting.impedance_over(ensemble, features, posterior.mean)
         impedance = each.mean(axis=0)
 
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
-        left = shared.residual(ensemble, impedance[edge : len(impedance) - edge, : self.order + 1] @ filters)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[
+            : self.order + 1
+        ]
+        left = shared.residual(
+            ensemble, impedance[edge : len(impedance) - edge, : self.order + 1] @ filters
+        )
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        stiffness, viscosity, inertia = base.padded(impedance[missing : len(impedance) - missing], missing).T
+        stiffness, viscosity, inertia = base.padded(
+            impedance[missing : len(impedance) - missing], missing
+        ).T
         found = posterior.fit
         errors = fitting.KernelErrors(
             posterior,
@@ -218,10 +230,16 @@ class KernelRegression(base.Method):
             time=ensemble.time,
             estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             posterior=posterior,
-            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE[: self.order + 1] for j in range(features.columns)),
+            labels=tuple(
+                f"{name} {j}"
+                for name in shared.IMPEDANCE[: self.order + 1]
+                for j in range(features.columns)
+            ),
             kernel=features,
             lag=self.lag,
-            diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics, banded=False),
+            diagnostics=diagnostics
+            if instrument is None
+            else instrument.seen(diagnostics, banded=False),
         )
 
     def _instrument(self, ensemble: Ensemble, reference: str) -> shared.Instrument:
@@ -252,7 +270,9 @@ class KernelRegression(base.Method):
         if self.weighting == "white":
             filters = _in_band(filters, low, high) if high - low < 0.5 else filters
             products = shared.colour_products(ensemble, filters.shape[1])
-            colour = shared.Colour.of(ensemble, left, found.effective / left.size, filters, products)
+            colour = shared.Colour.of(
+                ensemble, left, found.effective / left.size, filters, products
+            )
         return partial(
             shared.PosteriorErrors,
             colour=colour,
@@ -286,7 +306,9 @@ class KernelRegression(base.Method):
 
     def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
         """Warn if the settings chosen explain much less of the torque."""
-        before, after = (_vaf(ensemble, each._identify(ensemble).predict(ensemble)) for each in (self, chosen))
+        before, after = (
+            _vaf(ensemble, each._identify(ensemble).predict(ensemble)) for each in (self, chosen)
+        )
         if after < before - LOST:
             warnings.warn(
                 f"kbr: the settings chosen explain {after:.0f} % of the torque, those given {before:.0f} %; the "
@@ -354,11 +376,15 @@ def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensembl
     if len(impedance) > 1:
         explained = sum(map(np.multiply, np.moveaxis(impedance, -1, 0), ensemble.derivatives()))
         left = torque - np.asarray(explained)[:, edge : ensemble.samples - edge]
-    return shared.agreement_of(torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH))
+    return shared.agreement_of(
+        torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH)
+    )
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:
     """Filters followed by one that passes a band, in cycles per sample."""
     lags = np.arange(-shared.HALF_WIDTH, shared.HALF_WIDTH + 1)
-    passing = np.hamming(len(lags)) * (2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags))
+    passing = np.hamming(len(lags)) * (
+        2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags)
+    )
     return np.stack([np.convolve(row, passing) for row in filters])

@@ -46,7 +46,9 @@ class Kernel:
     precision: Array
 
     @classmethod
-    def of(cls, period: float, l1: float, l2: float, first: float, last: float, rate: float) -> Kernel:
+    def of(
+        cls, period: float, l1: float, l2: float, first: float, last: float, rate: float
+    ) -> Kernel:
         """Features that matter over the record, from its first to its last time in s."""
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
@@ -93,7 +95,11 @@ class Kernel:
     def slow_features(self, clock: Array) -> Array:
         """Constant and slow functions at times of the record in s, shape (*clock, function)."""
         constant = np.ones((*clock.shape, 1))
-        return constant if self.decay is None else np.concatenate([constant, self.decay(clock)], axis=-1)
+        return (
+            constant
+            if self.decay is None
+            else np.concatenate([constant, self.decay(clock)], axis=-1)
+        )
 
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Features at times in s: of the periodic behaviour, and of the record; shape (*time, column)."""
@@ -109,7 +115,9 @@ def harmonic_variances(l1: float) -> Array:
     .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
               = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\ v_h = 2 e^{-\kappa} I_h(\kappa)
     """
-    kappa = min(1 / (2 * l1), 1e9)  # so many harmonics are alike; of larger numbers SciPy knows no Bessel functions
+    kappa = min(
+        1 / (2 * l1), 1e9
+    )  # so many harmonics are alike; of larger numbers SciPy knows no Bessel functions
     orders = np.arange(min(math.ceil(10 + 8 * math.sqrt(kappa)), MOST) + 1)
     variances = np.where(orders == 0, 1.0, 2.0) * ive(orders, kappa)
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])

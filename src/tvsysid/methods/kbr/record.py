@@ -28,7 +28,9 @@ Chosen = NDArray[np.bool_]
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 USUAL = 100.0  # modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's joint
 BLOCK = 512  # frequencies whose regressors are held at once
-EXTERNAL_TERMS = 5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
+EXTERNAL_TERMS = (
+    5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
+)
 LARGEST = 2**31  # bytes above which regressors are refused
 
 
@@ -72,19 +74,28 @@ class Runs:
         torque = torque[:, lost : torque.shape[1] - lost]
         signals = differentiate(_joined(ensemble, members, min(ensemble.context, HALF_WIDTH)), rate)
         return cls(
-            signals, torque, rate, band, ensemble.onsets[first] + lost / rate, clocks_of(ensemble)[first] + lost / rate
+            signals,
+            torque,
+            rate,
+            band,
+            ensemble.onsets[first] + lost / rate,
+            clocks_of(ensemble)[first] + lost / rate,
         )
 
     @cached_property
     def bins(self) -> slice:
         """Those in the band."""
         low, high = (frequency * self.torque.shape[1] / self.rate for frequency in self.band)
-        return slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.torque.shape[1] // 2) + 1)
+        return slice(
+            math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.torque.shape[1] // 2) + 1
+        )
 
     @property
     def frequency(self) -> Array:
         """Frequencies in Hz of the bins."""
-        return np.asarray(np.arange(self.bins.start, self.bins.stop) * (self.rate / self.torque.shape[1]))
+        return np.asarray(
+            np.arange(self.bins.start, self.bins.stop) * (self.rate / self.torque.shape[1])
+        )
 
     @cached_property
     def spectra(self) -> ComplexArray:
@@ -127,7 +138,9 @@ class Runs:
             pairs, source = np.unique(signal * len(slow) + kernel.slow[column], return_inverse=True)
             m, n = divmod(pairs, len(slow))
             spectra = rfft(self.signals[m] * slow[n], norm="ortho")[..., : self.bins.stop + reach]
-        spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)  # from bin -reach on
+        spectra = np.concatenate(
+            [spectra[..., reach:0:-1].conj(), spectra], axis=-1
+        )  # from bin -reach on
         cosine = kernel.sine[column] == 0
         source, harmonic = source[cosine], kernel.harmonic[column[cosine]]
         turn = 0.5 * np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
@@ -158,13 +171,19 @@ class Runs:
         slow = self._slow(kernel)
         periodic = harmonic_features(self._times(self.phase), kernel.period, kernel.highest)
         out = np.empty(shape, dtype=np.complex128)
-        for row, m, place, n in zip(out, signal, kernel.place[column], kernel.slow[column], strict=False):
-            row[:] = rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[:, self.bins]
+        for row, m, place, n in zip(
+            out, signal, kernel.place[column], kernel.slow[column], strict=False
+        ):
+            row[:] = rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[
+                :, self.bins
+            ]
         yield slice(0, shape[2]), out
 
     def _slow(self, kernel: Kernel) -> Array:
         """Slow functions over each run, shape (function, run, time)."""
-        return np.ascontiguousarray(np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0))
+        return np.ascontiguousarray(
+            np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0)
+        )
 
     def _times(self, start: Array) -> Array:
         return np.add.outer(start, np.arange(self.torque.shape[1]) / self.rate)
@@ -173,7 +192,9 @@ class Runs:
 @lru_cache(maxsize=4)
 def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
     """Spectra of the first half-cosines over so many samples; asked for again with each turn of a fit."""
-    terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
+    terms = np.stack(
+        [half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]
+    )
     terms *= 1 / math.sqrt(samples)
     terms.flags.writeable = False
     return terms
@@ -189,7 +210,9 @@ def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
         return ensemble
     angle = np.empty_like(ensemble.angle)
     for realizations in ensemble.runs:
-        passed = low_pass(_joined(ensemble, realizations[None], ensemble.context)[0], lag, ensemble.sampling_rate)
+        passed = low_pass(
+            _joined(ensemble, realizations[None], ensemble.context)[0], lag, ensemble.sampling_rate
+        )
         angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
     return replace(ensemble, angle=angle)
 
@@ -222,7 +245,9 @@ class Record:
                 f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
                 f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
             )
-        groups = ([run for run in runs if len(run) == length] for length in dict.fromkeys(map(len, runs)))
+        groups = (
+            [run for run in runs if len(run) == length] for length in dict.fromkeys(map(len, runs))
+        )
         stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in groups)
         stop = max(each.clock.max() + each.torque.shape[1] / rate for each in stacks)
         return cls(stacks, min(each.clock.min() for each in stacks), stop)
@@ -234,7 +259,12 @@ class Record:
     def with_instrument(self, other: Record) -> Record:
         """Record with the signals of another after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
-        return replace(self, stacks=tuple(replace(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs))
+        return replace(
+            self,
+            stacks=tuple(
+                replace(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs
+            ),
+        )
 
     @property
     def scale(self) -> float:
@@ -244,15 +274,21 @@ class Record:
         noise; at 1 Hz, a joint without stiffness has one too.
         """
         constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
-        found = fit(self.statistics(constant, np.ones((3, 1), dtype=bool)), np.zeros(3), self.weak_prior)
+        found = fit(
+            self.statistics(constant, np.ones((3, 1), dtype=bool)), np.zeros(3), self.weak_prior
+        )
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
-        least = 1e-6 * math.sqrt(self.power / self.powers[0])  # of a torque that does not answer at all
+        least = 1e-6 * math.sqrt(
+            self.power / self.powers[0]
+        )  # of a torque that does not answer at all
         return DEGREE / USUAL * max(float(modulus), least)
 
     @cached_property
     def powers(self) -> Array:
         """Summed squares of each signal."""
-        return np.asarray(sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks))
+        return np.asarray(
+            sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks)
+        )
 
     @cached_property
     def power(self) -> float:
@@ -269,7 +305,9 @@ class Record:
         """Prior precision of the external terms: one over the torque's mean square."""
         return self.size / (self.power or 1.0)
 
-    def statistics(self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE) -> Statistics:
+    def statistics(
+        self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE
+    ) -> Statistics:
         """Weighted sums over real and imaginary parts of the frequencies in the band, of the features chosen.
 
         Each run has its own external terms; they are turned so that they are orthogonal in the band.
@@ -287,7 +325,9 @@ class Record:
                 parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
                 flat = parts.reshape(size, -1)
                 gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-                between += parts.reshape(len(between), -1) @ turned[:, 2 * bins.start : 2 * bins.stop].T
+                between += (
+                    parts.reshape(len(between), -1) @ turned[:, 2 * bins.start : 2 * bins.stop].T
+                )
             mixed.append(between.reshape(size, -1))
             powers.append(np.tile(np.maximum(power, 0.0), len(runs.torque)))
             number += 2 * runs.output.size

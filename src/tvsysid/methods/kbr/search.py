@@ -16,12 +16,27 @@ from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Chosen, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
-from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
+from tvsysid.numerics.gaussian import (
+    Statistics,
+    log_evidence,
+    of_columns,
+    of_share,
+    unit_information,
+    without_nuisance,
+)
 from tvsysid.signals import Array, Ensemble
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record
-LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)  # lags in s that are tried, until the likelihood falls
+LAGS = (
+    0.001,
+    0.002,
+    0.004,
+    0.008,
+    0.016,
+    0.032,
+    0.05,
+)  # lags in s that are tried, until the likelihood falls
 REFINED = 6  # further lags about the best of them
 START = 1e3  # power of the torque that each coefficient makes, in noise variances, from which tuning sets out
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
@@ -57,7 +72,12 @@ class Tried:
 
     def settings(self, scale: float) -> dict[str, Any]:
         """As arguments of the method, to four digits; gammas count in squares of the scale."""
-        numbers = (math.exp(self.theta[0]), self.decay, self.lag, *(np.exp(self.theta[1:4]) / scale**2))
+        numbers = (
+            math.exp(self.theta[0]),
+            self.decay,
+            self.lag,
+            *(np.exp(self.theta[1:4]) / scale**2),
+        )
         length, decay, lag, *gammas = (float(f"{number:.4g}") for number in numbers)
         of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
         return of_kernel | {"order": self.order, "lag": lag}
@@ -102,7 +122,15 @@ class Likelihood:
         """With the external terms eliminated for about this noise variance; of a share of the numbers."""
         coefficient, column = np.nonzero(kept)
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
-        return cls(of_share(statistics, share), coefficient, kernel.harmonic[column], column == 0, noise, lag, decay)
+        return cls(
+            of_share(statistics, share),
+            coefficient,
+            kernel.harmonic[column],
+            column == 0,
+            noise,
+            lag,
+            decay,
+        )
 
     def up_to(self, order: int) -> Likelihood:
         """Likelihood of the model without the higher derivatives."""
@@ -140,10 +168,15 @@ class Likelihood:
             place[4] = np.clip(place[4] + step, theta[4] - FAR, theta[4] + FAR)
         return self.tried(place, value, line)
 
-    def climb(self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0) -> Tried:
+    def climb(
+        self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0
+    ) -> Tried:
         """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
         lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
-        low, high = theta - np.array([0.0, 50.0, 50.0, 50.0, FAR]), theta + np.array([0.0, *(leeway,) * 3, FAR])
+        low, high = (
+            theta - np.array([0.0, 50.0, 50.0, 50.0, FAR]),
+            theta + np.array([0.0, *(leeway,) * 3, FAR]),
+        )
         low[0], high[0] = lengths
         # That of about white noise, so that where the search stops does not depend on the unit of the torque.
         usual = -0.5 * self.statistics.number * math.log(self.noise)
@@ -154,7 +187,9 @@ class Likelihood:
 
         bounds, options = scipy.optimize.Bounds(low, high), {"ftol": 1e-9}
         start = np.clip(theta, low, high)
-        found = scipy.optimize.minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        found = scipy.optimize.minimize(
+            descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        )
         if found.x[4] <= low[4]:
             raise InputError(
                 "the settings of kbr cannot be found from the data: so few realizations are explained without any "
@@ -189,7 +224,9 @@ class Search:
         settings = [each.settings(scale) for each in tried]
         edges: tuple[str, ...] = ()
         if chosen:  # no decay and no lag are no edges
-            length, decay, lag = (settings[chosen][name] for name in ("length_periodic", "length_decay", "lag"))
+            length, decay, lag = (
+                settings[chosen][name] for name in ("length_periodic", "length_decay", "lag")
+            )
             edges += edge_of("length_periodic", length, (float(f"{each:.4g}") for each in LENGTHS))
             if decay < ENDLESS:
                 edges += edge_of("length_decay", decay, (each["length_decay"] for each in settings))
@@ -223,7 +260,11 @@ class Search:
         everything = Likelihood.of(record, kernel, every, self.noise, given.lag, share=self.share)
         strict = self._lengths(record, everything.up_to(given.order))
         endless = max(strict, key=_value)
-        tried = [self._as_given(given), *strict, *self._decays(endless, float(record.stop - record.start))]
+        tried = [
+            self._as_given(given),
+            *strict,
+            *self._decays(endless, float(record.stop - record.start)),
+        ]
         chosen = tried[int(np.nanargmax([each.value for each in tried]))]
 
         other = list(self._orders(record, everything, endless))
@@ -233,7 +274,10 @@ class Search:
         if best is not endless:
             if chosen.decay < endless.decay:
                 other += self._decayed(best, chosen.decay)
-            top = max((each for each in other if (each.order, each.lag) == (best.order, best.lag)), key=_value)
+            top = max(
+                (each for each in other if (each.order, each.lag) == (best.order, best.lag)),
+                key=_value,
+            )
             chosen = top if top.value > chosen.value + CLEARLY else chosen
         tried += other
         return tried, tried.index(chosen)
@@ -262,9 +306,13 @@ class Search:
         """Likelihood of features that may be seen with prior variances (coefficient,), or with this power at least."""
         record = self._record(lag)
         kernel = record.kernel(self.period, math.exp(about.theta[0]), decay)
-        kept = kernel.visible(np.maximum(variances * record.powers[: len(variances)], least), VISIBLE * self.noise)
+        kept = kernel.visible(
+            np.maximum(variances * record.powers[: len(variances)], least), VISIBLE * self.noise
+        )
         if kept.sum() > MOST:
-            raise InputError(f"KernelRegression: more than {MOST} coefficients are too many to compare")
+            raise InputError(
+                f"KernelRegression: more than {MOST} coefficients are too many to compare"
+            )
         return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
 
     def _loose(self, record: Record) -> Array:
@@ -274,7 +322,9 @@ class Search:
 
     def _as_given(self, given: Tried) -> Tried:
         try:
-            return self._likelihood(given, given.variances, given.lag, given.decay).at(given.theta, given.line)
+            return self._likelihood(given, given.variances, given.lag, given.decay).at(
+                given.theta, given.line
+            )
         except InputError:  # too many coefficients
             return given
 
@@ -282,7 +332,9 @@ class Search:
         """Best settings for each l1, and those for any."""
         starts, found = [self._loose(record)], []
         for length in LENGTHS:
-            found.append(max((strict.climb(theta, "no decay", length) for theta in starts), key=_value))
+            found.append(
+                max((strict.climb(theta, "no decay", length) for theta in starts), key=_value)
+            )
             starts[1:] = [found[-1].theta]
         return [*found, strict.climb(max(found, key=_value).theta, "no decay")]
 
@@ -347,4 +399,6 @@ class Search:
             scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
             yield from found
             top = max(top, *found, key=_value)
-        yield self._about(best, top.lag).climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")
+        yield self._about(best, top.lag).climb(
+            top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag"
+        )

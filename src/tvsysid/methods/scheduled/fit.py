@@ -49,14 +49,20 @@ class Rows(NamedTuple):
         parts = structure.parts(ensemble)
         columns = _in_order(np.concatenate(parts), ensemble)
         torque, variable = (
-            ensemble.signal(name)[order, ensemble.core].ravel() for name in ("torque", structure.variable)
+            ensemble.signal(name)[order, ensemble.core].ravel()
+            for name in ("torque", structure.variable)
         )
         gap = round(COLOUR * ensemble.sampling_rate)
-        gaps = np.repeat(np.arange(len(ensemble.runs)) * gap, [len(run) * ensemble.samples for run in ensemble.runs])
+        gaps = np.repeat(
+            np.arange(len(ensemble.runs)) * gap,
+            [len(run) * ensemble.samples for run in ensemble.runs],
+        )
         known = np.asarray(np.isfinite(columns).all(axis=0))
         place = np.arange(columns.shape[1]) + gaps
         columns = columns if known.all() else columns[:, known]
-        return cls(columns, tuple(map(len, parts)), torque[known], variable[known], place[known], known)
+        return cls(
+            columns, tuple(map(len, parts)), torque[known], variable[known], place[known], known
+        )
 
     @property
     def folds(self) -> list[slice]:
@@ -90,7 +96,9 @@ class Fit(NamedTuple):
         return float(np.count_nonzero(self.coefficients))
 
 
-def fitted(structure: Structure, ensemble: Ensemble, orders: Sequence[int], reflex_orders: Sequence[int]) -> Fit:
+def fitted(
+    structure: Structure, ensemble: Ensemble, orders: Sequence[int], reflex_orders: Sequence[int]
+) -> Fit:
     """Fit the torque with the lowest orders of the polynomials that predict folds as well as the best do.
 
     The orders of both pathways rise together at first. Then each is chosen anew beside the other. ``structure`` has the
@@ -118,11 +126,17 @@ def fitted(structure: Structure, ensemble: Ensemble, orders: Sequence[int], refl
         return max(tried, key=lambda pair: float(tried[pair].mean()))
 
     alike = 1 not in (len(orders), len(reflex_orders))
-    chosen = best(pair for pair in product(orders, reflex_orders) if pair[0] == pair[1] or not alike)
+    chosen = best(
+        pair for pair in product(orders, reflex_orders) if pair[0] == pair[1] or not alike
+    )
     chosen = best([(chosen[0], each) for each in reflex_orders])
     chosen = best([(each, chosen[1]) for each in orders])
     worse = {pair: tried[chosen] - folds for pair, folds in tried.items()}
-    as_good = [pair for pair, by in worse.items() if by.mean() <= AS_WELL * by.std(ddof=1) / math.sqrt(FOLDS)]
+    as_good = [
+        pair
+        for pair, by in worse.items()
+        if by.mean() <= AS_WELL * by.std(ddof=1) / math.sqrt(FOLDS)
+    ]
     chosen = min(as_good, key=lambda pair: (sum(pair), pair))
     kept = structure.within(*chosen)
     own = structure.of_orders(*chosen)
@@ -139,7 +153,9 @@ def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
     return _fitted(structure, rows, _moments(rows), {})
 
 
-def _fitted(structure: Structure, rows: Rows, moments: Array, tried: dict[tuple[int, int], Array]) -> Fit:
+def _fitted(
+    structure: Structure, rows: Rows, moments: Array, tried: dict[tuple[int, int], Array]
+) -> Fit:
     coefficients, inverse = _solved(moments.sum(axis=0))
     return Fit(structure, rows, coefficients, inverse, _held_out(moments), tried)
 
@@ -167,7 +183,12 @@ def _solved(moments: Array) -> tuple[Array, Array]:
 
     The ``moments`` are of the columns, the torque and a one, with each other.
     """
-    gram, cross, total, count = moments[:-2, :-2], moments[:-2, -2], moments[:-2, -1], moments[-1, -1]
+    gram, cross, total, count = (
+        moments[:-2, :-2],
+        moments[:-2, -2],
+        moments[:-2, -1],
+        moments[-1, -1],
+    )
     square = np.diag(gram) / count
     spread = square - (total / count) ** 2
     scale = np.sqrt(np.where(spread > EMPTY * square, spread, np.where(square > 0, square, 1.0)))
@@ -201,5 +222,10 @@ def covariance_of(fit: Fit, rate: float, freedom: float) -> Array:
     residual[0, rows.place] = left
     half = autocovariance(residual, lags) * length / freedom
     half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
-    coloured = scipy.signal.oaconvolve(line, np.concatenate([half[:0:-1], half])[None], mode="same", axes=1) @ line.T
+    coloured = (
+        scipy.signal.oaconvolve(
+            line, np.concatenate([half[:0:-1], half])[None], mode="same", axes=1
+        )
+        @ line.T
+    )
     return np.asarray(fit.inverse @ (coloured + coloured.T) @ fit.inverse / 2)

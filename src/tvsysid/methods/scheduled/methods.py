@@ -24,7 +24,9 @@ from tvsysid.signals import Array, Ensemble
 ORDERS = range(11)  # of the polynomials, that are tried
 CLEARLY = 0.5  # per cent of the torque's variance by which an order must predict better than the one given
 POOR = 60.0  # per cent of the torque's variance held out below which the model is doubtful
-RESTS = 2.0  # standard errors by which stiffness may change if the torque at rest follows the variable
+RESTS = (
+    2.0  # standard errors by which stiffness may change if the torque at rest follows the variable
+)
 MATTERS = 0.05  # share of the highest stiffness below which such a change is none
 LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
@@ -53,13 +55,25 @@ class Scheduled(base.Method):
     def __post_init__(self) -> None:
         name = type(self).__name__
         base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
-        orders = {"order": self.order, "reflex_order": self.reflex_order, "rest_order": self.rest_order}
-        base.check_whole(self, 0, **{name: order for name, order in orders.items() if order is not None})
+        orders = {
+            "order": self.order,
+            "reflex_order": self.reflex_order,
+            "rest_order": self.rest_order,
+        }
+        base.check_whole(
+            self, 0, **{name: order for name, order in orders.items() if order is not None}
+        )
         base.check_whole(self, 1, filters=self.filters)
         for setting in ("delay", "threshold"):
             value = getattr(self, setting)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < np.inf:
-                raise InputError(f"{name}: {setting} must be a finite number from 0 on, got {value!r}")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float))
+                or not 0 <= value < np.inf
+            ):
+                raise InputError(
+                    f"{name}: {setting} must be a finite number from 0 on, got {value!r}"
+                )
         if not isinstance(self.variable, str) or not isinstance(self.reflex, bool):
             raise InputError(
                 f"{name}: expected the name of a channel as variable, and true or false as reflex; got "
@@ -68,7 +82,9 @@ class Scheduled(base.Method):
         object.__setattr__(self, "inputs", (base.Input(self.variable, "scheduling", "any unit"),))
         found = ("stiffness", "viscosity", "inertia") + ("reflex_gain",) * self.reflex
         object.__setattr__(self, "quantities", found[3:])
-        object.__setattr__(self, "scheduled_quantities", {f"scheduled_{each}": GRID for each in found})
+        object.__setattr__(
+            self, "scheduled_quantities", {f"scheduled_{each}": GRID for each in found}
+        )
         object.__setattr__(self, "pathway_names", ("intrinsic", "reflex") if self.reflex else ())
 
     def skip(self, ensemble: Ensemble) -> str | None:
@@ -76,8 +92,14 @@ class Scheduled(base.Method):
         values = ensemble.signal(self.variable)[:, ensemble.core]
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             return f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow what changes"
-        before = base.whole_samples(self.delay, ensemble) + base.whole_samples(self.memory, ensemble)
-        if self.reflex and np.isnan(history(ensemble, ensemble.angle, before)[:, : ensemble.samples]).mean() > MISSING:
+        before = base.whole_samples(self.delay, ensemble) + base.whole_samples(
+            self.memory, ensemble
+        )
+        if (
+            self.reflex
+            and np.isnan(history(ensemble, ensemble.angle, before)[:, : ensemble.samples]).mean()
+            > MISSING
+        ):
             return (
                 f"less than half of the samples have {self.delay + self.memory:g} s recorded before them, as long as "
                 "the reflex's response; cut with more context (--context), or shorten memory"
@@ -88,14 +110,24 @@ class Scheduled(base.Method):
         fit, shares = self._fit(ensemble)
         rate = ensemble.sampling_rate
         # Where the mean over realizations is subtracted, so much less of the noise is left.
-        freedom = len(fit.rows.torque) * independent_realizations(ensemble) / len(ensemble) - fit.parameters
+        freedom = (
+            len(fit.rows.torque) * independent_realizations(ensemble) / len(ensemble)
+            - fit.parameters
+        )
         covariance = covariance_of(fit, rate, max(freedom, 1.0))
         curves = Curves.of(fit.structure, fit.coefficients, covariance, rate, max(freedom, 1.0))
         grid = np.linspace(*fit.structure.limits, GRID)
-        over_time = curves.at(ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time"))
-        over_variable = {f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()}
+        over_time = curves.at(
+            ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time")
+        )
+        over_variable = {
+            f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()
+        }
         details = _details(fit, shares)
-        texts = (*_warnings(fit, details), *_at_rest(fit, ensemble, grid, over_variable["scheduled_stiffness"]))
+        texts = (
+            *_warnings(fit, details),
+            *_at_rest(fit, ensemble, grid, over_variable["scheduled_stiffness"]),
+        )
         return ScheduledModel(
             method=repr(self),
             sampling_rate=rate,
@@ -111,7 +143,10 @@ class Scheduled(base.Method):
     def _fit(self, ensemble: Ensemble) -> tuple[Fit, dict[int, float]]:
         """Fit with the orders and the direction of stretch that predict folds best, and each direction's share."""
         structure = self._structure(ensemble)
-        orders = [ORDERS if each is None else (each,) for each in (self.order, self.reflex_order if self.reflex else 0)]
+        orders = [
+            ORDERS if each is None else (each,)
+            for each in (self.order, self.reflex_order if self.reflex else 0)
+        ]
         fits = {
             direction: fitted(structure.stretched(direction), ensemble, *orders)
             for direction in ((1, -1) if self.reflex else (1,))
@@ -120,10 +155,14 @@ class Scheduled(base.Method):
         return fits[max(shares, key=shares.__getitem__)], shares
 
     def _structure(self, ensemble: Ensemble) -> Structure:
-        values, angle = (ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle"))
+        values, angle = (
+            ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle")
+        )
         reflex = None
         if self.reflex:
-            delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+            delay, memory = (
+                base.whole_samples(each, ensemble) for each in (self.delay, self.memory)
+            )
             decay = self.time_constant * ensemble.sampling_rate
             drive = Stretch(self.threshold)
             degrees = 1 + (ORDERS[-1] if self.reflex_order is None else self.reflex_order)
@@ -256,7 +295,9 @@ class ScheduledImpedance(Scheduled):
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     """Orders of the polynomials by what they predict of folds of consecutive time."""
-    every = dict.fromkeys((method, replace(method, order=None, reflex_order=None)))  # one where no order is given
+    every = dict.fromkeys(
+        (method, replace(method, order=None, reflex_order=None))
+    )  # one where no order is given
     fits = [each._fit(ensemble)[0] for each in every]
     given, best = fits[0].structure.orders, fits[-1].structure.orders
     tried = {given: fits[0].held_out} | fits[-1].tried
@@ -265,7 +306,9 @@ def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
         criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
         unit="%",
         better="higher",
-        tried=tuple({"order": order, "reflex_order": reflex_order} for order, reflex_order in tried),
+        tried=tuple(
+            {"order": order, "reflex_order": reflex_order} for order, reflex_order in tried
+        ),
         values=folds.mean(axis=1),
         standard_errors=(folds - folds[0]).std(axis=1, ddof=1) / np.sqrt(FOLDS),
         chosen=list(tried).index(best),
@@ -284,8 +327,14 @@ def _details(fit: Fit, shares: Mapping[int, float]) -> dict[str, float]:
     torques = [weights @ columns for weights, columns in pairs]
     names = ("intrinsic", "reflex")[: len(torques) - 1]
     details = {"vaf": _explained(rows.torque, fit.coefficients @ rows.columns)}
-    details |= {f"vaf_{name}": _explained(rows.torque, torque) for name, torque in zip(names, torques[1:], strict=True)}
-    details |= {"vaf_folds": float(fit.held_out.mean()), "vaf_worst_fold": float(fit.held_out.min())}
+    details |= {
+        f"vaf_{name}": _explained(rows.torque, torque)
+        for name, torque in zip(names, torques[1:], strict=True)
+    }
+    details |= {
+        "vaf_folds": float(fit.held_out.mean()),
+        "vaf_worst_fold": float(fit.held_out.min()),
+    }
     details |= dict(zip(("scheduling_low", "scheduling_high"), fit.structure.limits, strict=True))
     order, reflex_order = map(float, fit.structure.orders)
     details |= {"order": order}
@@ -307,7 +356,10 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
     rows, (low, high), name = fit.rows, fit.structure.limits, fit.structure.variable
     for number, fold in enumerate(rows.folds):
         own, others = rows.variable[fold], np.delete(rows.variable, fold)
-        ends = ("below", others.min() - own, others.min()), ("above", own - others.max(), others.max())
+        ends = (
+            ("below", others.min() - own, others.min()),
+            ("above", own - others.max(), others.max()),
+        )
         for words, beyond, limit in ends:
             share = float(np.mean(beyond > 0))
             if share > ALONE and beyond.max() > FAR * (high - low):
@@ -332,14 +384,19 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
 
 def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> Iterator[str]:
     """Warning where stiffness on a grid of the variable hangs on a torque at rest that follows it too little."""
-    degrees = max(fit.structure.degrees, fit.structure.reflex.degrees if fit.structure.reflex else 1)
+    degrees = max(
+        fit.structure.degrees, fit.structure.reflex.degrees if fit.structure.reflex else 1
+    )
     if fit.structure.rest >= degrees or stiffness.standard_error is None:
         return
     other = with_rest(fit, ensemble, degrees)
     weights = other.coefficients @ other.structure.readouts(ensemble.sampling_rate)["stiffness"]
     change = other.structure.polynomials(grid)[:, : len(weights)] @ weights - stiffness.values
     most = int(np.argmax(np.abs(change) / stiffness.standard_error.values))
-    errors, gained = abs(change[most]) / stiffness.standard_error.values[most], other.held_out.mean()
+    errors, gained = (
+        abs(change[most]) / stiffness.standard_error.values[most],
+        other.held_out.mean(),
+    )
     matters = abs(change[most]) > MATTERS * stiffness.values.max()
     if errors > RESTS and matters and gained > fit.held_out.mean() - CLEARLY:
         side = "higher" if change[most] > 0 else "lower"

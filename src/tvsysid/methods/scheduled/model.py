@@ -30,7 +30,14 @@ class Curves:
     freedom: float
 
     @classmethod
-    def of(cls, structure: Structure, coefficients: Array, covariance: Array, rate: float, freedom: float) -> Curves:
+    def of(
+        cls,
+        structure: Structure,
+        coefficients: Array,
+        covariance: Array,
+        rate: float,
+        freedom: float,
+    ) -> Curves:
         """Of the coefficients of all columns, and their covariance."""
         readouts = structure.readouts(rate)
         weights = {name: coefficients @ readout for name, readout in readouts.items()}
@@ -75,7 +82,9 @@ class ScheduledModel(Model):
         _warn_beyond(self.structure, ensemble)
         parts = self.structure.parts(ensemble)
         each = np.split(self.coefficients, np.cumsum([len(part) for part in parts])[:-1])
-        rest, *torques = (np.tensordot(weights, part, 1) for weights, part in zip(each, parts, strict=True))
+        rest, *torques = (
+            np.tensordot(weights, part, 1) for weights, part in zip(each, parts, strict=True)
+        )
         torques[0] += rest
         return dict(zip(("intrinsic", "reflex"), torques, strict=False))
 

@@ -46,7 +46,9 @@ class Reflex:
             past = history(ensemble, polynomials[..., degree] * drive, before)
             past = past[:, : self.memory - 1 + ensemble.samples]
             for number, response in enumerate(self.responses):
-                out[number, degree] = scipy.signal.lfilter(response, 1.0, past, axis=1)[:, self.memory - 1 :]
+                out[number, degree] = scipy.signal.lfilter(response, 1.0, past, axis=1)[
+                    :, self.memory - 1 :
+                ]
         return out.reshape(-1, *out.shape[2:])
 
 
@@ -77,7 +79,9 @@ class Structure:
     @property
     def counts(self) -> tuple[int, ...]:
         """Degrees of each intrinsic signal."""
-        return (self.degrees,) * (2 * self.lags + 1) if self.lags else (self.degrees, self.degrees, 1)
+        return (
+            (self.degrees,) * (2 * self.lags + 1) if self.lags else (self.degrees, self.degrees, 1)
+        )
 
     @property
     def orders(self) -> tuple[int, int]:
@@ -87,7 +91,11 @@ class Structure:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Columns at rest, of the intrinsic and of the reflex torque."""
-        return self.rest, sum(self.counts), *([self.reflex.filters * self.reflex.degrees] if self.reflex else [])
+        return (
+            self.rest,
+            sum(self.counts),
+            *([self.reflex.filters * self.reflex.degrees] if self.reflex else []),
+        )
 
     def of_orders(self, order: int, reflex_order: int) -> Structure:
         """The same with polynomials of other orders."""
@@ -96,9 +104,14 @@ class Structure:
 
     def within(self, order: int, reflex_order: int) -> NDArray[np.bool_]:
         """Which columns polynomials of these orders have, (column,)."""
-        kept = [np.ones(self.rest, dtype=bool), *(np.arange(count) <= order for count in self.counts)]
+        kept = [
+            np.ones(self.rest, dtype=bool),
+            *(np.arange(count) <= order for count in self.counts),
+        ]
         if self.reflex is not None:
-            kept.append(np.tile(np.arange(self.reflex.degrees) <= reflex_order, self.reflex.filters))
+            kept.append(
+                np.tile(np.arange(self.reflex.degrees) <= reflex_order, self.reflex.filters)
+            )
         return np.concatenate(kept)
 
     def polynomials(self, values: Array) -> Array:
@@ -120,9 +133,13 @@ class Structure:
             found[0] -= self.centre
             return found
         missing = max(0, self.lags - ensemble.context)
-        angle = np.pad(ensemble.angle - self.centre, ((0, 0), (missing, missing)), constant_values=np.nan)
+        angle = np.pad(
+            ensemble.angle - self.centre, ((0, 0), (missing, missing)), constant_values=np.nan
+        )
         first = ensemble.context + missing - self.lags
-        windows = sliding_window_view(angle, ensemble.samples, axis=1)[:, first : first + 2 * self.lags + 1]
+        windows = sliding_window_view(angle, ensemble.samples, axis=1)[
+            :, first : first + 2 * self.lags + 1
+        ]
         return np.asarray(windows[:, ::-1].transpose(1, 0, 2))
 
     def parts(self, ensemble: Ensemble) -> list[Array]:
@@ -147,7 +164,10 @@ class Structure:
         """What gives each quantity's weights from the coefficients of all columns, (coefficient, degree)."""
         found = {}
         for name, row in zip(IMPEDANCE, self.readout(rate), strict=True):
-            own = [weight * np.eye(count, self.degrees) for weight, count in zip(row, self.counts, strict=True)]
+            own = [
+                weight * np.eye(count, self.degrees)
+                for weight, count in zip(row, self.counts, strict=True)
+            ]
             found[name] = np.concatenate([np.zeros((self.rest, self.degrees)), *own])
         if self.reflex is None:
             return found
@@ -159,4 +179,8 @@ class Structure:
 
 def _about_mean(columns: Array, ensemble: Ensemble) -> Array:
     """Columns (column, realization, time) less their mean over realizations, where the ensemble has lost its own."""
-    return columns - mean_known(columns.swapaxes(0, 1))[:, None] if ensemble.mean_subtracted else columns
+    return (
+        columns - mean_known(columns.swapaxes(0, 1))[:, None]
+        if ensemble.mean_subtracted
+        else columns
+    )

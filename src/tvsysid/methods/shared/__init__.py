@@ -1,7 +1,19 @@
 """What several methods share, and the vocabulary in which they are written."""
 
-from tvsysid.estimates import IMPEDANCE, StandardError, impedance_estimates, no_errors, standard_errors
-from tvsysid.impedance import DerivativeMoments, agreement, derivative_filters, derivative_moments, second_order_fit
+from tvsysid.estimates import (
+    IMPEDANCE,
+    StandardError,
+    impedance_estimates,
+    no_errors,
+    standard_errors,
+)
+from tvsysid.impedance import (
+    DerivativeMoments,
+    agreement,
+    derivative_filters,
+    derivative_moments,
+    second_order_fit,
+)
 from tvsysid.methods.shared.correlations import (
     Solver,
     Windows,
@@ -13,7 +25,13 @@ from tvsysid.methods.shared.correlations import (
     window_errors,
     window_model,
 )
-from tvsysid.methods.shared.instrument import LEAST, Instrument, WhereStrong, reference_input, segment_fit
+from tvsysid.methods.shared.instrument import (
+    LEAST,
+    Instrument,
+    WhereStrong,
+    reference_input,
+    segment_fit,
+)
 from tvsysid.methods.shared.residuals import (
     Colour,
     PosteriorErrors,

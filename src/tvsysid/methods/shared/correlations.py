@@ -16,7 +16,13 @@ from tvsysid.methods.shared.residuals import independent_realizations, noise_cor
 from tvsysid.methods.shared.two_stage import LaggedReference
 from tvsysid.models import Diagnostics, ImpulseResponseModel
 from tvsysid.numerics.instrument import lag_samples
-from tvsysid.numerics.moments import coloured_moments, diagonal_moments, lagged_moments, sliding_sum, time_chunks
+from tvsysid.numerics.moments import (
+    coloured_moments,
+    diagonal_moments,
+    lagged_moments,
+    sliding_sum,
+    time_chunks,
+)
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 from tvsysid.signals import Array, Ensemble
@@ -68,7 +74,11 @@ class Windows(NamedTuple):
 
 
 def solve_windows(
-    ensemble: Ensemble, lags: int, half: int, solve: Solver | None = None, instruments: LaggedReference | None = None
+    ensemble: Ensemble,
+    lags: int,
+    half: int,
+    solve: Solver | None = None,
+    instruments: LaggedReference | None = None,
 ) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
 
@@ -87,14 +97,18 @@ def solve_windows(
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
         summed = (np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags))
         samples, *sums = (sliding_sum(moments, half, half)[centres] for moments in summed)
-        phi_uu, phi_uy, square, mean = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums)
+        phi_uu, phi_uy, square, mean = (
+            total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
+        )
         count, independent = samples * len(ensemble), samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         projection = np.empty((len(count), 2 * lags + 1, 0))
         if instruments is not None:
             phi_uu, phi_uy, projection = instruments.projected(begin, end, half, centres)
         correlations = phi_uu, phi_uy, variance, count
-        weights, rank, inverse, usable, explained = solve(chunk, *correlations) if solve else truncated(*correlations)
+        weights, rank, inverse, usable, explained = (
+            solve(chunk, *correlations) if solve else truncated(*correlations)
+        )
         readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, ensemble.sampling_rate)
         freedom = independent - usable
         left = np.maximum(square - explained, 0.0)
@@ -105,7 +119,19 @@ def solve_windows(
         if not half:  # within a window, noise is not white
             white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
         by_noise = noise, freedom, fitted, explained - fitted, chance
-        parts.append((weights, rank, count, independent, *by_noise, readout, impedance, white, readout @ projection))
+        parts.append(
+            (
+                weights,
+                rank,
+                count,
+                independent,
+                *by_noise,
+                readout,
+                impedance,
+                white,
+                readout @ projection,
+            )
+        )
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
     return Windows(realizations, lags, half, margin, *arrays)
 
@@ -135,8 +161,12 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
         count = end - begin
         reach = count + length - 1
         index = np.arange(reach)
-        moments = products[begin + np.minimum.outer(index, index), np.abs(np.subtract.outer(index, index))]
-        answers = np.zeros((3, count, reach))  # of each quantity and sample, from the angles about the window
+        moments = products[
+            begin + np.minimum.outer(index, index), np.abs(np.subtract.outer(index, index))
+        ]
+        answers = np.zeros(
+            (3, count, reach)
+        )  # of each quantity and sample, from the angles about the window
         for sample in range(count):
             answers[:, sample, sample : sample + length] = windows.readout[time, :, ::-1]
         mixed = answers @ moments @ answers.transpose(0, 2, 1)
@@ -149,7 +179,9 @@ def window_errors(ensemble: Ensemble, windows: Windows) -> dict[str, StandardErr
     return errors_of_variances(windows, windows.white, missing_edge(windows.lags, ensemble))
 
 
-def errors_of_variances(windows: Windows, variances: Array, missing: int) -> dict[str, StandardError]:
+def errors_of_variances(
+    windows: Windows, variances: Array, missing: int
+) -> dict[str, StandardError]:
     """Standard errors from variances (time, 3) at the windows' times, with so many times missing at either end."""
     freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
     # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
@@ -173,7 +205,9 @@ def window_model(
         "second_order_agreement_error": _agreement_error(windows, chance, noise),
     }
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
-    return impulse_response_model(method, ensemble, windows.weights, windows.impedance, diagnostics, errors)
+    return impulse_response_model(
+        method, ensemble, windows.weights, windows.impedance, diagnostics, errors
+    )
 
 
 def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
@@ -186,14 +220,20 @@ def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
     known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
     if not known.any():
         return float("nan")
-    directions = chance[known] / windows.noise[known] * windows.samples[known]  # noiseless times are not among them
+    directions = (
+        chance[known] / windows.noise[known] * windows.samples[known]
+    )  # noiseless times are not among them
     variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
     span = 2 * (windows.lags + windows.half) + 1
     window = np.bartlett(4 * windows.half + 3)[1:-1]
     smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
     shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
     total = float(np.sum((windows.fitted + windows.beyond)[known]))
-    return float(100 * np.sqrt(variance * (2 * shared.sum() - 1)) / total) if total > 0 else float("nan")
+    return (
+        float(100 * np.sqrt(variance * (2 * shared.sum() - 1)) / total)
+        if total > 0
+        else float("nan")
+    )
 
 
 def impulse_response_model(
@@ -230,7 +270,9 @@ def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -
     late = max(lags, lag_samples(ensemble.sampling_rate)[1])
     first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
     whole = reference_around(ensemble, reference, late, 0)
-    return LaggedReference(whole[:, first + lags : first + late + angle.shape[1]], angle, torque, lags)
+    return LaggedReference(
+        whole[:, first + lags : first + late + angle.shape[1]], angle, torque, lags
+    )
 
 
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:

@@ -37,7 +37,9 @@ class VelocityPolynomial:
 
     def value(self, velocity: Array) -> Array:
         """At a velocity in rad/s, of any shape."""
-        return np.asarray(degrees_of(velocity, self.limits, len(self.coefficients)) @ np.array(self.coefficients))
+        return np.asarray(
+            degrees_of(velocity, self.limits, len(self.coefficients)) @ np.array(self.coefficients)
+        )
 
     def curve(self) -> tuple[Array, Array]:
         """Velocities in rad/s within the limits, and the polynomial at each."""
@@ -61,7 +63,12 @@ def polynomial_drives(ensemble: Ensemble, degree: int) -> tuple[Array, tuple[flo
     """Polynomials (degree, realization, context + time + context) of the velocity, decimated, and its limits."""
     velocity, ratio = velocity_of(ensemble)
     limits = limits_of(velocity)
-    values = np.stack([decimated(each, ratio) for each in np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)])
+    values = np.stack(
+        [
+            decimated(each, ratio)
+            for each in np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)
+        ]
+    )
     return values, limits
 
 
@@ -85,7 +92,9 @@ def slope_of_stretch(drive: Array, rectified: Array) -> tuple[float, int]:
 def past_of(ensemble: Ensemble, drives: Array, before: int) -> Array:
     """Drives (signal, realization, before + time), their mean over realizations subtracted where the ensemble's is."""
     past = np.stack([history(ensemble, each, before) for each in drives])
-    return np.stack([each - mean_known(each) for each in past]) if ensemble.mean_subtracted else past
+    return (
+        np.stack([each - mean_known(each) for each in past]) if ensemble.mean_subtracted else past
+    )
 
 
 def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int) -> list[Rows]:
@@ -95,7 +104,9 @@ def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int)
     Realizations are together that have their past from the same time on.
     """
     past = past_of(ensemble, drives, before)
-    missing: NDArray[np.int64] = np.isnan(past[0]).sum(axis=1)  # what is missing lies before all else
+    missing: NDArray[np.int64] = np.isnan(past[0]).sum(
+        axis=1
+    )  # what is missing lies before all else
     short = max(0, lags - ensemble.context)
     last, found = ensemble.samples - short, []
     for first in np.unique(np.maximum(missing, short)):
@@ -105,14 +116,18 @@ def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int)
         columns = ensemble.context + lags + np.arange(first - before, last)
         angle = np.where(columns >= 0, ensemble.angle[np.ix_(who, np.maximum(columns, 0))], 0.0)
         signals = np.concatenate([angle[None], past[:, who, first : before + last]])
-        found.append((signals, ensemble.torque[who, ensemble.context + first : ensemble.context + last]))
+        found.append(
+            (signals, ensemble.torque[who, ensemble.context + first : ensemble.context + last])
+        )
     return found
 
 
 def direction_of_stretch(ensemble: Ensemble, lags: int, before: int) -> int:
     """Direction, 1 or -1, whose rectified velocity explains more of the torque, were the joint constant."""
     explained = [
-        parallel_cascade(rows_with_history(ensemble, each[None], lags, before), lags, np.ones(1), "rectifier").explained
+        parallel_cascade(
+            rows_with_history(ensemble, each[None], lags, before), lags, np.ones(1), "rectifier"
+        ).explained
         for each in stretches(ensemble)
     ]
     return (1, -1)[int(np.argmax(explained))]
@@ -149,5 +164,11 @@ def with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
     seen = np.isfinite(whole)
     power = float(np.sum(torque[seen] ** 2))
     explained = {"vaf": whole} | {f"vaf_{name}": part for name, part in parts.items()}
-    shares = {name: 100 * (1 - float(np.sum((torque - part)[seen] ** 2)) / power) for name, part in explained.items()}
-    return replace(model, diagnostics=replace(model.diagnostics, details={**model.diagnostics.details, **shares}))
+    shares = {
+        name: 100 * (1 - float(np.sum((torque - part)[seen] ** 2)) / power)
+        for name, part in explained.items()
+    }
+    return replace(
+        model,
+        diagnostics=replace(model.diagnostics, details={**model.diagnostics.details, **shares}),
+    )

@@ -20,7 +20,9 @@ from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_mom
 from tvsysid.signals import Array, Ensemble
 
 Nonlinearity = Literal["rectifier", "polynomial"]
-Respond = Callable[[Array, Array], Array]  # weights (time, lag) from drive (realization, lag + time) and what it drives
+Respond = Callable[
+    [Array, Array], Array
+]  # weights (time, lag) from drive (realization, lag + time) and what it drives
 
 DEGREE = 5  # of the polynomial
 TURNS = 30  # of either pathway, at most
@@ -67,7 +69,9 @@ def check_from_zero(method: object, below: float, **settings: float) -> None:
     """Raise for a setting that is not a number from 0 to below another."""
     for name, value in settings.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < below:
-            raise InputError(f"{type(method).__name__}: {name} must be from 0 to below {below:g} s, got {value!r}")
+            raise InputError(
+                f"{type(method).__name__}: {name} must be from 0 to below {below:g} s, got {value!r}"
+            )
 
 
 def complete(ensemble: Ensemble, seconds: float) -> NDArray[np.bool_]:
@@ -103,13 +107,20 @@ def identify_in_turn(
     ``directions`` (time, direction), what both leave is fitted by these in each realization, and taken out in the next
     turn. Realizations whose past is not recorded are left out.
     """
-    lags, first, before = (whole_samples(each, ensemble) for each in (max_lag, reflex.delay, reflex.memory))
+    lags, first, before = (
+        whole_samples(each, ensemble) for each in (max_lag, reflex.delay, reflex.memory)
+    )
     drives, start, direction = _drives(ensemble, reflex, lags, before)
     past = hammerstein.past_of(ensemble, drives, before)[:, :, : before - first + ensemble.samples]
     known = complete(ensemble, reflex.memory)
     past, part = past[:, known], _with_context(ensemble.select(known), lags)
     torque = part.torque[:, part.core]
-    power, answer, slow, coefficients = float(np.sum(torque**2)), np.zeros_like(torque), np.zeros_like(torque), start
+    power, answer, slow, coefficients = (
+        float(np.sum(torque**2)),
+        np.zeros_like(torque),
+        np.zeros_like(torque),
+        start,
+    )
     best: _Turn | None = None
     for turn in range(1, TURNS + 1):
         less = part.torque.copy()
@@ -137,7 +148,9 @@ def identify_in_turn(
     details = {**diagnostics.details, "turns": float(turn), "direction": float(direction)}
     if directions is not None:
         details["vaf_with_slow"] = 100 * best.explained
-    plain = replace(best.intrinsic, method=method, diagnostics=replace(diagnostics, details=details))
+    plain = replace(
+        best.intrinsic, method=method, diagnostics=replace(diagnostics, details=details)
+    )
     unit = "N m/V" if reflex.emg else UNITS["reflex_gain"]
     return hammerstein.cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
 
@@ -148,7 +161,9 @@ def response_moments(drive: Array, output: Array) -> tuple[Array, Array]:
     Of a drive (realization, lag + time) and an output (realization, time), from lag 0 on.
     """
     reach = drive.shape[1] - output.shape[1]
-    return window_moments(drive, drive, reach, 0)[:, ::-1, ::-1], diagonal_moments(output, drive, reach)[:, ::-1]
+    return window_moments(drive, drive, reach, 0)[:, ::-1, ::-1], diagonal_moments(
+        output, drive, reach
+    )[:, ::-1]
 
 
 def slow_directions(order: int, samples: int) -> Array:
@@ -159,8 +174,12 @@ def slow_directions(order: int, samples: int) -> Array:
 def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
     """Ensemble with no more context: the reflex's torque there is not known, and must not enter a window."""
     spare = ensemble.context - samples
-    angle, torque = (each[:, spare : each.shape[1] - spare] for each in (ensemble.angle, ensemble.torque))
-    return replace(ensemble, angle=angle, torque=torque, channels={}, recorded_angle=None, context=samples)
+    angle, torque = (
+        each[:, spare : each.shape[1] - spare] for each in (ensemble.angle, ensemble.torque)
+    )
+    return replace(
+        ensemble, angle=angle, torque=torque, channels={}, recorded_angle=None, context=samples
+    )
 
 
 def _drives(ensemble: Ensemble, reflex: Reflex, lags: int, before: int) -> tuple[Array, Array, int]:
@@ -188,4 +207,8 @@ def _drive(
         np.tensordot(coefficients, drives, 1), hammerstein.stretches(ensemble)
     )
     limits = hammerstein.limits_of(velocity_of(ensemble)[0])
-    return hammerstein.VelocityPolynomial(tuple((coefficients / slope).tolist()), limits), slope, direction
+    return (
+        hammerstein.VelocityPolynomial(tuple((coefficients / slope).tolist()), limits),
+        slope,
+        direction,
+    )

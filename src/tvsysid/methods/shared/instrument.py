@@ -52,12 +52,16 @@ class Instrument(NamedTuple):
     reference: str
 
     @classmethod
-    def of(cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY_MOVED) -> Instrument:
+    def of(
+        cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY_MOVED
+    ) -> Instrument:
         """Predict the angle; raises where less than so much of it follows the reference."""
         angle = _predicted(ensemble, reference)
         core = ensemble.core
         left = ensemble.angle[:, core] - angle[:, core]
-        explained = 1 - float(np.vdot(left, left) / np.vdot(ensemble.angle[:, core], ensemble.angle[:, core]))
+        explained = 1 - float(
+            np.vdot(left, left) / np.vdot(ensemble.angle[:, core], ensemble.angle[:, core])
+        )
         if not explained >= least:
             raise InputError(
                 f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts {_percent(explained)} of "
@@ -68,7 +72,12 @@ class Instrument(NamedTuple):
         strength = _strength(ensemble, moved)
         independent = independent_realizations(ensemble)
         return cls(
-            moved, explained, strength, _needed(independent), _drowned(left, angle[:, core], ensemble), reference
+            moved,
+            explained,
+            strength,
+            _needed(independent),
+            _drowned(left, angle[:, core], ensemble),
+            reference,
         )
 
     def seen(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
@@ -99,7 +108,9 @@ class Instrument(NamedTuple):
         if self.explained < WEAK:
             where = ""
             if self.drowned is not None:
-                where = " from {:.2g} to {:.2g} Hz, where noise moves the angle more".format(*self.drowned)
+                where = " from {:.2g} to {:.2g} Hz, where noise moves the angle more".format(
+                    *self.drowned
+                )
             found.append(
                 f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the angle: the random "
                 f"error is large; disturb more strongly{where}, or use a stiffer actuator"
@@ -125,7 +136,9 @@ class Instrument(NamedTuple):
         known = np.isfinite(fit).all(axis=0)
         if not known.any():
             return float("nan")
-        torque, angle = (each[:, ensemble.core][:, known] for each in (ensemble.torque, self.moved.angle))
+        torque, angle = (
+            each[:, ensemble.core][:, known] for each in (ensemble.torque, self.moved.angle)
+        )
         covariance = autocovariance(angle, 2 * HALF_WIDTH)
         return agreement_of(fit[:, known], torque - fit[:, known], angle, covariance)
 
@@ -152,7 +165,9 @@ class WhereStrong:
         found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
         why = self.reason if self.weak.all() else ""
         return {
-            name: replace(error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or why)
+            name: replace(
+                error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or why
+            )
             for name, error in found.items()
         }
 
@@ -165,7 +180,9 @@ class SegmentFit(NamedTuple):
     strength: Array
 
 
-def segment_fit(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int) -> SegmentFit:
+def segment_fit(
+    ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
+) -> SegmentFit:
     r"""Instrumental fit to segments from one sample to another, context counted; ``power`` weighs a segment's samples.
 
     .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
@@ -188,7 +205,9 @@ def segment_fit(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, e
     return SegmentFit(impedance, share * np.sum(effects**2, axis=0), strength)
 
 
-def _segment_products(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int) -> Array:
+def _segment_products(
+    ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
+) -> Array:
     """Weighted sums over segments of z times x and y, shape (realization, time, 3, 4)."""
     reach, samples = HALF_WIDTH, ensemble.angle.shape[1]
     first, last = max(reach, begin), min(samples - reach, end)
@@ -213,7 +232,9 @@ def _inverse(matrices: Array) -> Array:
     told = np.abs(np.linalg.det(scaled)) > SINGULAR
     scaled[~told] = np.eye(3)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(told[:, None, None], np.linalg.inv(scaled) / scale.transpose(0, 2, 1), np.nan)
+        return np.where(
+            told[:, None, None], np.linalg.inv(scaled) / scale.transpose(0, 2, 1), np.nan
+        )
 
 
 def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) -> Array:
@@ -256,7 +277,9 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
     begin, end = ensemble.core.start + early - before, ensemble.core.stop - late + after
     if end - begin < len(power) + 2 * HALF_WIDTH:
         return np.full(ensemble.samples, np.nan)
-    return np.pad(segment_fit(ensemble, moved, power, begin, end).strength, (early, late), mode="edge")
+    return np.pad(
+        segment_fit(ensemble, moved, power, begin, end).strength, (early, late), mode="edge"
+    )
 
 
 def _needed(independent: int) -> float:

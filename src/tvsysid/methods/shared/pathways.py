@@ -38,7 +38,9 @@ class Stretch:
     def __call__(self, ensemble: Ensemble) -> Array:
         """See :func:`tvsysid.numerics.stretch.stretch`."""
         recorded, parts = ensemble.angle_as_recorded, []
-        for some in row_blocks(len(recorded), recorded[0].size):  # all velocities together are as large as the data
+        for some in row_blocks(
+            len(recorded), recorded[0].size
+        ):  # all velocities together are as large as the data
             velocity = recorded_velocity(recorded[some], ensemble.sampling_rate)
             parts.append(stretch(velocity, recorded.shape[-1], self.threshold, self.direction))
         return np.concatenate(parts)
@@ -105,7 +107,9 @@ class TwoPathwayModel(ImpulseResponseModel):
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
         past = history(ensemble, self.drive(ensemble), first + late)[:, : late + ensemble.samples]
         missing = np.isnan(past)
-        reflex = convolve_lags(np.where(missing, 0.0, past), self.reflex_response / self.sampling_rate)
+        reflex = convolve_lags(
+            np.where(missing, 0.0, past), self.reflex_response / self.sampling_rate
+        )
         reflex[missing[:, : ensemble.samples]] = np.nan  # what is missing lies before all else
         if ensemble.mean_subtracted:
             reflex -= mean_known(reflex)
@@ -116,5 +120,7 @@ class TwoPathwayModel(ImpulseResponseModel):
         variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
         coordinates = {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
         if curve := self.drive.curve():
-            coordinates["velocity"], variables["nonlinearity"] = ((("velocity",), values) for values in curve)
+            coordinates["velocity"], variables["nonlinearity"] = (
+                (("velocity",), values) for values in curve
+            )
         return variables, coordinates

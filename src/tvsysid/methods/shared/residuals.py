@@ -44,7 +44,11 @@ def counted(ensemble: Ensemble) -> str:
     """How many realizations there are and what they are worth, in words."""
     count, independent = len(ensemble), independent_realizations(ensemble)
     words = f"{count} realization{'s' * (count > 1)}"
-    return words if independent == count else f"{words} ({independent} independent, as their mean is subtracted)"
+    return (
+        words
+        if independent == count
+        else f"{words} ({independent} independent, as their mean is subtracted)"
+    )
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
@@ -55,7 +59,9 @@ def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, f
     """
     known = np.isfinite(predicted).all(axis=0)
     angle, torque = (x[:, ensemble.core] for x in (ensemble.angle, ensemble.torque))
-    return white_share((torque - predicted)[:, known], angle[:, known], ensemble.sampling_rate, band)
+    return white_share(
+        (torque - predicted)[:, known], angle[:, known], ensemble.sampling_rate, band
+    )
 
 
 def residual(ensemble: Ensemble, weights: Array) -> Array:
@@ -95,7 +101,9 @@ class Colour(NamedTuple):
     products: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array, products: Array) -> Colour:
+    def of(
+        cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array, products: Array
+    ) -> Colour:
         """Colour of a residual (realization, time), and of an angle with these :func:`colour_products`.
 
         ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is not missing.
@@ -110,7 +118,9 @@ class Colour(NamedTuple):
         ``seen`` is the share of the products of noise at each lag that the fit sees.
         """
         regressors = regressor_covariances(self.filters, self.products)
-        noise = noise_correlation(self.covariance, np.asarray(self.taken * regressor_correlation(regressors)))
+        noise = noise_correlation(
+            self.covariance, np.asarray(self.taken * regressor_correlation(regressors))
+        )
         return noise, colour_factors(regressors, noise * seen)
 
 
@@ -139,7 +149,9 @@ def agreement_of(fit: Array, left: Array, angle: Array, covariance: Array) -> fl
     :func:`tvsysid.impedance.agreement_of_moments`.
     """
     cross = cross_covariance(angle, left, len(covariance) // 2)
-    return agreement_of_moments(_mean_square(fit), cross, toeplitz(covariance), _mean_square(left), left.size)
+    return agreement_of_moments(
+        _mean_square(fit), cross, toeplitz(covariance), _mean_square(left), left.size
+    )
 
 
 def _mean_square(x: Array) -> float:
@@ -173,13 +185,19 @@ class PosteriorErrors:
             noise, factors = self.colour.noise_and_factors()
             factors *= self.stronger / max(power_in_band(noise, *self.band), LEAST_POWER)
         errors = {
-            name: StandardError.none(self.times, f"the model has no {name} (order {len(factors) - 1})")
+            name: StandardError.none(
+                self.times, f"the model has no {name} (order {len(factors) - 1})"
+            )
             for name in IMPEDANCE[len(factors) :]
         }
         parts = zip(IMPEDANCE, factors, self.expansions, self.covariances, strict=False)
         for name, factor, expansion, covariance in parts:
-            variance = factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion, optimize=True)
+            variance = factor * np.einsum(
+                "tj,jk,tk->t", expansion, covariance, expansion, optimize=True
+            )
             values = padded(np.sqrt(np.maximum(variance, 0.0)), (self.times - len(expansion)) // 2)
             values[: self.missing] = values[self.times - self.missing :] = np.nan
-            errors[name] = StandardError(values, np.array(self.freedom), arc_length(expansion, covariance))
+            errors[name] = StandardError(
+                values, np.array(self.freedom), arc_length(expansion, covariance)
+            )
         return errors

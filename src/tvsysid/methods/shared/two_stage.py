@@ -42,7 +42,9 @@ class LaggedReference(NamedTuple):
         """How many lags the reference has more than the angle."""
         return int(self.reference.shape[1] - self.angle.shape[1])
 
-    def projected(self, begin: int, end: int, half: int, centres: slice) -> tuple[Array, Array, Array]:
+    def projected(
+        self, begin: int, end: int, half: int, centres: slice
+    ) -> tuple[Array, Array, Array]:
         """Correlations of windows about centres among some times, and the instruments' projection (time, lag, lag)."""
         lags, more = self.lags, self.more
         z = self.reference[:, begin : end + 2 * lags + more]
@@ -54,7 +56,9 @@ class LaggedReference(NamedTuple):
             window_moments(z, u, lags + more, lags)[:, ::-1, : more - 1 if more else None : -1],
             diagonal_moments(y, z, 2 * lags + more)[:, ::-1, None],
         )
-        of_z, with_u, with_y = (sliding_sum(each, half, half)[centres] / samples[:, None, None] for each in moments)
+        of_z, with_u, with_y = (
+            sliding_sum(each, half, half)[centres] / samples[:, None, None] for each in moments
+        )
         values, vectors = np.linalg.eigh(of_z)
         kept = values > ALIKE * values[:, -1:]
         whitened = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
@@ -71,13 +75,18 @@ class LaggedReference(NamedTuple):
         response leaves of the torque, relative to the degrees of freedom that it leaves. The noise may be of any kind.
         """
         scores, samples = np.zeros((3, len(self.angle), len(windows.weights))), windows.samples
-        last, place = self.angle.shape[1] - 2 * self.lags - 1, np.arange(len(windows.weights)) + windows.margin
+        last, place = (
+            self.angle.shape[1] - 2 * self.lags - 1,
+            np.arange(len(windows.weights)) + windows.margin,
+        )
         for offset in range(-windows.half, windows.half + 1):
             at = np.clip(place + offset, 0, last)
             left = self.torque[:, self.lags + at] - _sums(self.angle, windows.weights, at)
             left[:, at != place + offset] = 0.0  # where the context ends, a window is cut short
             for quantity in range(3):
-                scores[quantity] += left * _sums(self.reference, windows.on_instruments[:, quantity], at)
+                scores[quantity] += left * _sums(
+                    self.reference, windows.on_instruments[:, quantity], at
+                )
         independent = windows.realizations
         share = len(self.angle) / (independent - 1) if independent > 1 else np.nan
         untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
@@ -91,7 +100,9 @@ def truncated_at_threshold(phi_uu: Array, phi_uy: Array) -> Solution:
     """Least squares by the directions of lagged angles that instruments tell well."""
     values, vectors = np.linalg.eigh(phi_uu)
     kept = values > UNTOLD * values[:, -1:]
-    inverse = (vectors * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
+    inverse = (
+        vectors * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, None]
+    ) @ vectors.transpose(0, 2, 1)
     weights = (inverse @ phi_uy[..., None])[..., 0]
     rank = kept.sum(axis=1)
     return Solution(weights, rank, inverse, rank, np.einsum("tk,tk->t", weights, phi_uy))

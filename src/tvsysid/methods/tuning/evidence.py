@@ -38,7 +38,9 @@ OF_THE_METHOD = {
     "cites",
 }  # what holds with any settings
 OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities", "refit"}
-CLEARLY = 3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
+CLEARLY = (
+    3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,9 @@ class Evidence(Shown):
 
     def _repr_html_(self) -> str:
         table = self.to_pandas()
-        return summary_html("Evidence", str(self), list(map(str, table.columns)), table.itertuples(index=False))
+        return summary_html(
+            "Evidence", str(self), list(map(str, table.columns)), table.itertuples(index=False)
+        )
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each trial: settings, criterion, its value and unit, standard error, and whether it was chosen."""
@@ -133,7 +137,11 @@ def edge_of(name: str, value: float, tried: Iterable[float]) -> tuple[str, ...]:
 
 
 def evidence_of_bases(
-    given: Basis, prior: str, samples: int, log_evidence: Callable[[Basis], float], per_function: int
+    given: Basis,
+    prior: str,
+    samples: int,
+    log_evidence: Callable[[Basis], float],
+    per_function: int,
 ) -> Evidence:
     """Log evidence of bases, less the number of precisions that were fitted to the data.
 
@@ -142,9 +150,14 @@ def evidence_of_bases(
     independent ones, which ``log_evidence`` knows.
     """
     if prior == "none":
-        raise InputError("BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'")
+        raise InputError(
+            "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
+        )
     counts = {basis: evaluate(basis, samples).shape[1] for basis in BASES}
-    tried = [given, *(basis for basis in BASES if basis != given and per_function * counts[basis] <= MOST)]
+    tried = [
+        given,
+        *(basis for basis in BASES if basis != given and per_function * counts[basis] <= MOST),
+    ]
     positions = [evaluate(basis, samples).shape[1] for basis in tried]
     # Each precision that was fitted raises the evidence, even of a function that is not there.
     fitted = [per_function * functions if prior == "ard" else 1 for functions in positions]

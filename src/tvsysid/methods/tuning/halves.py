@@ -63,10 +63,14 @@ class Halves:
         ``stiffness`` (method, deal, half, time) holds all methods that are to be compared: the error is a mean over the
         times that all of them know.
         """
-        known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(axis=(0, 1))
+        known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(
+            axis=(0, 1)
+        )
         off = stiffness[..., known] - self.references[..., known]
         apart = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
-        return np.asarray(np.mean(off[:, :, 0] * off[:, :, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4).T
+        return np.asarray(
+            np.mean(off[:, :, 0] * off[:, :, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4
+        ).T
 
     def _of_halves(self, estimate: Callable[[Ensemble], Array]) -> Array:
         return np.array([[estimate(half) for half in pair] for pair in self.halves])
@@ -82,7 +86,11 @@ def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
 
 
 def evidence_by_halves(
-    method: Method, ensemble: Ensemble, seed: int, grids: Mapping[str, Sequence[float]], max_lag: float
+    method: Method,
+    ensemble: Ensemble,
+    seed: int,
+    grids: Mapping[str, Sequence[float]],
+    max_lag: float,
 ) -> Evidence:
     """Settings chosen one after another, each the best of its grid, or left alone if none is clearly better.
 
@@ -121,9 +129,13 @@ def evidence_by_halves(
         chosen=chosen,
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
-        lines=tuple(", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried),
+        lines=tuple(
+            ", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried
+        ),
         edges=tuple(
-            edge for name in grids for edge in edge_of(name, tried[chosen][name], (each[name] for each in tried))
+            edge
+            for name in grids
+            for edge in edge_of(name, tried[chosen][name], (each[name] for each in tried))
         ),
     )
 

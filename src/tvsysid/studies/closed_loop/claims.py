@@ -32,17 +32,27 @@ if TYPE_CHECKING:
 LOSES = 18.0  # N·m/rad, of 100
 LITTLE = 5.0  # N·m/rad that wide-band noise costs at most
 STAYS = 0.1  # share by which the bias in a longer record may be smaller
-FREE, NEARLY = 1.5, 2.5  # N·m/rad of bias that kbr with a reference and weights may have, and esm and birf
+FREE, NEARLY = (
+    1.5,
+    2.5,
+)  # N·m/rad of bias that kbr with a reference and weights may have, and esm and birf
 LEAST, MOST = 90.0, 97.0  # % of coverage of the 95 % bands
 ALIKE = 0.02  # share by which a reference may make the random error larger where there is no loop
-GAINS, COSTS = 0.25, 0.06  # shares by which weighting lowers the random error at least, and makes it larger at most
+GAINS, COSTS = (
+    0.25,
+    0.06,
+)  # shares by which weighting lowers the random error at least, and makes it larger at most
 WHITE, WEIGHTED, BEST = OPEN[3], OPEN[4], CLOSED[3]
-PLACES = tuple(itertools.product(SNR, ACTUATORS))  # noise and actuator of every sine wave in closed loop
+PLACES = tuple(
+    itertools.product(SNR, ACTUATORS)
+)  # noise and actuator of every sine wave in closed loop
 
 
 def scenario(actuator: float, noise: float, duration_s: float = SHORT) -> Scenario:
     """Sine wave on this actuator with this noise."""
-    return Scenario("sine", "noise:cutoff=20", duration_s, SNR[noise], "constant", system(actuator, noise))
+    return Scenario(
+        "sine", "noise:cutoff=20", duration_s, SNR[noise], "constant", system(actuator, noise)
+    )
 
 
 def judge(scores: xr.Dataset) -> pd.DataFrame:
@@ -87,16 +97,23 @@ def _covers(*methods: str) -> Margins:
     return margins
 
 
-def _ratio(scores: Scores, place: Scenario, one: str, other: str, where: str) -> tuple[str, Array] | None:
+def _ratio(
+    scores: Scores, place: Scenario, one: str, other: str, where: str
+) -> tuple[str, Array] | None:
     """Logarithm of the ratio of two methods' random errors, and what was compared, in words."""
     found = scores.of(*((place, method, "random_error") for method in (one, other)))
     if not found:
         return None
-    return f"random error of {one} {found[0][0]:.1f}, of {other} {found[1][0]:.1f} N·m/rad {where}", log_ratio(*found)
+    return (
+        f"random error of {one} {found[0][0]:.1f}, of {other} {found[1][0]:.1f} N·m/rad {where}",
+        log_ratio(*found),
+    )
 
 
 def _costs_nothing(scores: Scores) -> Iterator[Replicated]:
-    for (rival, method), noise in itertools.product(zip((*OPEN[1:3], WEIGHTED), CLOSED[1:], strict=True), (5.0, 40.0)):
+    for (rival, method), noise in itertools.product(
+        zip((*OPEN[1:3], WEIGHTED), CLOSED[1:], strict=True), (5.0, 40.0)
+    ):
         if found := _ratio(scores, scenario(IMPOSED, noise), method, rival, _where(IMPOSED, noise)):
             yield margin(found[0], np.log1p(ALIKE) - found[1])
 

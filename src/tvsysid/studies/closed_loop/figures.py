@@ -41,21 +41,29 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
         As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
     """
     traits = scenario_traits(results)
-    loops = {label: loop for label, system in traits.system.items() if (loop := loop_of(system)) is not None}
+    loops = {
+        label: loop
+        for label, system in traits.system.items()
+        if (loop := loop_of(system)) is not None
+    }
     traits = traits.loc[list(loops)].assign(
         size=[loop.actuator_stiffness for loop in loops.values()],
         noise=[loop.noise_bandwidth for loop in loops.values()],
     )
     shown: dict[str, Illustration] = {}
     for noise, rows in traits.groupby("noise"):
-        usual = rows[(rows.profile == rows.profile.iloc[0]) & (rows.duration_s == rows.duration_s.min())]
+        usual = rows[
+            (rows.profile == rows.profile.iloc[0]) & (rows.duration_s == rows.duration_s.min())
+        ]
         soft = usual["size"][usual["size"] < IMPOSED]
         if soft.nunique() > 1:
             shown[f"bias-{noise:g}Hz"] = _bias(summary, soft, f"noise up to {noise:g} Hz")
         middle = usual.index[len(usual) // 3]
         title = f"Open and closed methods: noise up to {noise:g} Hz"
         labels, mine = list(usual.index), summary[summary.scenario.isin(usual.index)]
-        data = results[OVER_TIME].sel(scenario=labels, quantity=["stiffness"], method_key=unique(mine.method))
+        data = results[OVER_TIME].sel(
+            scenario=labels, quantity=["stiffness"], method_key=unique(mine.method)
+        )
         text = (
             f"A column for each method. Upper rows, over one realization of {middle}: estimated stiffness, mean and "
             f"two standard deviations over {count(results.sizes['trial'], 'trial')}, against the truth, and "
@@ -72,7 +80,9 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
 
 
 def _bias(summary: pd.DataFrame, sizes: pd.Series, what: str) -> Illustration:
-    rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(sizes.index)].dropna(subset=["value"])
+    rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(sizes.index)].dropna(
+        subset=["value"]
+    )
     rows = rows.assign(size=rows.scenario.map(sizes)).sort_values("size", kind="stable")
     title = f"Stiffness on a compliant actuator, {what}"
     said = [

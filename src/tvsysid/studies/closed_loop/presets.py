@@ -30,8 +30,14 @@ PRESETS: dict[str, dict[str, object]] = {
         "trials": 20,
         "subtract_mean": True,
         "also": (
-            {"snr_db": (SNR[5.0],), "system": tuple(system(actuator, 5.0) for actuator in (*ACTUATORS, IMPOSED))},
-            {"snr_db": (SNR[2.0],), "system": tuple(system(actuator, 2.0) for actuator in ACTUATORS)},
+            {
+                "snr_db": (SNR[5.0],),
+                "system": tuple(system(actuator, 5.0) for actuator in (*ACTUATORS, IMPOSED)),
+            },
+            {
+                "snr_db": (SNR[2.0],),
+                "system": tuple(system(actuator, 2.0) for actuator in ACTUATORS),
+            },
             {"snr_db": (SNR[5.0],), "system": (system(100.0, 5.0),), "stiffness": ("square",)},
             {"snr_db": (SNR[5.0],), "system": (system(100.0, 5.0),), "duration_s": (LONG,)},
         ),

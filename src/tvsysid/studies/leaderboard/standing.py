@@ -55,9 +55,14 @@ def replicates_of(errors: Array) -> Array:
     if trials < 2:
         return np.full((2, errors.shape[2]), np.nan)
     random = np.random.default_rng(0)
-    drawn = scores_of(errors, random.multinomial(trials, np.full(trials, 1 / trials), (DRAWS, scenarios)).astype(float))
+    drawn = scores_of(
+        errors,
+        random.multinomial(trials, np.full(trials, 1 / trials), (DRAWS, scenarios)).astype(float),
+    )
     usual = drawn.mean(axis=0)
-    return np.asarray(usual + (drawn - usual) * np.sqrt(trials / (trials - 1)))  # a draw varies less than a sample
+    return np.asarray(
+        usual + (drawn - usual) * np.sqrt(trials / (trials - 1))
+    )  # a draw varies less than a sample
 
 
 def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
@@ -92,11 +97,21 @@ def standings(results: xr.Dataset, groups: Mapping[str, Sequence[str]]) -> pd.Da
     errors, entries = errors_of(results), [str(name) for name in results.method_key.values]
     every = {"": list(map(str, results.scenario.values)), **groups}
     every |= {name: [name] for name in every[""]}
-    scores = {name: scores_of(errors.sel(scenario=list(part)).values)[0] for name, part in every.items()}
+    scores = {
+        name: scores_of(errors.sel(scenario=list(part)).values)[0] for name, part in every.items()
+    }
     score, replicates = scores.pop(""), replicates_of(errors.values)
     covered = results.covered.sel(quantity=MAIN).mean(["trial", "time"]).mean("scenario")
     found = ranks_of(score, replicates)
-    columns: dict[str, object] = {"rank": found.pop("rank"), "entry": entries, "origin": list(map(origin_of, entries))}
+    columns: dict[str, object] = {
+        "rank": found.pop("rank"),
+        "entry": entries,
+        "origin": list(map(origin_of, entries)),
+    }
     columns |= {"score": score, "score_error": np.std(replicates, axis=0), **found}
-    columns |= {"coverage": 100 * covered.values, "answered": answered(results).sum("scenario").values, **scores}
+    columns |= {
+        "coverage": 100 * covered.values,
+        "answered": answered(results).sum("scenario").values,
+        **scores,
+    }
     return pd.DataFrame(columns).sort_values("score", kind="stable", ignore_index=True)

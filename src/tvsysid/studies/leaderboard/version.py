@@ -24,7 +24,9 @@ SECRET = 2**64  # a smaller seed could be found from its hash by trying
 
 OTHER_SINE = "sine:mean=80,amplitude=60,offset=0.3"
 SCHEDULED = "scheduled:variable=scheduling"
-FREE = "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
+FREE = (
+    "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
+)
 SCENARIOS = (
     Scenario("square", "noise", 40.0, 10.0),
     Scenario("square", "prbs", 80.0, 10.0, "covarying"),
@@ -34,7 +36,13 @@ SCENARIOS = (
     Scenario("square", "prbs", 80.0, 10.0, system="reflex-square:noise_bandwidth=1"),
     Scenario("constant", "pulses", 40.0, 5.0, system="reflex"),
     Scenario("sine", "noise:cutoff=20", 40.0, 5.0, system="compliant:noise_bandwidth=5"),
-    Scenario("square", "noise:cutoff=20", 80.0, 5.0, system="loaded:actuator_stiffness=30,noise_bandwidth=2"),
+    Scenario(
+        "square",
+        "noise:cutoff=20",
+        80.0,
+        5.0,
+        system="loaded:actuator_stiffness=30,noise_bandwidth=2",
+    ),
     Scenario("sine", "pulses:duration=0.02,interval=1", 80.0, 10.0, system=FREE),
     Scenario("sine", "noise", 40.0, 10.0, system=SCHEDULED),
     Scenario("square", "prbs", 150.0, 0.0, system=SCHEDULED),
@@ -43,15 +51,28 @@ SCENARIOS = (
 """Joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a variable."""
 
 
-def study_of(entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any) -> Study:
+def study_of(
+    entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any
+) -> Study:
     """Leaderboard as a study: the package's methods, those of installed packages, and further entries.
 
     Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as its digest shows. An
     installed method that cannot be made as it is is left out, with a warning.
     """
-    first, *others = ({name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS)
-    fixed: dict[str, object] = {"rate": 100.0, "period": 2.0, "subtract_mean": True, "trials": TRIALS, "seed": SEED}
-    fixed |= {"methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))), "also": others}
+    first, *others = (
+        {name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS
+    )
+    fixed: dict[str, object] = {
+        "rate": 100.0,
+        "period": 2.0,
+        "subtract_mean": True,
+        "trials": TRIALS,
+        "seed": SEED,
+    }
+    fixed |= {
+        "methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))),
+        "also": others,
+    }
     settings = overridden(first | fixed, changes)
     return Study(**settings | {"also": (*settings.get("also", ()), *scenarios)})
 
@@ -67,15 +88,29 @@ def _usable(name: str) -> bool:
 
 def digest(study: Study) -> str:
     """Tells scenarios from others: all settings, and the size of the first seconds of each to four digits."""
-    lines = [f"{study.trials} trials at {study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"]
+    lines = [
+        f"{study.trials} trials at {study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
+    ]
     for scenario in study.scenarios:
         system, perturbation = study.simulated(scenario)
         made = system.simulate(
-            SIMULATED, perturbation=perturbation, snr_db=scenario.snr_db, seed=np.random.SeedSequence(0), rate=1000.0
+            SIMULATED,
+            perturbation=perturbation,
+            snr_db=scenario.snr_db,
+            seed=np.random.SeedSequence(0),
+            rate=1000.0,
         )
         sizes = [f"{np.std(each):.3e}" for each in (made.recording.angle, made.recording.torque)]
         parts = label_of(system), label_of(perturbation)
-        lines.append(" ".join((*map(str, scenario), *(re.sub(" at 0x[0-9a-f]+", "", each) for each in parts), *sizes)))
+        lines.append(
+            " ".join(
+                (
+                    *map(str, scenario),
+                    *(re.sub(" at 0x[0-9a-f]+", "", each) for each in parts),
+                    *sizes,
+                )
+            )
+        )
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 

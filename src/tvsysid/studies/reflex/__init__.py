@@ -26,6 +26,9 @@ LITERATURE = Published(
 
 def published(results: xr.Dataset) -> Published | None:
     """What a simulation study is held against, if its reflexes are known, and some method's."""
-    if "reflex_gain" not in results.quantity.values or results.truth.sel(quantity="reflex_gain").isnull().any():
+    if (
+        "reflex_gain" not in results.quantity.values
+        or results.truth.sel(quantity="reflex_gain").isnull().any()
+    ):
         return None
     return LITERATURE if results.estimate.sel(quantity="reflex_gain").notnull().any() else None

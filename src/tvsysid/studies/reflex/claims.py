@@ -53,13 +53,17 @@ def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) ->
 def _takes_reflex_for_stiffness(scores: Scores) -> Iterator[Replicated]:
     for method, gain in itertools.product(ONE_PATH, GAINS):
         for bias in scores.of((CONSTANT[gain], method, "mean_bias")):
-            yield margin(f"mean bias of {method} {bias[0]:.1f} N·m/rad at a gain of {gain:g} N·m·s/rad", bias)
+            yield margin(
+                f"mean bias of {method} {bias[0]:.1f} N·m/rad at a gain of {gain:g} N·m·s/rad", bias
+            )
 
 
 def _in_proportion(scores: Scores) -> Iterator[Replicated]:
     """That twice the reflex makes twice the bias, beside what there is without any, to within a quarter."""
     for method, (one, other) in itertools.product(ONE_PATH, itertools.pairwise(GAINS)):
-        if found := scores.of(*((CONSTANT[gain], method, "mean_bias") for gain in (0.0, one, other))):
+        if found := scores.of(
+            *((CONSTANT[gain], method, "mean_bias") for gain in (0.0, one, other))
+        ):
             none, low, high = found
             words = f"mean bias of {method} {low[0]:.1f} N·m/rad at a gain of {one:g}, {high[0]:.1f} at {other:g}"
             off = log_ratio(high - none, low - none) - np.log(other / one)
@@ -77,7 +81,9 @@ def _mends(scores: Scores) -> Iterator[Replicated]:
 def _needs_many(scores: Scores) -> Iterator[Replicated]:
     for count in (*FEW, MANY):
         for found in scores.of((SINE._replace(duration_s=PERIOD * count), WINDOWLESS, GAIN)):
-            words = f"reflex gain off by {100 * found[0] / MEAN_GAIN:.0f} % with {count} realizations"
+            words = (
+                f"reflex gain off by {100 * found[0] / MEAN_GAIN:.0f} % with {count} realizations"
+            )
             yield margin(words, (found / MEAN_GAIN - SMALL) * (1 if count in FEW else -1))
 
 
@@ -91,9 +97,7 @@ def _more_robust(scores: Scores) -> Iterator[Replicated]:
 N_M, SHARE, RATE_GAIN = "N·m/rad", "share of the mean", "N·m·s/rad"
 PRESET = "the preset reflex"
 ERROR = "total error {value:.2f} N·m·s/rad by {method} without a reflex"
-WINDOW = (
-    "Without a window, as its authors have it. The usual window pools 11 samples about each time: a tenth suffices."
-)
+WINDOW = "Without a window, as its authors have it. The usual window pools 11 samples about each time: a tenth suffices."
 CLAIMS: tuple[Claim, ...] = (
     Claim("Methods of one pathway take a reflex for stiffness", "Kearney et al. 1997", _takes_reflex_for_stiffness,
           N_M, f"methods of one pathway ({PRESET})"),

@@ -31,17 +31,27 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
         As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
     """
     traits = scenario_traits(results)
-    traits = traits.assign(kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1))
+    traits = traits.assign(
+        kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1)
+    )
     compared = traits[traits.methods >= min(2, traits.methods.max())]
     shown: dict[str, Illustration] = {}
     for (kind, profile), rows in compared.groupby(["kind", "profile"], sort=False):
         widest = rows[rows.methods == rows.methods.max()]
         own = widest.system.iloc[0] if widest.system.nunique() == 1 else kind
-        what = ", ".join([own, profile_name(profile), *map(perturbation_name, unique(widest.perturbation))])
+        what = ", ".join(
+            [own, profile_name(profile), *map(perturbation_name, unique(widest.perturbation))]
+        )
         shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, what)
-        gains = results.truth.sel(scenario=list(rows.index), quantity="reflex_gain").mean("time").to_series()
+        gains = (
+            results.truth.sel(scenario=list(rows.index), quantity="reflex_gain")
+            .mean("time")
+            .to_series()
+        )
         if gains.nunique() > 2:
-            shown[f"bias-{kind}-{profile}"] = _bias(summary, gains, f"{kind}, {profile_name(profile)}")
+            shown[f"bias-{kind}-{profile}"] = _bias(
+                summary, gains, f"{kind}, {profile_name(profile)}"
+            )
     same = [name for name in TRAITS if name != "duration_s"]
     for _, rows in traits.groupby(same, sort=False):
         if rows.duration_s.nunique() > 2:
@@ -52,7 +62,9 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     return shown
 
 
-def _pathways(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, what: str) -> Illustration:
+def _pathways(
+    results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, what: str
+) -> Illustration:
     labels, title = list(rows.index), f"Both pathways: {what}"
     mine = summary[summary.scenario.isin(labels)]
     methods = unique(mine.method)
@@ -78,13 +90,19 @@ def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
     title = f"What a reflex does to the stiffness: {what}"
     text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad."
     rows, said = _over(summary, "mean_bias", gains)
-    return Illustration(partial(error_against, "gain of the reflex (N·m·s/rad)", rows, title), title, f"{text} {said}")
+    return Illustration(
+        partial(error_against, "gain of the reflex (N·m·s/rad)", rows, title),
+        title,
+        f"{text} {said}",
+    )
 
 
 def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustration:
     title = f"How much data a reflex needs: {what}"
     rows, said = _over(summary, "reflex_gain total_error", durations)
-    drawing = partial(error_against, "data (s)", rows, title, "total error of the reflex gain (N·m·s/rad)")
+    drawing = partial(
+        error_against, "data (s)", rows, title, "total error of the reflex gain (N·m·s/rad)"
+    )
     text = "Total error of the reflex gain in N·m·s/rad against seconds of data."
     return Illustration(drawing, title, f"{text} {said}")
 
@@ -92,7 +110,11 @@ def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustrat
 def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.DataFrame, str]:
     """Rows of a metric for scenarios of these sizes, of methods that have several; and them in words."""
     rows = summary[(summary.metric == metric) & summary.scenario.isin(sizes.index)]
-    rows = rows.assign(size=rows.scenario.map(sizes)).dropna(subset=["value"]).sort_values("size", kind="stable")
+    rows = (
+        rows.assign(size=rows.scenario.map(sizes))
+        .dropna(subset=["value"])
+        .sort_values("size", kind="stable")
+    )
     rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
     said = (
         f"{method}: {', '.join(f'{each.value:.3g} at {each.size:g}' for each in line.itertuples())}."

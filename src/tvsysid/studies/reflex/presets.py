@@ -25,8 +25,14 @@ PRESETS: dict[str, dict[str, object]] = {
             {"system": ("reflex-sine:noise_bandwidth=1", NAMES[0.0])},
             {"stiffness": ("square",), "system": ("reflex-square",)},
             {"stiffness": ("constant",), "system": ("reflex",), "snr_db": (10.0, 0.0)},
-            {"system": tuple(NAMES[gain] for gain in GAINS), "methods": (*ONE_PATH, *TWO_PATHS[:1])},
-            {"duration_s": tuple(PERIOD * count for count in (*FEW, MANY)), "methods": ("tvpc", WINDOWLESS)},
+            {
+                "system": tuple(NAMES[gain] for gain in GAINS),
+                "methods": (*ONE_PATH, *TWO_PATHS[:1]),
+            },
+            {
+                "duration_s": tuple(PERIOD * count for count in (*FEW, MANY)),
+                "methods": ("tvpc", WINDOWLESS),
+            },
         ),
     }
 }

@@ -1,7 +1,11 @@
 """Van de Ruit, Cavallo, Lataire, van der Helm, Mugge, van Wingerden and Schouten 2021: its studies and its claims."""
 
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
+    experiment_figures,
+    participant_figures,
+    representative,
+)
 from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
 from tvsysid.studies.van_de_ruit_2021.folder import Written, judge, write_experiment, write_study
 from tvsysid.studies.van_de_ruit_2021.presets import PRESETS, preset

@@ -35,7 +35,9 @@ MEAN_STAYS = 5.0  # change of the mean stiffness in per cent up to which it stay
 MARGINAL = 1.0  # percentage points up to which a VAF rises only marginally
 RISES = 0.5  # correlation over time of stiffness with torque from which on it rises with it
 DIP_WIDTH = 0.1  # part of a period about its beginning and its middle where the time-varying VAF is said to be reduced
-REPORTED = 300  # realizations recorded from each of the paper's participants under either perturbation
+REPORTED = (
+    300  # realizations recorded from each of the paper's participants under either perturbation
+)
 SURVIVED = {"noise": (260.0, 12.0), "prbs": (255.0, 14.0)}
 """Mean and standard deviation of the paper's survivors of 300 realizations (section 4.4)."""
 EXCLUDED = {
@@ -75,7 +77,9 @@ class Paired:
         count = len(self.values)
         if count < FEWEST:
             return math.nan, math.nan
-        width = float(student.isf(tail, count - 1)) * float(self.values.std(ddof=1)) / math.sqrt(count)
+        width = (
+            float(student.isf(tail, count - 1)) * float(self.values.std(ddof=1)) / math.sqrt(count)
+        )
         return self.estimate - width, self.estimate + width
 
 
@@ -89,7 +93,9 @@ class Figures:
             for name in ("survivors", *(f"excluded_{step}" for step in STEPS))
         }
         self.participants = unique(results.participant.values)
-        pairs = zip(map(str, results.participant.values), map(str, results.perturbation.values), strict=True)
+        pairs = zip(
+            map(str, results.participant.values), map(str, results.perturbation.values), strict=True
+        )
         self._place = {pair: place for place, pair in enumerate(pairs)}
         self._realizations = results.realizations.values
         self._analyses: dict[str, list[int]] = {}
@@ -99,7 +105,9 @@ class Figures:
         self._values = measured(results) | {
             "rising": _rising(stiffness, results.mean_torque.values),
             "dip": _dips(results),
-            "change": _changes(stiffness, [places[:2] for places in self._analyses.values() if len(places) > 1]),
+            "change": _changes(
+                stiffness, [places[:2] for places in self._analyses.values() if len(places) > 1]
+            ),
         }
 
     def has(self, *perturbations: str, methods: Sequence[str] = FIVE, amounts: int = 1) -> bool:
@@ -108,7 +116,9 @@ class Figures:
             all((participant, perturbation) in self._place for perturbation in perturbations)
             for participant in self.participants
         )
-        return recorded and all(len(self._analyses.get(method, ())) >= amounts for method in methods)
+        return recorded and all(
+            len(self._analyses.get(method, ())) >= amounts for method in methods
+        )
 
     def drawn(self, method: str) -> int:
         """The smallest number of realizations."""
@@ -116,7 +126,9 @@ class Figures:
 
     def of(self, name: str, perturbation: str, method: str, amount: int = 0) -> Array:
         """A figure for each participant, with the smaller (0) or the larger (1) number of realizations."""
-        return self._over_participants(perturbation, self._values[name][:, self._analyses[method][amount]])
+        return self._over_participants(
+            perturbation, self._values[name][:, self._analyses[method][amount]]
+        )
 
     def share(self, name: str, perturbation: str) -> Array:
         """A number of realizations for each participant, of as many as the paper recorded."""
@@ -134,7 +146,10 @@ def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
     """Hold every claim of the paper's experiment against the results of one."""
     figures = Figures(results)
     too_few = f"Needs at least {FEWEST} participants." if len(figures.participants) < FEWEST else ""
-    rows = [judged(claim, list(claim.margins(figures)), too_few=too_few, more="participants") for claim in CLAIMS]
+    rows = [
+        judged(claim, list(claim.margins(figures)), too_few=too_few, more="participants")
+        for claim in CLAIMS
+    ]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -152,7 +167,9 @@ def _rising(stiffness: Array, torque: Array) -> Array:
 
 def _dips(results: xr.Dataset) -> Array:
     """Time-varying VAF at the quarters of a period less that about its beginning and middle, (recording, analysis)."""
-    phase = results.time.values / (results.time.values[-1] + results.time.values[1] - results.time.values[0])
+    phase = results.time.values / (
+        results.time.values[-1] + results.time.values[1] - results.time.values[0]
+    )
     from_turn = np.abs((2 * phase + 0.5) % 1 - 0.5) / 2
     vaf = mean_over_draws(results.time_varying_vaf.values)
     at, away = from_turn < DIP_WIDTH / 2, from_turn > 0.25 - DIP_WIDTH / 2
@@ -165,8 +182,12 @@ def _changes(stiffness: Array, pairs: Sequence[Sequence[int]]) -> Array:
     A mean over few bootstraps is off by chance; what that adds is taken off.
     """
     found = np.full(stiffness.shape[:2], np.nan)
-    for recording, (few, many) in ((recording, pair) for recording in range(len(stiffness)) for pair in pairs):
-        one, other = (values[np.isfinite(values).any(axis=1)] for values in stiffness[recording, [few, many]])
+    for recording, (few, many) in (
+        (recording, pair) for recording in range(len(stiffness)) for pair in pairs
+    ):
+        one, other = (
+            values[np.isfinite(values).any(axis=1)] for values in stiffness[recording, [few, many]]
+        )
         if min(len(one), len(other)) < 2:  # draws that did not fail
             continue
         chance = one.var(axis=0, ddof=1) / len(one) + other.var(axis=0, ddof=1) / len(other)
@@ -210,7 +231,11 @@ def _with_either(
 
 
 def _of_each(
-    metric: str, words: str, margin: Callable[..., Array], methods: Sequence[str] = FIVE, amounts: int = 1
+    metric: str,
+    words: str,
+    margin: Callable[..., Array],
+    methods: Sequence[str] = FIVE,
+    amounts: int = 1,
 ) -> Margins:
     """A metric under each perturbation by each method, with one or two amounts of data; the words say its means."""
 
@@ -218,7 +243,10 @@ def _of_each(
         for perturbation in _there(figures):
             for method in methods:
                 if figures.has(methods=(method,), amounts=amounts):
-                    found = [figures.of(metric, perturbation, method, amount) for amount in range(amounts)]
+                    found = [
+                        figures.of(metric, perturbation, method, amount)
+                        for amount in range(amounts)
+                    ]
                     said = words.format(*map(_mean, found))
                     yield from _paired(f"{method}, {NAMES[perturbation]}: {said}", margin(*found))
 
@@ -245,13 +273,19 @@ def _extreme(best: str, margin: Callable[[Array, Array], Array]) -> Margins:
 
 def _near_the_levels(figures: Figures) -> Iterator[Paired]:
     for perturbation, levels in LEVELS.items():
-        if not figures.has(perturbation, methods=FOUR) or {figures.drawn(method) for method in FOUR} != {FEW}:
+        if not figures.has(perturbation, methods=FOUR) or {
+            figures.drawn(method) for method in FOUR
+        } != {FEW}:
             continue
         values = np.array([figures.of("vaf", perturbation, method) for method in FOUR])
         order = np.argsort([_mean(each) for each in values])
-        for place, level, which in zip((order[0], order[-1]), levels, ("lowest", "highest"), strict=True):
+        for place, level, which in zip(
+            (order[0], order[-1]), levels, ("lowest", "highest"), strict=True
+        ):
             said = f"the {which} is {_mean(values[place]):.1f} % ({FOUR[place]}), the paper's {level:g} %"
-            yield from _within(f"{NAMES[perturbation]}: {said}", values[place], level - NEAR, level + NEAR)
+            yield from _within(
+                f"{NAMES[perturbation]}: {said}", values[place], level - NEAR, level + NEAR
+            )
 
 
 def _survivors(figures: Figures) -> Iterator[Paired]:
@@ -259,7 +293,9 @@ def _survivors(figures: Figures) -> Iterator[Paired]:
         found, (mean, sd) = figures.share("survivors", perturbation), SURVIVED[perturbation]
         known = found[np.isfinite(found)]
         spread = f" ± {known.std(ddof=1):.0f}" if len(known) > 1 else ""
-        yield from _within(f"{NAMES[perturbation]}: {_mean(found):.0f}{spread} of 300", found, mean - sd, mean + sd)
+        yield from _within(
+            f"{NAMES[perturbation]}: {_mean(found):.0f}{spread} of 300", found, mean - sd, mean + sd
+        )
 
 
 def _excluded(figures: Figures) -> Iterator[Paired]:

@@ -8,10 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.participants import (
+    participant_in_detail,
+    stiffness_of_participants,
+    stiffness_with_bands,
+)
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import recorded_signals
-from tvsysid.figures.results import OVER_TIME, TORQUES, knows_truth, least_data, seconds_of_data, truth, unique
+from tvsysid.figures.results import (
+    OVER_TIME,
+    TORQUES,
+    knows_truth,
+    least_data,
+    seconds_of_data,
+    truth,
+    unique,
+)
 from tvsysid.figures.saving import Illustration
 from tvsysid.figures.spread import SPREAD, error_against_truth, variance_and_spread
 from tvsysid.figures.words import count, perturbation_name
@@ -75,7 +87,9 @@ def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
     titles = {who: f"Participant {who} in detail" for who in people}
     return {
         f"participants/{who}": Illustration(
-            partial(participant_in_detail, _of(results, who), who, titles[who]), titles[who], endings=("png", "pdf")
+            partial(participant_in_detail, _of(results, who), who, titles[who]),
+            titles[who],
+            endings=("png", "pdf"),
         )
         for who in people
     }
@@ -83,7 +97,11 @@ def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
 
 def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
     """What is drawn of one participant."""
-    return results[SHOWN].sel(quantity="stiffness").isel(recording=results.participant.values == participant)
+    return (
+        results[SHOWN]
+        .sel(quantity="stiffness")
+        .isel(recording=results.participant.values == participant)
+    )
 
 
 def _of_one(given: Container[str], results: xr.Dataset, preferred: str) -> list[str]:
@@ -110,7 +128,10 @@ def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
 
 def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
     """All participants, or the only recording."""
-    shown, told = results[SHOWN].sel(quantity="stiffness"), f"({_amounts(results)}){_truth(results)}. "
+    shown, told = (
+        results[SHOWN].sel(quantity="stiffness"),
+        f"({_amounts(results)}){_truth(results)}. ",
+    )
     if results.sizes["recording"] == 1:
         label = str(results.recording.values[0])
         title = f"Stiffness in {label}"
@@ -118,7 +139,11 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
             "Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each "
             f"method {told}{_grey(results)}{_sentences(summary)}"
         )
-        return {"stiffness": Illustration(partial(stiffness_with_bands, shown, label, title), title, text)}
+        return {
+            "stiffness": Illustration(
+                partial(stiffness_with_bands, shown, label, title), title, text
+            )
+        }
     people = len(unique(results.participant.values))
     title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
     text = (
@@ -126,19 +151,25 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
         f"{count(people, 'participant')}: a row for each perturbation, a line for each method {told}"
         f"{_torque(results)}{_sentences(summary)}"
     )
-    return {"participants": Illustration(partial(stiffness_of_participants, shown, title), title, text)}
+    return {
+        "participants": Illustration(partial(stiffness_of_participants, shown, title), title, text)
+    }
 
 
 def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Illustration:
     title = f"Participant {participant} in detail"
-    middle = ", whose VAF is in the middle of all" if len(unique(results.participant.values)) > 1 else ""
+    middle = (
+        ", whose VAF is in the middle of all" if len(unique(results.participant.values)) > 1 else ""
+    )
     rows = summary[summary.participant == participant]
     text = (
         f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {participant}{middle}: mean and two "
         f"standard deviations over bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
         f"{_grey(results)}{_sentences(rows, ('mean_stiffness', 'random_error', 'vaf'))}"
     )
-    return Illustration(partial(participant_in_detail, _of(results, participant), participant, title), title, text)
+    return Illustration(
+        partial(participant_in_detail, _of(results, participant), participant, title), title, text
+    )
 
 
 def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
@@ -150,7 +181,11 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
         "participants. VAF is that of the realizations that the model was identified from. "
         f"{_sentences(summary, tuple(SPREAD), least=False)}"
     )
-    shown = {"variance-and-spread": Illustration(partial(variance_and_spread, summary, title), title, text)}
+    shown = {
+        "variance-and-spread": Illustration(
+            partial(variance_and_spread, summary, title), title, text
+        )
+    }
     if knows_truth(results):
         title = "Error against the truth"
         people = unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)])
@@ -160,7 +195,9 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
             f"their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
             f"{_sentences(summary, ('bias_error', 'mean_bias'))}"
         )
-        drawing = partial(error_against_truth, results[SHOWN].sel(quantity="stiffness"), summary, title)
+        drawing = partial(
+            error_against_truth, results[SHOWN].sel(quantity="stiffness"), summary, title
+        )
         shown["error-against-truth"] = Illustration(drawing, title, text)
     return shown
 
@@ -180,16 +217,26 @@ def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
 
 def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> Illustration:
     here = results.sel(recording=label)
-    title = f"Preparation of {here.participant.item()}, {perturbation_name(here.perturbation.item())}"
+    title = (
+        f"Preparation of {here.participant.item()}, {perturbation_name(here.perturbation.item())}"
+    )
     aligned = "aligned and with" if preparation.alignment is not None else "with"
     done = {
-        "alignment": (preparation.alignment, "each is aligned to the torque to be followed (black)"),
-        "task component": (preparation.task, "the component at the task's frequency, with its mean and limits"),
+        "alignment": (
+            preparation.alignment,
+            "each is aligned to the torque to be followed (black)",
+        ),
+        "task component": (
+            preparation.task,
+            "the component at the task's frequency, with its mean and limits",
+        ),
         "residual": (preparation.residual, "the low-passed residual, with its mean and limits"),
     }
     counts = preparation.account.counts
     steps = "; ".join(
-        f"{words}: {counts.get(name, 0)} excluded" for name, (step, words) in done.items() if step is not None
+        f"{words}: {counts.get(name, 0)} excluded"
+        for name, (step, words) in done.items()
+        if step is not None
     )
     text = (
         f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} realizations as it was "
@@ -199,7 +246,9 @@ def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> I
     return Illustration(partial(preparation_steps, preparation, title), title, text)
 
 
-def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffness", "vaf"), least: bool = True) -> str:
+def _sentences(
+    summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffness", "vaf"), least: bool = True
+) -> str:
     """For each perturbation the means over participants by each method, with the least data or with every amount."""
     sentences = []
     for perturbation in unique(summary.perturbation.to_numpy()):
@@ -210,7 +259,9 @@ def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffnes
             values = []
             for method, mine in rows.groupby("method", sort=False):
                 means = mine.groupby("realizations").value.mean()  # sorted by the amount of data
-                numbers = " and ".join(f"{each:.3g}".replace("-", "−") for each in (means[:1] if least else means))
+                numbers = " and ".join(
+                    f"{each:.3g}".replace("-", "−") for each in (means[:1] if least else means)
+                )
                 values.append(f"{method} {numbers}")
             if values:
                 parts.append(f"{METRICS[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
@@ -227,12 +278,18 @@ def _amounts(results: xr.Dataset) -> str:
         by_amount.setdefault(seconds_of_data(results, label), []).append(method)
     if len(by_amount) == 1:
         return f"{next(iter(by_amount))} of data"
-    return "; ".join(f"{', '.join(methods)} from {amount} of data" for amount, methods in by_amount.items())
+    return "; ".join(
+        f"{', '.join(methods)} from {amount} of data" for amount, methods in by_amount.items()
+    )
 
 
 def _torque(results: xr.Dataset) -> str:
-    target = " and the torque to be followed" if np.isfinite(results.target_torque.values).any() else ""
-    return f"Below, the mean torque{target}. " if np.isfinite(results.mean_torque.values).any() else ""
+    target = (
+        " and the torque to be followed" if np.isfinite(results.target_torque.values).any() else ""
+    )
+    return (
+        f"Below, the mean torque{target}. " if np.isfinite(results.mean_torque.values).any() else ""
+    )
 
 
 def _grey(results: xr.Dataset) -> str:

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
 INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
-USUAL = (150.0, 10.0)  # seconds of data and signal-to-noise ratio in dB that the paper shows over time
+USUAL = (
+    150.0,
+    10.0,
+)  # seconds of data and signal-to-noise ratio in dB that the paper shows over time
 METRICS = {
     "bias_error": "bias error",
     "random_error": "random error",
@@ -65,9 +68,13 @@ def study_figures(
         name = _name(rows.iloc[0])
         at_snr, at_duration = here[here.snr_db == snr], here[here.duration_s == duration]
         if at_snr.duration_s.nunique() > 1:
-            shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{name}: errors against the amount of data")
+            shown[f"amount-{profile}{ending}"] = _amount(
+                at_snr, f"{name}: errors against the amount of data"
+            )
         if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
-            shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{name}: errors against noise")
+            shown[f"amount-{profile}{ending}-snr"] = _amount(
+                at_duration, f"{name}: errors against noise"
+            )
         at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
         if np.isfinite(covered(results.sel(scenario=list(at.index))).values).any():
             shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
@@ -113,14 +120,20 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
         f"{count(results.sizes['trial'], 'trial')}, against the true stiffness, and time-varying VAF. "
         f"Lower rows: bars of the metrics for {count(len(bars), 'scenario')}. "
     )
-    return Illustration(drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios)))
+    return Illustration(
+        drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios))
+    )
 
 
-def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, object]]) -> list[str]:
+def _figures(
+    summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, object]]
+) -> list[str]:
     """One sentence for each method in each scenario."""
     sentences = []
     for label, scenario in zip(labels, scenarios, strict=True):
-        rows = summary[(summary.scenario == label) & summary.metric.isin(list(METRICS))].dropna(subset=["value"])
+        rows = summary[(summary.scenario == label) & summary.metric.isin(list(METRICS))].dropna(
+            subset=["value"]
+        )
         for method, mine in rows.groupby("method", sort=False):
             values = mine.set_index("metric")
             parts = [
@@ -143,27 +156,43 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
         f"averaged over 0.05 s. A band covers the random error, not the bias of what a method smooths{missed}"
     ]
     for label, row in rows.iterrows():
-        mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(subset=["value"])
-        shares = ", ".join(f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True))
+        mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(
+            subset=["value"]
+        )
+        shares = ", ".join(
+            f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True)
+        )
         if shares:
             text.append(f"With {perturbation_name(row.perturbation)}: {shares} over all times.")
-        without = summary[(summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)]
+        without = summary[
+            (summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)
+        ]
         missing = [
             f"{method} {'below 1' if value < 1 else f'{value:.0f}'} %"
             for method, value in zip(without.method, without.value, strict=True)
         ]
         if missing:
-            text.append(f"Of these times and trials no band, and not counted: {', '.join(missing)}.")
+            text.append(
+                f"Of these times and trials no band, and not counted: {', '.join(missing)}."
+            )
     return Illustration(partial(coverage_over_time, chosen, labels, title), title, " ".join(text))
 
 
 def _amount(rows: pd.DataFrame, title: str) -> Illustration:
     name = "duration_s" if rows.duration_s.nunique() > 1 else "snr_db"
     unit = "s" if name == "duration_s" else "dB"
-    other = f"{rows.snr_db.iloc[0]:g} dB" if name == "duration_s" else f"{rows.duration_s.iloc[0]:g} s of data"
+    other = (
+        f"{rows.snr_db.iloc[0]:g} dB"
+        if name == "duration_s"
+        else f"{rows.duration_s.iloc[0]:g} s of data"
+    )
     title = f"{title}, {other}"
-    known = rows[(rows.metric == "total_error") & (rows[name] < float("inf"))].dropna(subset=["value"])
-    sentences = ["Debiased bias error, random error and total error of each method in N·m/rad, with standard errors."]
+    known = rows[(rows.metric == "total_error") & (rows[name] < float("inf"))].dropna(
+        subset=["value"]
+    )
+    sentences = [
+        "Debiased bias error, random error and total error of each method in N·m/rad, with standard errors."
+    ]
     for (perturbation, method), line in known.sort_values(name, kind="stable").groupby(
         ["perturbation", "method"], sort=False
     ):
@@ -185,7 +214,10 @@ def _responses(responses: xr.Dataset) -> Illustration:
     ]
     for instant in responses.instant.values:
         here = responses.distance.sel(instant=instant)
-        parts = [f"{method} {float(here.sel(method_key=method)):.3g}" for method in here.method_key.values]
+        parts = [
+            f"{method} {float(here.sel(method_key=method)):.3g}"
+            for method in here.method_key.values
+        ]
         sentences.append(
             f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance from the truth is "
             f"{', '.join(parts)}."

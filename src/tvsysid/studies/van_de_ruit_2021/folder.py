@@ -18,7 +18,11 @@ from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import CLAIMS, alignment, write_diagnosis, write_experiment_report, write_report
 from tvsysid.signals import Ensemble
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
+    experiment_figures,
+    participant_figures,
+    representative,
+)
 from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
 from tvsysid.studies.van_de_ruit_2021.simulations import judge_simulations
 from tvsysid.study import (
@@ -97,7 +101,9 @@ def _paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
 PAPER = Published(judge, _paper_figures, CLAIMS, ("paper", "snr", "viscosity"))
 
 
-def write_study(results: xr.Dataset, folder: Path, command: str = "", published: Published = PAPER) -> Written:
+def write_study(
+    results: xr.Dataset, folder: Path, command: str = "", published: Published = PAPER
+) -> Written:
     """Write tables, figures and page of a simulation study.
 
     Parameters
@@ -117,12 +123,20 @@ def write_study(results: xr.Dataset, folder: Path, command: str = "", published:
         _write_tables(folder, {"summary.csv": summary, "claims.csv": claims})
         summary = by_full_name(summary)
         pictures = draw_all(published.figures(results, summary), folder / "figures", pool)
-        write_report(folder / "report.html", results, summary, claims, pictures, command, published.about)
-    return Written(summary, claims, ("report.html", "summary.csv", "claims.csv", f"figures/ ({len(pictures)})"))
+        write_report(
+            folder / "report.html", results, summary, claims, pictures, command, published.about
+        )
+    return Written(
+        summary, claims, ("report.html", "summary.csv", "claims.csv", f"figures/ ({len(pictures)})")
+    )
 
 
 def write_experiment(
-    experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepared], folder: Path, command: str = ""
+    experiment: Experiment,
+    results: xr.Dataset,
+    prepared: Sequence[Prepared],
+    folder: Path,
+    command: str = "",
 ) -> Written:
     """Write tables, ensembles, figures and pages of an experiment.
 
@@ -138,38 +152,63 @@ def write_experiment(
     with helpers(cores()) as pool:
         results = results.load()
         summary, claims = summarize(results), judge(results)
-        tables = {"summary.csv": summary, "claims.csv": claims, "stiffness.csv": stiffness_over_time(results)}
+        tables = {
+            "summary.csv": summary,
+            "claims.csv": claims,
+            "stiffness.csv": stiffness_over_time(results),
+        }
         aligned = tables["alignment.csv"] = alignments(results)
         changed = alignment.notable(aligned)
         kept = folder / "exclusions.csv"
         if prepared or not kept.is_file():
             excluded = tables["exclusions.csv"] = exclusions(prepared)
         else:
-            excluded = pd.read_csv(kept, keep_default_na=False, na_values={"reached": [""], "limit": [""]})
+            excluded = pd.read_csv(
+                kept, keep_default_na=False, na_values={"reached": [""], "limit": [""]}
+            )
         _write_tables(folder, tables)
         summary = of_quantity(summary)
-        ensembles = {item.recorded.label: item.ensemble for item in prepared if item.ensemble is not None}
+        ensembles = {
+            item.recorded.label: item.ensemble for item in prepared if item.ensemble is not None
+        }
         for label, ensemble in ensembles.items():
             write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)
-        pictures = _experiment_pictures(experiment, results, summary, prepared, folder / "figures", pool)
+        pictures = _experiment_pictures(
+            experiment, results, summary, prepared, folder / "figures", pool
+        )
         jobs = {label: (each, _reference(experiment, each)) for label, each in ensembles.items()}
         diagnoses = share_out(diagnose, jobs, pool)
         if diagnoses:
             each = changed.groupby("recording", sort=False)
-            beside = {str(name): f"{alignment.sentence(one)} {alignment.REMEDY}" for name, one in each}
+            beside = {
+                str(name): f"{alignment.sentence(one)} {alignment.REMEDY}" for name, one in each
+            }
             write_diagnosis(folder / "diagnosis.html", diagnoses, command, pool, beside)
         page = folder / "report.html"
-        write_experiment_report(page, results, summary, claims, excluded, pictures, command, COUNTS, aligned)
+        write_experiment_report(
+            page, results, summary, claims, excluded, pictures, command, COUNTS, aligned
+        )
     pages = ["report.html", "diagnosis.html"] if diagnoses else ["report.html"]
     files = (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})")
-    told = f"{', '.join(changed.recording)}: {alignment.sentence(changed)} {alignment.REMEDY}" if len(changed) else ""
+    told = (
+        f"{', '.join(changed.recording)}: {alignment.sentence(changed)} {alignment.REMEDY}"
+        if len(changed)
+        else ""
+    )
     return Written(summary, claims, files, diagnoses, told)
 
 
 def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
     """Channel that a method takes as the disturbance that was applied, if any does and it was recorded."""
     every = (item for method in experiment.named_methods.values() for item in inputs_of(method))
-    return next((item.name for item in every if item.kind == "reference" and item.name in ensemble.channels), None)
+    return next(
+        (
+            item.name
+            for item in every
+            if item.kind == "reference" and item.name in ensemble.channels
+        ),
+        None,
+    )
 
 
 def _write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
@@ -192,7 +231,9 @@ def _experiment_pictures(
     for item in prepared:
         if item.recorded.participant == who and item.ensemble is not None:
             with suppress(InputError):  # a file that is gone since
-                excerpts[item.recorded.label], preparations[item.recorded.label] = shown(experiment, item.recorded)
+                excerpts[item.recorded.label], preparations[item.recorded.label] = shown(
+                    experiment, item.recorded
+                )
     illustrations = experiment_figures(results, summary, excerpts, preparations)
     pictures = draw_all(illustrations | participant_figures(results), folder, pool)
     return {name: pictures[name] for name in illustrations}

@@ -23,7 +23,9 @@ PRESETS: dict[str, dict[str, object]] = {
 """Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
 
 
-def preset(name: str, further: Mapping[str, dict[str, object]] = MappingProxyType({}), **settings: Any) -> Study:
+def preset(
+    name: str, further: Mapping[str, dict[str, object]] = MappingProxyType({}), **settings: Any
+) -> Study:
     """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``; or of ``further`` ones.
 
     Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for an unknown name, or

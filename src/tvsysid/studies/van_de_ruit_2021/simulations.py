@@ -16,7 +16,17 @@ from scipy.stats import beta
 
 from tvsysid.methods import PAPER_METHODS
 from tvsysid.numerics import Array
-from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged, log_ratio
+from tvsysid.studies.verdicts import (
+    COLUMNS,
+    FAILS,
+    HOLDS,
+    NOT_STUDIED,
+    RATIO,
+    UNDECIDED,
+    Claim,
+    judged,
+    log_ratio,
+)
 from tvsysid.study.simulated import PERIOD, RATE
 
 if TYPE_CHECKING:
@@ -27,15 +37,24 @@ FIVE = PAPER_METHODS
 THE_FIVE = "all five methods with their own settings"
 PERTURBATIONS = ("noise", "prbs")
 FEWEST = 10  # trials below which limits from drawing among them are too narrow to decide by
-FEW_HUNDRED_S = 300.0  # seconds from which there are "a few hundred realizations" of 2 s: 150 in the shortest
+FEW_HUNDRED_S = (
+    300.0  # seconds from which there are "a few hundred realizations" of 2 s: 150 in the shortest
+)
 ALIKE = 0.25  # relative difference below which an error counts as little changed
 DIP = 1.0  # percentage points that a time-varying VAF is lower at the switches than away from them if it dips
 
 BIAS, RANDOM, TOTAL, RISE = "debiased_bias_error", "random_error", "total_error", "rise_time"
 VARIES, SOFT, STIFF = "time_varying_vaf_sd", "time_varying_vaf_sd_soft", "time_varying_vaf_sd_stiff"
-NAMES = {BIAS: "bias (freed of random error)", RANDOM: "random error", TOTAL: "total error", RISE: "rise time"}
+NAMES = {
+    BIAS: "bias (freed of random error)",
+    RANDOM: "random error",
+    TOTAL: "total error",
+    RISE: "rise time",
+}
 NAMES |= {"vaf": "VAF"}
-AMOUNTS = {RISE: "{:.2f} s", "vaf": "{:.1f} %", "switch_dip": "{:.1f}"} | dict.fromkeys((VARIES, SOFT, STIFF), "{:.2f}")
+AMOUNTS = {RISE: "{:.2f} s", "vaf": "{:.1f} %", "switch_dip": "{:.1f}"} | dict.fromkeys(
+    (VARIES, SOFT, STIFF), "{:.2f}"
+)
 """How the values of metrics are printed that are not in N·m/rad."""
 
 
@@ -79,12 +98,17 @@ class Scores:
         return [
             scenario
             for scenario in self.scenarios
-            if scenario.duration_s >= least_s and all(getattr(scenario, name) in where[name] for name in where)
+            if scenario.duration_s >= least_s
+            and all(getattr(scenario, name) in where[name] for name in where)
         ]
 
     def of(self, scenario: Scenario, method: str, metric: str) -> Array:
         """A metric and its replicates behind it, so that what is done with the one is done with the others."""
-        place = self.scenarios[scenario], self._methods.get_loc(method), self._metrics.get_loc(metric)
+        place = (
+            self.scenarios[scenario],
+            self._methods.get_loc(method),
+            self._metrics.get_loc(metric),
+        )
         return np.append(self._values[place], self._replicates[place])
 
     def trials(self, scenario: Scenario, method: str) -> int:
@@ -134,7 +158,9 @@ def judge_simulations(scores: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _all_above(scores: Scores, where: Where, name: str, floor: float, source: str) -> tuple[object, ...]:
+def _all_above(
+    scores: Scores, where: Where, name: str, floor: float, source: str
+) -> tuple[object, ...]:
     """Row for the claim that every VAF is above a floor, with a limit on the share of trials that are not."""
     sentence, unit = f"Every VAF is above {floor:g} % ({name})", "percentage points"
     nothing = (np.nan, np.nan, np.nan, unit)
@@ -145,7 +171,14 @@ def _all_above(scores: Scores, where: Where, name: str, floor: float, source: st
         if scores.all_there
     }
     if not lowest:
-        return (sentence, source, "", *nothing, NOT_STUDIED, f"Needs a {name} at 10 dB and {THE_FIVE}.")
+        return (
+            sentence,
+            source,
+            "",
+            *nothing,
+            NOT_STUDIED,
+            f"Needs a {name} at 10 dB and {THE_FIVE}.",
+        )
     trials = min(scores.trials(*place) for place in lowest)
     if not trials or np.isnan(list(lowest.values())).any():
         return (sentence, source, "", *nothing, UNDECIDED, "A method gave no results.")
@@ -171,15 +204,27 @@ def _compared(pairs: Pairs, words: str, margin: Callable[[Array, Array], Array])
         for (one, method, metric), (other, rival, compared) in pairs(scores):
             first, last = scores.of(one, method, metric), scores.of(other, rival, compared)
             amount = AMOUNTS.get(metric, "{:.1f} N·m/rad").format
-            said = {"one": one, "other": other, "method": method, "rival": rival, "metric": NAMES.get(metric)}
-            said |= {"first": amount(first[0]), "last": amount(last[0]), "ratio": first[0] / last[0]}
+            said = {
+                "one": one,
+                "other": other,
+                "method": method,
+                "rival": rival,
+                "metric": NAMES.get(metric),
+            }
+            said |= {
+                "first": amount(first[0]),
+                "last": amount(last[0]),
+                "ratio": first[0] / last[0],
+            }
             for each in np.atleast_2d(margin(first, last)):
                 yield Replicated(words.format(**said), float(each[0]), each[1:])
 
     return margins
 
 
-def _ranked(metric: str, order: Sequence[tuple[str, str]], where: Where = SQUARES, least_s: float = 0.0) -> Margins:
+def _ranked(
+    metric: str, order: Sequence[tuple[str, str]], where: Where = SQUARES, least_s: float = 0.0
+) -> Margins:
     """That a metric of one method is above that of another, for pairs of methods.
 
     Errors are compared by their ratio: their uncertainty is in proportion to them.
@@ -208,7 +253,9 @@ def _between(low: str, high: str) -> list[tuple[str, str]]:
     return [pair for method in ("sds", "esm", "kbr") for pair in ((method, low), (high, method))]
 
 
-def _beside(metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE) -> Pairs:
+def _beside(
+    metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE
+) -> Pairs:
     """A metric of methods in each scenario, beside another one or itself."""
     return lambda scores: (
         ((scenario, method, metric), (scenario, method, other or metric))
@@ -218,20 +265,28 @@ def _beside(metric: str, where: Where = SQUARES, other: str = "", methods: Seque
 
 
 def _changed(
-    change: Callable[[Scenario], Scenario], where: Where, metrics: Sequence[str], methods: Sequence[str] = FIVE
+    change: Callable[[Scenario], Scenario],
+    where: Where,
+    metrics: Sequence[str],
+    methods: Sequence[str] = FIVE,
 ) -> Pairs:
     """Metrics of methods in pairs of scenarios, the other of which is a change of the first."""
     return lambda scores: (
         ((scenario, method, metric), (change(scenario), method, metric))
         for scenario in scores.where(where)
-        if change(scenario) != scenario and change(scenario) in scores.scenarios  # inf dB + 10 dB is the same
+        if change(scenario) != scenario
+        and change(scenario) in scores.scenarios  # inf dB + 10 dB is the same
         for method in methods
         for metric in metrics
     )
 
 
 def _to_prbs(where: Where, metric: str) -> Pairs:
-    return _changed(lambda noise: noise._replace(perturbation="prbs"), where | {"perturbation": ("noise",)}, [metric])
+    return _changed(
+        lambda noise: noise._replace(perturbation="prbs"),
+        where | {"perturbation": ("noise",)},
+        [metric],
+    )
 
 
 def _alike(logarithms: Array) -> Array:
@@ -244,7 +299,9 @@ def _mostly_alike(metric: str) -> Margins:
 
     def margins(scores: Scores) -> Iterator[Replicated]:
         pairs = list(_to_prbs(SQUARES, metric)(scores))
-        sizes = np.array([np.abs(log_ratio(scores.of(*last), scores.of(*first))) for first, last in pairs])
+        sizes = np.array(
+            [np.abs(log_ratio(scores.of(*last), scores.of(*first))) for first, last in pairs]
+        )
         if not len(sizes) or np.isnan(sizes[:, 0]).any():
             return
         little = sizes < np.log1p(ALIKE)
@@ -260,11 +317,15 @@ def _falls_most(scores: Scores) -> Iterator[Replicated]:
     """That eirf's random error falls by the largest factor from the least to the most data."""
     for perturbation in PERTURBATIONS:
         scenarios = scores.where(SQUARES | {"perturbation": (perturbation,)})
-        least, most = (choose(scenarios, key=lambda each: each.duration_s, default=None) for choose in (min, max))
+        least, most = (
+            choose(scenarios, key=lambda each: each.duration_s, default=None)
+            for choose in (min, max)
+        )
         if least is None or most is None or least == most:
             continue
         falls = {
-            method: log_ratio(scores.of(least, method, RANDOM), scores.of(most, method, RANDOM)) for method in FIVE
+            method: log_ratio(scores.of(least, method, RANDOM), scores.of(most, method, RANDOM))
+            for method in FIVE
         }
         own = falls.pop("eirf")
         for method, fall in falls.items():
@@ -303,11 +364,11 @@ RESIDUE = (
     "trial to trial, where a method's model does not fit (switches within a window, leakage of esm). So the amounts of "
     "data tell what noise does only while it prevails, up to some 10 dB at 150 s."
 )
-AVERAGED = (
-    "{metric} of {method} {first} ({one}), {last} ({other}): {ratio:.1f}-fold, where averaging alone gives 1.4-fold"
-)
+AVERAGED = "{metric} of {method} {first} ({one}), {last} ({other}): {ratio:.1f}-fold, where averaging alone gives 1.4-fold"
 DIPS = "time-varying VAF of {method} dips by {first} points ({one})"
-LESS_NOISE = "{metric} of {method} {first} at {one.snr_db:g} dB, {last} at {other.snr_db:g} dB ({one})"
+LESS_NOISE = (
+    "{metric} of {method} {first} at {one.snr_db:g} dB, {last} at {other.snr_db:g} dB ({one})"
+)
 COVARYING = "{metric} of {method} {first} ({one}), {last} ({other}, viscosity covarying)"
 VARIATION = "spread of the time-varying VAF of {method}: "
 

@@ -1,17 +1,20 @@
 """How well the adaptive method does, beside the paper's five and tuned ones: run ``python benchmarks/adaptive.py``.
 
-Simulated joints, their mean over realizations subtracted. Parts (``--part``): the paper's ``square`` and ``sine``, 40
-to 600 s; ``waves``, twelve that no method was made for, 150 s; ``fresh``, three more; ``coverage``, with more and less
-noise, at 200 Hz, with slow noise, and with noise that is louder at some times; ``speed``.
+Simulated joints, their mean over realizations subtracted. Parts (``--part``): the paper's
+``square`` and ``sine``, 40 to 600 s; ``waves``, twelve that no method was made for, 150 s;
+``fresh``, three more; ``coverage``, with more and less noise, at 200 Hz, with slow noise, and with
+noise that is louder at some times; ``speed``.
 
-For each scenario, in N·m/rad: total error of the best of the five, of kbr and birf with settings chosen anew in each
-trial, and bias, random and total error of ``--method``, the last also relative to theirs; its random error without the
-samples beside a switch, and that relative to least squares that knows the waveform (the oracle), and how the same of an
-estimate that knows all but two levels and when they switch (the finder) compares; coverage of its 95 %
-bands in per cent at all times, within 0.05 s of a switch, and 0.3 s and more away from one; seconds an identification.
+For each scenario, in N·m/rad: total error of the best of the five, of kbr and birf with settings
+chosen anew in each trial, and bias, random and total error of ``--method``, the last also relative
+to theirs; its random error without the samples beside a switch, and that relative to least squares
+that knows the waveform (the oracle), and how the same of an estimate that knows all but two levels
+and when they switch (the finder) compares; coverage of its 95 % bands in per cent at all times,
+within 0.05 s of a switch, and 0.3 s and more away from one; seconds an identification.
 
-``--store FOLDER`` keeps all results for later runs, those of ``--method`` too, unless ``--anew``. Tuned methods take
-3 s a trial, 7 s with 600 s of data: ``--beside five`` leaves them out, ``--beside`` by itself the five too.
+``--store FOLDER`` keeps all results for later runs, those of ``--method`` too, unless
+``--anew``. Tuned methods take 3 s a trial, 7 s with 600 s of data: ``--beside five`` leaves them
+out, ``--beside`` by itself the five too.
 """
 
 from __future__ import annotations
@@ -278,7 +281,10 @@ def label(scenario: Any, rate: float) -> str:
 
 
 def errors(here: xr.Dataset, known: Array | None, found: Array | None) -> dict[str, float]:
-    """Errors of stiffness in N·m/rad, and how often its bands hold it; one method in one scenario."""
+    """Errors of stiffness in N·m/rad, and how often its bands hold it.
+
+    One method in one scenario.
+    """
     of = here.sel(quantity="stiffness")
     truth, estimates, inside = of.truth.values, of.estimate.values, of.covered.values
     if "trial_truth" in of:
@@ -309,7 +315,10 @@ def share(inside: Array) -> float:
 
 
 def from_switch(truth: Array, step: float) -> Array:
-    """Seconds from each sample to the nearest one on or after a switch, around the period; inf without one."""
+    """Seconds from each sample to the nearest one on or after a switch, around the period.
+
+    Inf without one.
+    """
     switches = np.flatnonzero(np.abs(truth - np.roll(truth, 1)) > SWITCH)
     if not len(switches):
         return np.full(len(truth), np.inf)
@@ -335,9 +344,12 @@ def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
 
 
 def finder(angle: Array, torque: Array, wave: Array) -> Array:
-    """Posterior mean of a periodic stiffness of two levels that switches twice; the noise's variance is known.
+    """Posterior mean of a periodic stiffness of two levels that switches twice.
 
-    Each switch is within 8 samples of that of the true wave, at sixteenths, and seen as a decimation smears it.
+    The noise's variance is known.
+
+    Each switch is within 8 samples of that of the true wave, at sixteenths, and seen as a
+    decimation smears it.
     """
     times, power = len(wave), (angle**2).sum(axis=0)
     seen = (angle * torque).sum(axis=0) / power

@@ -1,12 +1,14 @@
 """What a reference mends in closed loop: run ``python benchmarks/closed_loop.py`` from the repository root.
 
-A joint on a load of some stiffness, moved by a torque (20-Hz noise) and by the noise of its own torque; 40 s unless
-``--duration`` says otherwise. For each scenario and method: the mean error of stiffness over time, the bias as root
-mean square over time less what chance makes of it, the random error, the share of times at which the 95 % band holds
-the truth, and the band's standard deviation over the estimates'; in N·m/rad and per cent. ``--weak`` takes loads so
-soft and noise so strong that the disturbance hardly moves the angle. ``--found`` diagnoses 48 loops without a reference
-and 100 imposed angles of an independent simulator instead, with noise of many colours, and counts what is missed or
-false; it ends with 1 if more than 3 loops are missed, or an imposed angle is taken for one.
+A joint on a load of some stiffness, moved by a torque (20-Hz noise) and by the noise of its own
+torque; 40 s unless ``--duration`` says otherwise. For each scenario and method: the mean error
+of stiffness over time, the bias as root mean square over time less what chance makes of it, the
+random error, the share of times at which the 95 % band holds the truth, and the band's standard
+deviation over the estimates'; in N·m/rad and per cent. ``--weak`` takes loads so soft and noise
+so strong that the disturbance hardly moves the angle. ``--found`` diagnoses 48 loops without a
+reference and 100 imposed angles of an independent simulator instead, with noise of many colours,
+and counts what is missed or false; it ends with 1 if more than 3 loops are missed, or an imposed
+angle is taken for one.
 """
 
 from __future__ import annotations
@@ -52,7 +54,8 @@ LOADS, COLOURS, LOUD_DB, SEEDS = (
     range(4),
 )  # of 48 loops
 ALLOWED = 3  # of them that may be missed
-IMPOSED = 1e4  # N·m/rad from which on a load gives way to nothing, so that it is the angle that is prescribed
+# N·m/rad from which on a load gives way to nothing, so that it is the angle that is prescribed
+IMPOSED = 1e4
 
 
 class Scenario(NamedTuple):
@@ -101,7 +104,10 @@ def main() -> None:
 
 
 def detection(console: Console) -> bool:
-    """Print which loops are missed and which imposed angles have a finding. Return whether both are few."""
+    """Print which loops are missed and which imposed angles have a finding.
+
+    Return whether both are few.
+    """
     shown = Table(title="feedback in loops without a reference, 80 s")
     for column in (
         "load (N·m/rad)",
@@ -138,7 +144,8 @@ def detection(console: Console) -> bool:
         alarms, other = alarms + ("feedback" in names), other + bool(names)
         if names:
             console.print(
-                f"imposed {wave}, {perturbation}, {colour} noise at {snr_db:g} dB: {', '.join(names)}"
+                f"imposed {wave}, {perturbation}, {colour} noise at {snr_db:g} dB: "
+                f"{', '.join(names)}"
             )
     console.print(
         f"{missed} of {len(LOADS) * len(COLOURS) * len(LOUD_DB) * len(SEEDS)} loops missed"
@@ -160,7 +167,8 @@ def table(scenario: Scenario, duration: float, trials: int, methods: list[str]) 
         "an imposed angle" if scenario.load >= IMPOSED else f"a load of {scenario.load:g} N·m/rad"
     )
     shown = Table(
-        title=f"{scenario.profile} on {load}, noise below {scenario.noise_hz:g} Hz at {scenario.snr_db:g} dB, "
+        title=f"{scenario.profile} on {load}, noise below {scenario.noise_hz:g} Hz at "
+        f"{scenario.snr_db:g} dB, "
         f"{duration:g} s, {trials} trials"
     )
     shown.add_column("method")

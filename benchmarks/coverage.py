@@ -1,11 +1,12 @@
 """How often the bands hold the truth: run ``python benchmarks/coverage.py`` from the repository root.
 
-Simulated joints at 10 dB, their mean over realizations subtracted (``--keep-mean`` leaves it), identified by the five
-methods at their defaults (the spectral method also by its fit). For each condition: coverage of nominal 95 % bands of
-stiffness, viscosity and inertia in per cent, and of the simultaneous band of stiffness (share of trials that lie within
-it as a whole); the bands' standard deviation of stiffness over that of the estimates; bias of stiffness as root mean
-square over time; mean viscosity and inertia over trials. For the square wave also the coverage within 0.05 s of a
-switch, and 0.3 s and more away from them.
+Simulated joints at 10 dB, their mean over realizations subtracted (``--keep-mean`` leaves it),
+identified by the five methods at their defaults (the spectral method also by its fit). For each
+condition: coverage of nominal 95 % bands of stiffness, viscosity and inertia in per cent, and of
+the simultaneous band of stiffness (share of trials that lie within it as a whole); the bands'
+standard deviation of stiffness over that of the estimates; bias of stiffness as root mean square
+over time; mean viscosity and inertia over trials. For the square wave also the coverage within
+0.05 s of a switch, and 0.3 s and more away from them.
 """
 
 from __future__ import annotations

@@ -1,12 +1,14 @@
 """How often a diagnosis raises a false alarm: run ``python benchmarks/diagnosis.py`` from the repository root.
 
-Diagnoses clean simulated joints and prepared virtual participants, and prints every finding (each of which is false),
-how near to its limit each check came, and how long a diagnosis took. Clean is meant widely: constant, sinusoidal
-and square-wave stiffness; filtered noise and PRBS; periods of 1 to 3 s; 40 to 300 s; 5 to 30 dB; noise in the torque
-that is wide, slow, varies over the cycle, or is louder in some realizations; both channels through the same low-pass;
-an angle in steps of up to 8 % of its SD; recorded at 500 to 2000 Hz; diagnosed at 100 to 500 Hz, and at 1 kHz with
-periods that divide by nothing. The torque is 2 ms early to 2 ms late, as filters that do not match leave it: if that is
-found, to a millisecond, it is no false alarm. Ends with 1 if more than 5 % of the joints have a false finding.
+Diagnoses clean simulated joints and prepared virtual participants, and prints every finding
+(each of which is false), how near to its limit each check came, and how long a diagnosis took.
+Clean is meant widely: constant, sinusoidal and square-wave stiffness; filtered noise and PRBS;
+periods of 1 to 3 s; 40 to 300 s; 5 to 30 dB; noise in the torque that is wide, slow, varies over
+the cycle, or is louder in some realizations; both channels through the same low-pass; an angle
+in steps of up to 8 % of its SD; recorded at 500 to 2000 Hz; diagnosed at 100 to 500 Hz, and at 1
+kHz with periods that divide by nothing. The torque is 2 ms early to 2 ms late, as filters that
+do not match leave it: if that is found, to a millisecond, it is no false alarm. Ends with 1 if
+more than 5 % of the joints have a false finding.
 """
 
 from __future__ import annotations
@@ -56,7 +58,10 @@ def main() -> None:
 
 
 def clean_joint(seed: int) -> tuple[tv.Ensemble, float]:
-    """Joint with nothing wrong but a delay, and that in ms; a twentieth at 1 kHz with odd periods."""
+    """Joint with nothing wrong but a delay, and that in ms.
+
+    A twentieth at 1 kHz with odd periods.
+    """
     random = np.random.default_rng(seed)
     undivided = seed % 20 == 19
     period = float(random.choice(UNDIVIDED if undivided else PERIODS))
@@ -185,7 +190,10 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
                 )
     if not seconds:
         return 0
-    told = f"{false} of {len(seconds)} with a false finding, {true} with a true delay, {unsure} uncertain"
+    told = (
+        f"{false} of {len(seconds)} with a false finding, {true} with a true delay, {unsure} "
+        "uncertain"
+    )
     table = Table(title=f"{title}: {told}", title_justify="left")
     for heading in ("check", "judged", "false", "uncertain", "nearest", "limit", "unit"):
         table.add_column(heading, justify="left" if heading in ("check", "unit") else "right")

@@ -1,9 +1,10 @@
 """Where the time of an experiment goes: run ``python benchmarks/experiment.py`` from the repository root.
 
-Runs the paper's experiment on six virtual participants (fewer bootstraps with ``--bootstraps``), and prints the time of
-each method, the share of the preparation, and the most memory that all processes held at once (Linux only). Then it
-measures, on one draw, the share of an identification that its second moments take: what could be saved by reweighting
-them from draw to draw instead of computing them anew.
+Runs the paper's experiment on six virtual participants (fewer bootstraps with ``--bootstraps``),
+and prints the time of each method, the share of the preparation, and the most memory that all
+processes held at once (Linux only). Then it measures, on one draw, the share of an
+identification that its second moments take: what could be saved by reweighting them from draw to
+draw instead of computing them anew.
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ def main() -> None:
         )
     console.print(table)
     console.print(
-        f"{seconds:.1f} s from start to end, {preparing:.1f} s of them for the recordings; peak memory "
+        f"{seconds:.1f} s from start to end, {preparing:.1f} s of them for the recordings; peak "
+        "memory "
         f"{peak[0] / 2**20:,.0f} MiB\n",
         highlight=False,
     )

@@ -1,20 +1,23 @@
 """Check that a refactoring moves no result: run ``python benchmarks/frozen.py FILE`` before it and after it.
 
-The first run writes reference results to FILE (NetCDF). Later runs compute the results again, compare them with FILE,
-and end with exit code 1 if a difference exceeds ``--tolerance``. To compare an older checkout, write FILE with that
-checkout's Python. Use the same machine for both: another BLAS kernel rounds differently. ``frozen.py FILE NEW`` also
-writes the new results to NEW. If NEW exists, the command only compares the two files.
+The first run writes reference results to FILE (NetCDF). Later runs compute the results again,
+compare them with FILE, and end with exit code 1 if a difference exceeds ``--tolerance``. To compare
+an older checkout, write FILE with that checkout's Python. Use the same machine for both: another
+BLAS kernel rounds differently. ``frozen.py FILE NEW`` also writes the new results to NEW. If NEW
+exists, the command only compares the two files.
 
-Sections (``--only``): ``methods``, every method on simulated joints and real recordings; ``diagnosis``, faults and
-recommendations of 20 ensembles; ``plan``; ``benchmark``, four studies on the command line; ``experiment``, one virtual
-participant. All take some 6 minutes of processor time.
+Sections (``--only``): ``methods``, every method on simulated joints and real recordings;
+``diagnosis``, faults and recommendations of 20 ensembles; ``plan``; ``benchmark``, four studies on
+the command line; ``experiment``, one virtual participant. All take some 6 minutes of processor
+time.
 
-A difference is relative to the largest value of its array. Texts must be equal. A quantity that disappears counts as a
-difference; a new one does not. Numbers in CSV files have six digits only.
+A difference is relative to the largest value of its array. Texts must be equal. A quantity that
+disappears counts as a difference; a new one does not. Numbers in CSV files have six digits only.
 
-Some results amplify rounding. If the signals change by one part in 3e15, ``eirf`` of the tonic ankle changes by 2e-6,
-standard errors of ``cascade`` and ``adaptive`` of the reflex joint by 5e-5, the reflex gain of ``cascade`` without a
-reflex by 2e-5, and ``bpc`` may take another number of iterations.
+Some results amplify rounding. If the signals change by one part in 3e15, ``eirf`` of the tonic
+ankle changes by 2e-6, standard errors of ``cascade`` and ``adaptive`` of the reflex joint by
+5e-5, the reflex gain of ``cascade`` without a reflex by 2e-5, and ``bpc`` may take another
+number of iterations.
 """
 
 from __future__ import annotations
@@ -246,7 +249,8 @@ def computed(sections: Iterable[str]) -> Results:
         {str(each.get("architecture")) for each in threadpool_info() if each["user_api"] == "blas"}
     )
     results = {
-        "machine/versions": f"numpy {np.__version__}, scipy {scipy.__version__}, BLAS {' '.join(kernels)}"
+        "machine/versions": f"numpy {np.__version__}, scipy {scipy.__version__}, BLAS "
+        f"{' '.join(kernels)}"
     }
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -304,7 +308,10 @@ def read(file: Path, sections: Iterable[str]) -> Results:
 
 
 def difference(old: Any, new: Any) -> float:
-    """Return the largest difference relative to the largest old value; infinity where the two cannot be compared."""
+    """Return the largest difference relative to the largest old value.
+
+    Infinity where the two cannot be compared.
+    """
     if new is None or isinstance(old, str) or isinstance(new, str) or old.shape != new.shape:
         return 0.0 if isinstance(old, str) and old == new else np.inf
     with np.errstate(invalid="ignore"):
@@ -314,7 +321,10 @@ def difference(old: Any, new: Any) -> float:
 
 
 def report(old: Results, new: Results, tolerance: float) -> int:
-    """Print the largest difference of each item, and what exceeds the tolerance; return how many quantities do."""
+    """Print the largest difference of each item, and what exceeds the tolerance.
+
+    Return how many quantities do.
+    """
     differences = {path: difference(value, new.get(path)) for path, value in old.items()}
     items: dict[str, list[str]] = {}
     for path in dict.fromkeys([*old, *new]):

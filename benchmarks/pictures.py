@@ -1,6 +1,7 @@
 """Draw the pictures of the README and of docs/ anew: run ``python benchmarks/pictures.py`` from the repository root.
 
-Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex``, ``reflex-bias``, ``closed-loop-bias``.
+Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex``,
+``reflex-bias``, ``closed-loop-bias``.
 """
 
 from __future__ import annotations

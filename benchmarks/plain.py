@@ -1,10 +1,11 @@
 """The five methods as one writes them from the equations: plain, slow, and independent of the package.
 
-Each time (or each sample of each realization) gets its regressor from the data themselves; nothing is shared
-between times, and nothing of the package is used. Its fast methods are checked and timed against these.
+Each time (or each sample of each realization) gets its regressor from the data themselves; nothing
+is shared between times, and nothing of the package is used. Its fast methods are checked and timed
+against these.
 
-Signals are of shape (realization, context + time + context) unless said otherwise; equations are those of
-van de Ruit et al. 2021.
+Signals are of shape (realization, context + time + context) unless said otherwise; equations are
+those of van de Ruit et al. 2021.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ def eirf(angle: Array, torque: Array, context: int, lags: int, *, rate: float) -
     Returns
     -------
     Array
-        Impulse response, shape (time, lag), lags from -lags to lags; NaN where these reach beyond the data.
+        Impulse response, shape (time, lag), lags from -lags to lags; NaN where these reach beyond
+        the data.
     """
     return sds(angle, torque, context, lags, half=0, rate=rate)
 
@@ -69,7 +71,8 @@ def sds(angle: Array, torque: Array, context: int, lags: int, *, half: int, rate
     angle, torque, context, lags, rate
         As for :func:`eirf`.
     half
-        Samples pooled on either side of each time; fewer where the lags of a sample reach beyond the data.
+        Samples pooled on either side of each time; fewer where the lags of a sample reach beyond
+        the data.
 
     Returns
     -------
@@ -104,7 +107,8 @@ def esm(angle: Array, torque: Array, context: int, length: int) -> ComplexArray:
     ComplexArray
         Shape (time, frequency); NaN where a segment reaches beyond the data.
     """
-    # Its peak is on the segment's time; of the two zeros at the ends, only an even segment has the first.
+    # Its peak is on the segment's time; of the two zeros at the ends, only an even segment has the
+    # first.
     window = np.hanning(length + 2)[1:-1] if length % 2 else np.hanning(length + 1)[:-1]
     response = np.full((angle.shape[1] - 2 * context, length // 2 + 1), np.nan + 0j)
     for time in range(len(response)):
@@ -202,9 +206,9 @@ def kbr_dense(
 
     .. math:: \min \sum_k |E(k)|^2 / \sigma^2 + \sum_m \tilde b_m^T K^{-1} \tilde b_m + \sum_q f_q^2 / P
 
-    over constants without prior, the varying parts :math:`\tilde b_m`, and the weights f of the half-cosines
-    that make up the external term, P being the torque's mean square. Solved in the space of the data, so that
-    K is never inverted.
+    over constants without prior, the varying parts :math:`\tilde b_m`, and the weights f of the
+    half-cosines that make up the external term, P being the torque's mean square. Solved in the
+    space of the data, so that K is never inverted.
 
     Parameters
     ----------
@@ -217,8 +221,8 @@ def kbr_dense(
     band
         Lowest and highest frequency in Hz of the equation error.
     noise_variance
-        Variance of E, the complex Fourier coefficient of the noise over the root of the number of samples;
-        None estimates it from the residual until it stands.
+        Variance of E, the complex Fourier coefficient of the noise over the root of the number of
+        samples; None estimates it from the residual until it stands.
 
     Returns
     -------
@@ -291,7 +295,10 @@ def _transposed_fourier(parts: Array, inside: NDArray[np.bool_], count: int) -> 
 def _generalised_least_squares(
     covariance: Array, fixed: Array, output: Array, noise_variance: float
 ) -> tuple[Array, Array]:
-    """Weights of the fixed regressors; the inverse covariance times what they leave of the output."""
+    """Weights of the fixed regressors.
+
+    The inverse covariance times what they leave of the output.
+    """
     factor = cho_factor(covariance + noise_variance * np.eye(len(output)), lower=True)
     weighted = cho_solve(factor, fixed)
     constants = np.linalg.solve(fixed.T @ weighted, weighted.T @ output)
@@ -301,9 +308,9 @@ def _generalised_least_squares(
 def _noise_variance(covariance: Array, fixed: Array, output: Array) -> float:
     """Noise variance that the residual shows, the effective number of parameters taken off: a fixed point.
 
-    The residual is M y and the effective number of parameters the trace of I - M, with
-    M = s (V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1), V the covariance with noise of variance s. The noise
-    variance is that of real and imaginary part together.
+    The residual is M y and the effective number of parameters the trace of I - M, with M = s
+    (V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1), V the covariance with noise of variance s. The
+    noise variance is that of real and imaginary part together.
     """
     rows = len(output)
     noise = 1e-3 * float(output @ output) / (rows / 2)

@@ -1,8 +1,9 @@
 """How well a plan predicts: run ``python benchmarks/planning.py`` from the repository root.
 
-Random error of the stiffness (N·m/rad) of 4 methods, 3 durations and 2 noise levels: as :func:`tvsysid.plan` predicts
-it from the stated protocol, as it does from pilots of 20 realizations (simulated, each with another seed), and as it is
-reached in trials that no plan has seen.
+Random error of the stiffness (N·m/rad) of 4 methods, 3 durations and 2 noise levels: as
+:func:`tvsysid.plan` predicts it from the stated protocol, as it does from pilots of 20
+realizations (simulated, each with another seed), and as it is reached in trials that no plan has
+seen.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ def main() -> None:
         if values.size:
             inside = np.count_nonzero(np.abs(values) <= 15)
             console.print(
-                f"{name}: {inside} of {values.size} within 15 %, the largest {np.abs(values).max():.0f} %, "
+                f"{name}: {inside} of {values.size} within 15 %, the largest "
+                f"{np.abs(values).max():.0f} %, "
                 f"in the mean {values.mean():+.1f} %"
             )
 

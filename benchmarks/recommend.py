@@ -1,13 +1,15 @@
 """How good the method is that ``tv.recommend`` names: run ``python benchmarks/recommend.py`` from the repository root.
 
-Ten kinds of simulated ensembles, four of each. All methods that apply identify each, at their defaults and tuned; the
-error is the root mean square of stiffness less the truth over all realizations and times. The method named is right
-where its error is at most 1.2 times the smallest of all; "none" is right where the smallest is above 30 % of the mean
-stiffness, and naming a method is wrong there. The smallest of some fifteen errors is small by chance, too: beside each
-ensemble by itself, a table has the errors of each kind, as root mean squares over its ensembles, of which one method
-is the best.
+Ten kinds of simulated ensembles, four of each. All methods that apply identify each, at their
+defaults and tuned; the error is the root mean square of stiffness less the truth over all
+realizations and times. The method named is right where its error is at most 1.2 times the smallest
+of all; "none" is right where the smallest is above 30 % of the mean stiffness, and naming a method
+is wrong there. The smallest of some fifteen errors is small by chance, too: beside each ensemble by
+itself, a table has the errors of each kind, as root mean squares over its ensembles, of which one
+method is the best.
 
-Some 10 minutes of processor time. Results are kept in ``--out``, and what is in there is not computed again.
+Some 10 minutes of processor time. Results are kept in ``--out``, and what is in there is not
+computed again.
 """
 
 from __future__ import annotations
@@ -85,7 +87,10 @@ ANY = (SineWave(), SUDDEN[0], two_tones, burst)
 
 
 class Data(NamedTuple):
-    """What an ensemble is simulated from; ``named`` is what the recommendation is told of its channel."""
+    """What an ensemble is simulated from.
+
+    ``named`` is what the recommendation is told of its channel.
+    """
 
     joint: Joint
     duration: float
@@ -185,7 +190,10 @@ def result(kind: str, seed: int) -> dict[str, Any]:
 
 
 def error_of(typed: str, ensemble: tv.Ensemble, truth: Array) -> float | None:
-    """Root mean square error of stiffness where it is known, which must be nearly everywhere; None without one."""
+    """Root mean square error of stiffness where it is known, which must be nearly everywhere.
+
+    None without one.
+    """
     try:
         values = tv.methods.parse(typed).identify(ensemble).estimates["stiffness"].values
     except ValueError:  # one that cannot serve these data, or fails on them

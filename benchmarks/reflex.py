@@ -1,11 +1,12 @@
 """How well the two pathways are separated: run ``python benchmarks/reflex.py`` from the repository root.
 
-Simulated joints with a stretch reflex at 10 dB, identified by ``cascade`` or another method. For each case: mean error,
-bias (less what the number of trials leaves in it), random and total error of stiffness over time, and coverage of its
-nominal 95 % bands; the same of the reflex gain; VAF of the torque, and of each pathway's, against the noiseless ones,
-each less its mean over realizations; mean viscosity and inertia; how often a reflex was shown; processor time of one
-identification in s. With ``--table``, the table of docs/reflex.md: stiffness of joints that do not change, by methods
-of one pathway and of two.
+Simulated joints with a stretch reflex at 10 dB, identified by ``cascade`` or another method. For
+each case: mean error, bias (less what the number of trials leaves in it), random and total error
+of stiffness over time, and coverage of its nominal 95 % bands; the same of the reflex gain; VAF
+of the torque, and of each pathway's, against the noiseless ones, each less its mean over
+realizations; mean viscosity and inertia; how often a reflex was shown; processor time of one
+identification in s. With ``--table``, the table of docs/reflex.md: stiffness of joints that do
+not change, by methods of one pathway and of two.
 """
 
 from __future__ import annotations
@@ -178,7 +179,10 @@ def print_table(trials: int) -> None:
 
 
 class Outcome(NamedTuple):
-    """Errors over time and whether the bands held the truth, of stiffness and gain; VAFs; and further numbers."""
+    """Errors over time and whether the bands held the truth, of stiffness and gain; VAFs.
+
+    And further numbers.
+    """
 
     errors: dict[str, Array]
     held: dict[str, Array]

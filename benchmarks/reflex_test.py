@@ -1,9 +1,10 @@
 """How often the diagnosis shows a reflex, there or not: run ``python benchmarks/reflex_test.py`` from the root.
 
-Draws simulated joints without a reflex (perturbed by noise, PRBS and pulses, under wide and slow noise), joints whose
-late answer is linear, and joints with weak reflexes, and prints how many show one. Where there is none, none may be
-shown; from a gain of 1 N·m·s/rad in 150 s and of 2 in 40 s it must be, perturbed by noise or a PRBS (the weak ones that
-pulses leave are printed alone). Ends with 1 if not. With ``--data FOLDER``, prints what the real ankles of
+Draws simulated joints without a reflex (perturbed by noise, PRBS and pulses, under wide and slow
+noise), joints whose late answer is linear, and joints with weak reflexes, and prints how many
+show one. Where there is none, none may be shown; from a gain of 1 N·m·s/rad in 150 s and of 2 in
+40 s it must be, perturbed by noise or a PRBS (the weak ones that pulses leave are printed
+alone). Ends with 1 if not. With ``--data FOLDER``, prints what the real ankles of
 ``tonic_ankle.mat`` show.
 """
 

@@ -1,13 +1,14 @@
 """Joints that follow a measured variable: run ``python benchmarks/scheduling.py`` from the repository root.
 
-Without a file, simulated joints of 106 s at 15 dB whose stiffness is quadratic in the variable, with and without a
-reflex whose gain is a sigmoid of it: mean error, bias, random error and coverage of stiffness at ten values of the
-variable, the ratio of stated to true standard deviation, VAF of folds held out and of the noiseless torque, error of
-the reflex gain.
+Without a file, simulated joints of 106 s at 15 dB whose stiffness is quadratic in the variable,
+with and without a reflex whose gain is a sigmoid of it: mean error, bias, random error and coverage
+of stiffness at ten values of the variable, the ratio of stated to true standard deviation, VAF of
+folds held out and of the noiseless torque, error of the reflex gain.
 
-With a file (and the names of its channels), what the methods find in it; their orders by folds; and, as an independent
-check, stiffness by methods that know nothing of a variable, from the parts of the record in which it is near a value:
-``sds``, which takes a reflex for stiffness; ``pc``, which tells the two apart; and ``lpv`` itself of order 0.
+With a file (and the names of its channels), what the methods find in it; their orders by folds;
+and, as an independent check, stiffness by methods that know nothing of a variable, from the
+parts of the record in which it is near a value: ``sds``, which takes a reflex for stiffness;
+``pc``, which tells the two apart; and ``lpv`` itself of order 0.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What skirt and modal decomposition can and cannot do, on the perturbations that they are made for.
 
-Run ``python benchmarks/special.py`` from the repository root; some 20 s. Tables of docs/special-perturbations.md.
+Run ``python benchmarks/special.py`` from the repository root; some 20 s. Tables of
+docs/special-perturbations.md.
 """
 
 import math
@@ -72,7 +73,8 @@ def scored(models: list[tv.Model], truth: np.ndarray[Any, Any]) -> list[float]:
 def skirts(trials: int = 12) -> None:
     """40 s of the paper's joint at 10 dB."""
     print(
-        "| method | stiffness | perturbation | bias | random | total | coverage (%) |\n|---|---|---|---|---|---|---|"
+        "| method | stiffness | perturbation | bias | random | total | coverage (%) "
+        "|\n|---|---|---|---|---|---|---|"
     )
     for text, profile, perturbation in SKIRTS:
         method = tv.methods.parse(text)
@@ -86,7 +88,8 @@ def skirts(trials: int = 12) -> None:
         what = f"{lines} lines" if lines else "noise"
         name = type(profile).__name__
         print(
-            f"| `{text}` | {name} | {what} | {bias:.1f} | {random:.1f} | {total:.1f} | {covered:.0f} |",
+            f"| `{text}` | {name} | {what} | {bias:.1f} | {random:.1f} | {total:.1f} | "
+            f"{covered:.0f} |",
             flush=True,
         )
 
@@ -103,9 +106,8 @@ def joint_of(damping: float, stiffness: Any = None) -> CompliantActuator:
 def ringing(trials: int = 6) -> None:
     """Impulses every second for 80 s, by damping ratio, noise and window."""
     print(
-        "\n| damping ratio | stiffness | SNR (dB) | window (s) | bias | random | total | coverage (%) |\n"
-        + "|---" * 8
-        + "|"
+        "\n| damping ratio | stiffness | SNR (dB) | window (s) | bias | random | total | coverage "
+        "(%) |\n" + "|---" * 8 + "|"
     )
     cases = [(ratio, None, 30.0, 0.05) for ratio in (0.1, 0.2, 0.3, 0.5)]
     cases += [

@@ -1,14 +1,16 @@
 """Speed of the package beside its floors: run ``python benchmarks/speed.py`` from the repository root; two minutes.
 
-Methods identify simulated data, and a real recording where ``../shared/data`` has it, with BLAS on one thread and with
-its default number of threads. A time is the shortest of several, in ms. Two floors are measured on one thread:
+Methods identify simulated data, and a real recording where ``../shared/data`` has it, with BLAS on
+one thread and with its default number of threads. A time is the shortest of several, in ms. Two
+floors are measured on one thread:
 
-- product: the matrix product that the method cannot do without, which is that of its regressors, one for each effective
-  parameter, or for methods that work at each time, of the angle at all times over realizations;
+- product: the matrix product that the method cannot do without, which is that of its regressors,
+  one for each effective parameter, or for methods that work at each time, of the angle at all times
+  over realizations;
 - plain: the version in :mod:`benchmarks.plain`, a loop over time or the dense kernel.
 
-``--against DIR`` also measures another checkout, on the same data with the same Python, and shows how many times as
-long it takes.
+``--against DIR`` also measures another checkout, on the same data with the same Python, and
+shows how many times as long it takes.
 """
 
 from __future__ import annotations
@@ -48,7 +50,8 @@ Measured = dict[
 HERE = Path(__file__).parents[1]
 RATE_HZ, RAW_RATE_HZ, PERIOD_S = 100.0, 1000.0, 2.0
 ENOUGH_S = 0.4  # time after which a call is not repeated
-REACH = 25  # samples beyond a realization that the product at each time is given: twice the lags, and one
+# samples beyond a realization that the product at each time is given: twice the lags, and one
+REACH = 25
 WALKING = HERE.parent / "shared/data/walking_ankle_small_reflex.mat"
 WALKING_OPTIONS = "--angle POSITION_SIGNAL --torque TORQUE_SIGNAL --period 1.5 --torque-sign -1"
 AT_EACH_TIME = ("eirf", "sds", "esm")
@@ -139,7 +142,10 @@ def write_data(folder: Path) -> None:
 
 
 def measured_apart(folder: Path, checkout: Path, threads: str) -> Measured:
-    """Times in a process of its own, by a checkout, with so many threads of BLAS; the default number if empty."""
+    """Times in a process of its own, by a checkout, with so many threads of BLAS.
+
+    The default number if empty.
+    """
     settings = os.environ | {
         "PYTHONPATH": str(checkout.resolve() / "src"),
         "OPENBLAS_NUM_THREADS": threads,
@@ -179,7 +185,10 @@ def measured(folder: Path) -> Measured:
     }
     for file, options in files.items():
         if file.is_file():
-            more = f"--rate {RAW_RATE_HZ:g} --decimate {RATE_HZ:g} --out {folder / 'identified'} {options}".split()
+            more = (
+                f"--rate {RAW_RATE_HZ:g} --decimate {RATE_HZ:g} --out {folder / 'identified'} "
+                f"{options}"
+            ).split()
             command = [sys.executable, "-m", "tvsysid.cli", "identify", str(file), *more]
             name = "walking" if file == WALKING else "150 s"
             found[f"tvsysid identify, {name}"] = fastest(
@@ -206,7 +215,10 @@ def processor_seconds() -> float:
 
 
 def floor(case: str, times: list[float], folder: Path) -> dict[str, float]:
-    """Processor time in ms of the product and of the plain version of a method; without those that there are not."""
+    """Processor time in ms of the product and of the plain version of a method.
+
+    Without those that there are not.
+    """
     label, _, name = case.partition(", ")
     if len(times) < 3:
         return {}
@@ -262,7 +274,8 @@ def times_table(
     """A row for everything that was measured."""
     table = Table(
         title="Processor (wall) time in ms",
-        caption="/product, plain/: processor times on one thread. other/: times of the other checkout over these.",
+        caption="/product, plain/: processor times on one thread. other/: times of the other "
+        "checkout over these.",
     )
     table.add_column("what")
     headings = ["one thread", "default threads", "product", "/product", "plain", "plain/"]

@@ -1,8 +1,9 @@
 """Where the time of a study goes: run ``python benchmarks/study.py`` from the repository root.
 
-Runs a study (``--preset paper`` for the whole of the paper's) with one process and with as many as there are cores, and
-prints for each stage the simulated seconds that it gets through in a second, what writing the results costs beside the
-trials, and the most memory that all processes held at once (proportional set size; Linux only).
+Runs a study (``--preset paper`` for the whole of the paper's) with one process and with as many
+as there are cores, and prints for each stage the simulated seconds that it gets through in a
+second, what writing the results costs beside the trials, and the most memory that all processes
+held at once (proportional set size; Linux only).
 """
 
 from __future__ import annotations
@@ -39,8 +40,10 @@ def main() -> None:
         )
         simulated = float(results.duration_s.sum()) * study.trials
         console.print(
-            f"{seconds:.1f} s, {simulated / seconds:,.0f} simulated seconds per second, {first / seconds:.2f} x as "
-            f"fast as with {chosen.workers[0]} process(es); peak memory {memory / 2**20:,.0f} MiB\n",
+            f"{seconds:.1f} s, {simulated / seconds:,.0f} simulated seconds per second, "
+            f"{first / seconds:.2f} x as "
+            f"fast as with {chosen.workers[0]} process(es); peak memory {memory / 2**20:,.0f} "
+            f"MiB\n",
             highlight=False,
         )
 

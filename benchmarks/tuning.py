@@ -1,12 +1,12 @@
 """What tuned settings gain over the paper's: run ``python benchmarks/tuning.py`` from the repository root.
 
-The paper's simulation study, each method with its own settings and with settings chosen anew in each trial, on the same
-data. For each scenario and method the total error of stiffness in N·m/rad, with the paper's settings and tuned, the
-change in per cent with the standard error of the trials' mean difference, and the seconds that a tuned identification
-took on average and at most.
+The paper's simulation study, each method with its own settings and with settings chosen anew in
+each trial, on the same data. For each scenario and method the total error of stiffness in N·m/rad,
+with the paper's settings and tuned, the change in per cent with the standard error of the trials'
+mean difference, and the seconds that a tuned identification took on average and at most.
 
-With 100 trials it takes some hours of processor time, most of it the tuning. Name a ``--store``: what was finished is
-then kept, and a run that was interrupted goes on.
+With 100 trials it takes some hours of processor time, most of it the tuning. Name a ``--store``:
+what was finished is then kept, and a run that was interrupted goes on.
 """
 
 from __future__ import annotations

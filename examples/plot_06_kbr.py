@@ -13,7 +13,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.segment(recording, period=2.0)
 
 # %%
-# The default settings are those of the paper. ``tuned`` finds settings that the data make most probable.
+# The default settings are those of the paper. ``tuned`` finds settings that the data make most
+# probable.
 
 truth = simulation.truth_of(ensemble)["stiffness"][0]
 method = tv.KernelRegression()

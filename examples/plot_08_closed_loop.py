@@ -2,7 +2,8 @@
 An actuator that gives way
 ==========================
 
-Where noise of the torque moves the angle too, stiffness comes out too low. The disturbance that was applied mends it.
+Where noise of the torque moves the angle too, stiffness comes out too low. The disturbance that
+was applied mends it.
 """
 
 from matplotlib.figure import Figure

@@ -2,7 +2,8 @@
 How sure is it?
 ===============
 
-A band says what noise does to an estimate; a bootstrap over realizations counts what differs between them as well.
+A band says what noise does to an estimate; a bootstrap over realizations counts what differs
+between them as well.
 """
 
 from matplotlib.figure import Figure
@@ -15,7 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# The pointwise band holds the truth at 95 % of the times; the simultaneous one at all times together in 95 % of
+# The pointwise band holds the truth at 95 % of the times; the simultaneous one at all times
+# together in 95 % of
 # experiments. The bootstrap serves any method, your own included.
 
 method = tv.ShortDataSegments()
@@ -30,7 +32,8 @@ truth = simulation.truth_of(ensemble)["stiffness"][0]
 for name, (lower, upper) in bands.items():
     inside = ((lower <= truth) & (truth <= upper)).mean()
     print(
-        f"{name}: {(upper - lower).mean() / 2:.1f} N·m/rad to either side, holds {100 * inside:.0f} % of the times"
+        f"{name}: {(upper - lower).mean() / 2:.1f} N·m/rad to either side, holds "
+        f"{100 * inside:.0f} % of the times"
     )
 
 # %%

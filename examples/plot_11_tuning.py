@@ -2,7 +2,8 @@
 Settings from the data
 ======================
 
-A window, a basis or a kernel can be far too coarse, and the estimate does not show it. Every method can choose its own.
+A window, a basis or a kernel can be far too coarse, and the estimate does not show it. Every
+method can choose its own.
 """
 
 import tvsysid as tv

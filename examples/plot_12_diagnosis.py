@@ -15,7 +15,8 @@ joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=12)
 
 # %%
-# The torque is 4 ms late, as an unequal filter makes it, and the amplifier clips it at two standard deviations.
+# The torque is 4 ms late, as an unequal filter makes it, and the amplifier clips it at two standard
+# deviations.
 
 torque = np.roll(simulation.recording.torque, 4)
 recording = dataclasses.replace(
@@ -23,7 +24,8 @@ recording = dataclasses.replace(
 )
 
 # %%
-# Diagnose at the recorded rate: decimation hides some faults. Each finding says what it does to the result, and what
+# Diagnose at the recorded rate: decimation hides some faults. Each finding says what it does to the
+# result, and what
 # to do.
 
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))

@@ -13,7 +13,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# ``adaptive`` comes first: it is recommended. The VAF is of the data that were identified, so it is no reason to
+# ``adaptive`` comes first: it is recommended. The VAF is of the data that were identified, so it is
+# no reason to
 # prefer a method with many parameters.
 
 comparison = tv.compare(ensemble)

@@ -2,7 +2,8 @@
 A MAT file in degrees, with drift
 =================================
 
-A recording as people have it: degrees, torque of the opposite sign, an offset that drifts, a column for each trial.
+A recording as people have it: degrees, torque of the opposite sign, an offset that drifts, a
+column for each trial.
 """
 
 import dataclasses
@@ -16,7 +17,8 @@ from scipy.signal import detrend
 import tvsysid as tv
 
 # %%
-# First the file: three trials at 1000 Hz, 15 cycles of 2 s each. Of a real one you would know its channels, no more.
+# First the file: three trials at 1000 Hz, 15 cycles of 2 s each. Of a real one you would know its
+# channels, no more.
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 perturbation = tv.simulate.PRBS()
@@ -33,7 +35,8 @@ for name, channel in tv.recordings.describe_file(file).items():
     print(name, channel.shape)
 
 # %%
-# Say what it is: unit, sign, that columns are trials, and that the first cycle begins a second after the first sample.
+# Say what it is: unit, sign, that columns are trials, and that the first cycle begins a second
+# after the first sample.
 
 reading = {"angle_unit": "deg", "torque_sign": -1, "columns": "trials", "start": -1.0}
 recording = tv.read_recording(file, angle="pos_deg", torque="tq", sampling_rate=1000, **reading)

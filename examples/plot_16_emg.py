@@ -2,7 +2,8 @@
 A reflex, with EMG
 ==================
 
-A recording as people have it: a slow voluntary torque, a stretch reflex, and EMG of the stretched muscle in mV.
+A recording as people have it: a slow voluntary torque, a stretch reflex, and EMG of the
+stretched muscle in mV.
 """
 
 import dataclasses
@@ -13,7 +14,8 @@ from matplotlib.figure import Figure
 import tvsysid as tv
 
 # %%
-# 100 s at 1000 Hz of a joint whose reflex varies over the cycle, with slow noise as of a voluntary torque.
+# 100 s at 1000 Hz of a joint whose reflex varies over the cycle, with slow noise as of a voluntary
+# torque.
 
 joint = tv.simulate.ReflexJoint(
     stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(10, 5), noise_bandwidth=1.0
@@ -23,7 +25,8 @@ emg = 0.02 * simulation.recording.channels["emg"]  # mV
 recording = dataclasses.replace(simulation.recording, channels={"EMG_SOL": emg})
 
 # %%
-# ``cascade`` predicts the reflex from the stretch, or from EMG: the method says which channel. EMG is noisy; where the
+# ``cascade`` predicts the reflex from the stretch, or from EMG: the method says which channel. EMG
+# is noisy; where the
 # stretch predicts the reflex, as here, it is the better input.
 
 recording = tv.preprocess.decimate(recording, 100)

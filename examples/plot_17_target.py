@@ -2,20 +2,23 @@
 A person who follows a target
 =============================
 
-A recording as people have it: nobody hits a target on time, every time. So realizations are aligned, outliers excluded.
+A recording as people have it: nobody hits a target on time, every time. So realizations are
+aligned, outliers excluded.
 """
 
 import tvsysid as tv
 
 # %%
-# Ten trials of 70 s at 1024 Hz of a virtual participant, with the torque to be followed. A file of yours is read with
+# Ten trials of 70 s at 1024 Hz of a virtual participant, with the torque to be followed. A file of
+# yours is read with
 # ``channels={"target": "its name"}``.
 
 simulation = tv.simulate.Participant(1).simulate(perturbation=tv.simulate.FilteredNoise())
 print(simulation.recording)
 
 # %%
-# Decimated, trimmed, cut, aligned to the target, excluded where they differ, mean subtracted. The account has a row for
+# Decimated, trimmed, cut, aligned to the target, excluded where they differ, mean subtracted. The
+# account has a row for
 # each realization.
 
 preparation = tv.preprocess.prepare(simulation.recording)
@@ -28,7 +31,8 @@ print(table.excluded_by.replace("", "kept").value_counts().to_string())
 figure = tv.figures.preparation_steps(preparation, "Participant 1, filtered noise")
 
 # %%
-# The alignment costs stiffness, because the answer to the perturbation moves the best fit too. So identify the
+# The alignment costs stiffness, because the answer to the perturbation moves the best fit too. So
+# identify the
 # survivors once more without their shifts.
 
 unshifted = tv.preprocess.subtract_mean(preparation.recorded.select(preparation.account.kept))

@@ -22,7 +22,8 @@ from threadpoolctl import threadpool_limits
 import tvsysid as tv
 from tvsysid.estimates import IMPEDANCE
 
-# Small matrices: threads would only wait for each other, in this process (which has loaded SciPy's BLAS by now) and in
+# Small matrices: threads would only wait for each other, in this process (which has loaded SciPy's
+# BLAS by now) and in
 # those that tests start.
 threadpool_limits(1)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,7 +32,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# Studies write thousands of small files, each synchronized with its disk: less work where files live in memory.
+# Studies write thousands of small files, each synchronized with its disk: less work where files
+# live in memory.
 MEMORY = "/dev/shm"
 if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
@@ -121,8 +123,8 @@ def forking():
 def fork_workers():
     """In a process that `forking` has made: its workers are forks of itself, which start at once.
 
-    As fresh interpreters they end when they are told to, where the command line that they are forks of cleans up.
-    """
+    As fresh interpreters they end when they are told to, where the command line that they are
+    forks of cleans up."""
     if sys.platform == "linux":
         os.register_at_fork(after_in_child=partial(signal.signal, signal.SIGTERM, signal.SIG_DFL))
         context = multiprocessing.get_context("fork")
@@ -137,7 +139,10 @@ def quick_workers(monkeypatch, forking):
 
 @pytest.fixture
 def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
-    """Run the command line in this process, in a folder of its own; returns exit code, output and errors."""
+    """Run the command line in this process, in a folder of its own.
+
+    Returns exit code, output and errors.
+    """
     from tvsysid import cli
     from tvsysid.cli.console import errors, output
 

@@ -8,7 +8,10 @@ RATE = 1000.0  # Hz
 
 
 def noise(samples, low, high, random):
-    """White noise of unit RMS between two frequencies in Hz; periodic, so that its derivatives are exact."""
+    """White noise of unit RMS between two frequencies in Hz.
+
+    Periodic, so that its derivatives are exact.
+    """
     spectrum = np.fft.rfft(random.standard_normal(samples))
     frequencies = np.fft.rfftfreq(samples, 1 / RATE)
     spectrum[(frequencies < low) | (frequencies > high)] = 0
@@ -149,8 +152,8 @@ def in_loop(
 ):
     """Angle, torque and command (3, time) of a joint behind a load in N·m/rad, which its torque noise moves.
 
-    The command is noise from ``low`` to 8 Hz; the noise's power is so much less than that of the torque without it.
-    """
+    The command is noise from ``low`` to 8 Hz; the noise's power is so much less than that of the
+    torque without it."""
     random, samples = np.random.default_rng(seed), round(duration * RATE)
     turns = 2j * np.pi * np.fft.rfftfreq(samples, 1 / RATE)
     joint = stiffness + viscosity * turns + inertia * turns**2

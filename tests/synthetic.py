@@ -10,7 +10,8 @@ from tvsysid import metrics
 from tvsysid.numerics.bands import mean_known
 from tvsysid.simulate import PROFILES
 
-# Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see docs/simulation.md.
+# Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see
+# docs/simulation.md.
 METHODS = {
     "eirf": (1, 9.0, 0.02),
     "sds": (5, 3.2, 0.03),
@@ -38,7 +39,10 @@ SINE = [("sine", perturbation, 150.0, 10.0) for perturbation in ("noise", "prbs"
 
 
 def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, viscosity="constant"):
-    """Results of a study in the layout of tvsysid.study.run; a scenario: profile, perturbation, duration, SNR."""
+    """Results of a study in the layout of tvsysid.study.run.
+
+    A scenario: profile, perturbation, duration, SNR.
+    """
     random = np.random.default_rng(7)
     truth = np.stack(
         [np.asarray(PROFILES[profile](TIME), dtype=float) for profile, *_ in scenarios]
@@ -202,13 +206,17 @@ def _metrics(cell, truth, switches):
 def claims():
     """One claim for each verdict."""
     rows = [
-        ("The eIRF method has the lowest bias error.", "section 3.4", "eirf 4.9, next sds 9.6 N·m/rad", 4.7, 4.5, 4.9,
+        ("The eIRF method has the lowest bias "
+         "error.", "section 3.4", "eirf 4.9, next sds 9.6 N·m/rad", 4.7, 4.5, 4.9,
          "N·m/rad", "holds", ""),
-        ("All VAFs exceed 85 %.", "section 3.4", "lowest 83.1 % (eirf, PRBS, 40 s)", 83.1, 82.0, 84.2, "%",
+        ("All VAFs exceed 85 "
+         "%.", "section 3.4", "lowest 83.1 % (eirf, PRBS, 40 s)", 83.1, 82.0, 84.2, "%",
          "does not hold", "The paper does not say over what the VAF is averaged."),
-        ("Bias does not depend on the amount of data.", "section 5", "slope 0.1", 0.1, -0.2, 0.4, "N·m/rad per decade",
+        ("Bias does not depend on the amount of "
+         "data.", "section 5", "slope 0.1", 0.1, -0.2, 0.4, "N·m/rad per decade",
          "undecided", "More trials are needed."),
-        ("A sine wave is followed with little bias.", "appendix", "", np.nan, np.nan, np.nan, "", "not studied",
+        ("A sine wave is followed with little "
+         "bias.", "appendix", "", np.nan, np.nan, np.nan, "", "not studied",
          "Add the sine profile to the study."),
     ]  # fmt: skip
     names = ["claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark"]

@@ -278,7 +278,8 @@ def test_vaf_of_realizations_held_out_is_that_of_the_raw_data_less_means_of_the_
     assert calls == [(number, 12) for number in range(12)]
     for label, method in found.methods.items():
         np.testing.assert_allclose(held_out[label], by_hand(raw, method, 4), atol=1e-8)
-    # In sample, the method with the most parameters is the best; of other realizations it predicts the least.
+    # In sample, the method with the most parameters is the best; of other realizations it predicts
+    # the least.
     assert found.vaf["eirf"].mean() > found.vaf["sds"].mean() + 2
     assert held_out["eirf"].mean() < held_out["sds"].mean() - 3
 

@@ -29,7 +29,8 @@ def blocks(heading):
         ),
         (
             "Test it",
-            'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest',
+            'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m '
+            "pytest",
         ),
     ],
 )

@@ -10,8 +10,10 @@ reflexes_are_told = pytest.mark.filterwarnings(
     "ignore:.*not of second order:tvsysid.errors.DataQualityWarning"
 )
 MUSCLES = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
-# Time-averaged stiffness with one pathway, by independent fits: too high by 68, 29 and 16 %, since these fits take the
-# reflex's torque for the joint's own. That methods agree on it says that they do the same, not that it is right; the
+# Time-averaged stiffness with one pathway, by independent fits: too high by 68, 29 and 16 %, since
+# these fits take the
+# reflex's torque for the joint's own. That methods agree on it says that they do the same, not that
+# it is right; the
 # intrinsic stiffness is below (INTRINSIC).
 ONE_PATHWAY = {"plantarflexor": (107, 112), "dorsiflexor": (100, 105), "dorsiflexor_2": (55, 61)}
 
@@ -30,7 +32,10 @@ def tonic(folder, muscle, period=2.0):
 
 
 def identified(method, ensemble, muscle):
-    """Model; that strong reflexes are no second-order dynamics is told by the methods that can tell."""
+    """Model.
+
+    That strong reflexes are no second-order dynamics is told by the methods that can tell.
+    """
     if muscle != "plantarflexor":
         return method.identify(ensemble)
     with pytest.warns(tv.DataQualityWarning, match="the joint is not of second order"):
@@ -63,7 +68,8 @@ def test_tonic_stiffness_with_its_reflex_is_flat_and_as_expected(recordings_fold
 def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(
     recordings_folder, muscle
 ):
-    # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as many.
+    # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as
+    # many.
     model = identified(tv.EnsembleIRF(), tonic(recordings_folder, muscle, 0.5), muscle)
     low, high = ONE_PATHWAY[muscle]
     assert 0.95 * low < model.stiffness.mean() < 1.05 * high
@@ -126,7 +132,8 @@ def test_walking_by_impulse_responses_explains_what_was_reported(walking):
 def test_walking_by_the_other_methods_rises_and_falls_alike(walking, key):
     model = tv.methods.create(key).identify(walking)
     smooth = tv.methods.create("sds").identify(walking).stiffness
-    # Over single samples 58 realizations leave the ensemble method noisy; over 0.1 s it rises and falls too.
+    # Over single samples 58 realizations leave the ensemble method noisy; over 0.1 s it rises and
+    # falls too.
     average = np.convolve(model.stiffness, np.full(11, 1 / 11), mode="valid")
     assert np.corrcoef(average, smooth[5:-5])[0, 1] > 0.75
 
@@ -143,7 +150,8 @@ def test_reversed_sign_is_told(recordings_folder):
         tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
 
 
-# Range of the stiffness, VAF and stiffness by an independent fit of the same kind; other methods that separate the
+# Range of the stiffness, VAF and stiffness by an independent fit of the same kind; other methods
+# that separate the
 # pathways give 50-73, 72-81 and 49-54.
 INTRINSIC = {
     "plantarflexor": (50, 70, 87, 54.7),
@@ -153,7 +161,8 @@ INTRINSIC = {
 
 
 @pytest.mark.filterwarnings(
-    "ignore:cascade. the (intrinsic response|threshold|reflex gain):tvsysid.errors.DataQualityWarning"
+    "ignore:cascade. the (intrinsic response|threshold|reflex "
+    "gain):tvsysid.errors.DataQualityWarning"
 )
 @pytest.mark.parametrize(
     "muscle", [MUSCLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in MUSCLES[1:])]

@@ -156,7 +156,8 @@ def test_a_loop_by_its_reference(closed_loop):
         in unnamed.caveats[-1]
     )
     assert unnamed.unnamed_references == unnamed.caveats[-1:]
-    # What is the method but for settings that are chosen from the data leads; another reference is another method.
+    # What is the method but for settings that are chosen from the data leads; another reference is
+    # another method.
     methods = {
         "sds": tv.ShortDataSegments(),
         "a": tv.KernelRegression(reference="disturbance", weighting="residual"),

@@ -1,4 +1,7 @@
-"""Pictures: that of an example is the ``figure`` that it makes, as the package saves it; each opens by itself."""
+"""Pictures: that of an example is the ``figure`` that it makes, as the package saves it.
+
+Each opens by itself.
+"""
 
 from __future__ import annotations
 

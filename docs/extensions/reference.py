@@ -44,16 +44,20 @@ def settings() -> str:
     lines = [
         "# Settings of the methods",
         "",
-        "Settings follow the key, `--method sds:window=0.2,max_lag=0.1`, or are arguments of the class,",
-        "`tv.ShortDataSegments(window=0.2, max_lag=0.1)`. Durations are in s, frequencies in Hz. What each means",
-        "stands with the class. `--tune`, or `method.tuned(ensemble)`, [chooses them from the data](../tuning.md).",
+        "Settings follow the key, `--method sds:window=0.2,max_lag=0.1`, or are arguments of the "
+        "class,",
+        "`tv.ShortDataSegments(window=0.2, max_lag=0.1)`. Durations are in s, frequencies in Hz. "
+        "What each means",
+        "stands with the class. `--tune`, or `method.tuned(ensemble)`, [chooses them from the "
+        "data](../tuning.md).",
         "",
     ]
     for key in tv.methods.names():
         told, kind = tv.methods.describe(key), type(tv.methods.create(key)).__name__
         lines += [f"## `{key}`: {told.title.lower()}", ""]
         lines += [
-            f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports {', '.join(told.reports)}.",
+            f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports "
+            f"{', '.join(told.reports)}.",
             "",
         ]
         lines += [f"It needs {'; '.join(told.needs)}.", ""] if told.needs else []
@@ -110,7 +114,10 @@ def write(app: Sphinx) -> None:
 def skip(
     app: Sphinx, what: str, name: str, member: object, skipped: bool, options: object
 ) -> bool | None:
-    """Leave out fields of named tuples, of which Python says no more than their number; the class describes them."""
+    """Leave out fields of named tuples, of which Python says no more than their number.
+
+    The class describes them.
+    """
     return (
         True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None
     )

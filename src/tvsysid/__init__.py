@@ -16,7 +16,8 @@ The way data flows::
 >>> torque = model.predict(ensemble)
 >>> vaf = tv.metrics.vaf(ensemble.torque[:, ensemble.core], torque)
 
-Everything is imported when it is first used; ``__init__.pyi`` beside this file lists the public names.
+Everything is imported when it is first used; ``__init__.pyi`` beside this file lists the public
+names.
 """
 
 import lazy_loader

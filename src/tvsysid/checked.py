@@ -52,7 +52,8 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
         first = np.argwhere(~finite)[0]
         where = ", ".join(f"{axis} {index}" for axis, index in zip(axes, first, strict=True))
         raise InputError(
-            f"{name}: {int(np.count_nonzero(~finite))} of {array.size} values are NaN or infinite, the first at "
+            f"{name}: {int(np.count_nonzero(~finite))} of {array.size} values are NaN or "
+            "infinite, the first at "
             f"{where}; cut them out or interpolate them before"
         )
     array.flags.writeable = False

@@ -42,11 +42,12 @@ BETTER = 0.05  # probability below which realizations are taken to be predicted 
 class Comparison(Shown, Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
-    ``methods`` have the settings that were used, and ``evidence`` says why where these were chosen from the data.
-    ``models`` are those of the methods that succeeded; ``skipped`` says why a method could not serve the ensemble,
-    ``failed`` why one failed. ``bands`` are lower and upper limits of the 95 % bands of estimates over time, by
-    quantity; NaN where there is none. ``vaf`` is the variance of the recorded torque accounted for in each realization,
-    in per cent, shape (realization,), ``time_varying_vaf`` that at each time over realizations, shape (time,).
+    ``methods`` have the settings that were used, and ``evidence`` says why where these were chosen
+    from the data. ``models`` are those of the methods that succeeded; ``skipped`` says why a method
+    could not serve the ensemble, ``failed`` why one failed. ``bands`` are lower and upper limits of
+    the 95 % bands of estimates over time, by quantity; NaN where there is none. ``vaf`` is the
+    variance of the recorded torque accounted for in each realization, in per cent, shape
+    (realization,), ``time_varying_vaf`` that at each time over realizations, shape (time,).
 
     Notes
     -----
@@ -149,7 +150,9 @@ class Comparison(Shown, Frozen):
         )
 
     def summary(self) -> pd.DataFrame:
-        """A row for each method: means over time, extremes of the stiffness with their times, VAF; units in the names.
+        """A row for each method: means over time, extremes of the stiffness with their times, VAF.
+
+        Units in the names.
 
         ``half_band`` is the mean half width of the stiffness's 95 % band.
         """
@@ -194,29 +197,31 @@ class Comparison(Shown, Frozen):
     ) -> dict[str, Array]:
         r"""Variance accounted for of realizations that were left out, in per cent, shape (realization,), by label.
 
-        Realizations are dealt, in the order of the record, into so many folds of consecutive ones, whose slow changes
-        so count as they would in a new experiment. Each method, with the settings that it has in ``methods``, is
-        identified from all folds but one, and predicts the torque of that one:
+        Realizations are dealt, in the order of the record, into so many folds of consecutive ones,
+        whose slow changes so count as they would in a new experiment. Each method, with the
+        settings that it has in ``methods``, is identified from all folds but one, and predicts the
+        torque of that one:
 
         .. math:: \hat y_r(t) = \bar y(t) + \hat m(\theta_r - \bar\theta)(t) - \overline{\hat m}(t)
 
-        Where the ensemble's mean was subtracted, the means (bars) are those of the realizations kept, subtracted anew
-        from all: nothing of a realization's torque is in its prediction. Its VAF is that of its deviation from that
-        mean, :func:`tvsysid.metrics.vaf` of :math:`y_r - \bar y` and :math:`\hat y_r - \bar y`.
+        Where the ensemble's mean was subtracted, the means (bars) are those of the realizations
+        kept, subtracted anew from all: nothing of a realization's torque is in its prediction. Its
+        VAF is that of its deviation from that mean, :func:`tvsysid.metrics.vaf` of :math:`y_r -
+        \bar y` and :math:`\hat y_r - \bar y`.
 
         Parameters
         ----------
         folds
-            At least two; as many as there are realizations where these are fewer. It takes as many identifications by
-            each method.
+            At least two; as many as there are realizations where these are fewer. It takes as many
+            identifications by each method.
         progress
             As of :func:`compare`.
 
         Returns
         -------
         dict
-            NaN where a method cannot identify without the fold, which is warned of, and for a single realization, or
-            two whose mean was subtracted.
+            NaN where a method cannot identify without the fold, which is warned of, and for a
+            single realization, or two whose mean was subtracted.
 
         Raises
         ------
@@ -257,7 +262,10 @@ class Comparison(Shown, Frozen):
             3 if ensemble.mean_subtracted else 2
         )  # of one realization kept, nothing is left beside its mean
         if len(ensemble) == 2 < least:
-            text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
+            text = (
+                "no held-out VAF: with the mean over realizations subtracted, it takes three "
+                "realizations, got 2"
+            )
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
         with single_thread(), reported(progress, "identifying without a part") as advance:
@@ -269,12 +277,18 @@ class Comparison(Shown, Frozen):
                     failed.setdefault(label, describe_error(error))
         for reason in dict.fromkeys(failed.values()):
             labels = ", ".join(label for label, own in failed.items() if own == reason)
-            text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
+            text = (
+                f"{labels}: no held-out VAF where a fold of the realizations cannot be left "
+                f"out: {reason}"
+            )
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
 
     def _vaf_of(self, left: NDArray[np.int64], label: str) -> Array:
-        """VAF of the realizations ``left`` out, by what a method identifies from the others; (realization,)."""
+        """VAF of the realizations ``left`` out, by what a method identifies from the others.
+
+        (realization,).
+        """
         method, ensemble = self.methods[label], self.ensemble
         kept = np.setdiff1d(np.arange(len(ensemble)), left)
         every = ensemble
@@ -330,7 +344,10 @@ class Comparison(Shown, Frozen):
         return pd.DataFrame(self.rows_over_variables())
 
     def rows_over_variables(self) -> list[dict[str, Any]]:
-        """Return the rows of :meth:`over_variables`; none where nothing was estimated over a variable."""
+        """Return the rows of :meth:`over_variables`.
+
+        None where nothing was estimated over a variable.
+        """
         rows: list[dict[str, Any]] = []
         for label, model in self.models.items():
             for name, estimate in model.estimates.items():
@@ -364,19 +381,21 @@ def compare(
 ) -> Comparison:
     """Identify one ensemble by several methods; what ``tvsysid identify`` does.
 
-    One that cannot serve the ensemble is skipped. One that raises an error has failed, and the others finish.
+    One that cannot serve the ensemble is skipped. One that raises an error has failed, and the
+    others finish.
 
     Parameters
     ----------
     ensemble
         Realizations, mean subtracted.
     methods
-        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with ``identify``; by
-        default ``adaptive``, which is recommended, and the paper's five.
+        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with
+        ``identify``; by default ``adaptive``, which is recommended, and the paper's five.
     tune
         Whether each method's settings are chosen from the data first.
     progress
-        Called with the number of methods done and of all, before each; None shows a bar in a notebook.
+        Called with the number of methods done and of all, before each; None shows a bar in a
+        notebook.
 
     Raises
     ------
@@ -404,7 +423,8 @@ def compare(
     for item in given:
         if (same := named.setdefault(label_of(item), item)) is not item and same != item:
             raise InputError(
-                f"compare: two methods have the name {label_of(item)}; as dataclasses their settings tell them apart"
+                f"compare: two methods have the name {label_of(item)}; as dataclasses their "
+                "settings tell them apart"
             )
     if not named:
         raise InputError("compare: expected a method at least, got none")
@@ -455,9 +475,9 @@ def delay_to_correct(
 ) -> tuple[float, str]:
     """Choose how much of a delay of the torque to correct, in s: all, unless half or none of it predicts better.
 
-    A joint that is not of second order, or a fixture that gives way, looks like a delay of another size. So
-    realizations held out decide (p < 0.05), by ``adaptive``; of a single realization the ``method``, if it holds out
-    fifths of the record.
+    A joint that is not of second order, or a fixture that gives way, looks like a delay of another
+    size. So realizations held out decide (p < 0.05), by ``adaptive``; of a single realization the
+    ``method``, if it holds out fifths of the record.
 
     Parameters
     ----------
@@ -502,7 +522,10 @@ def delay_to_correct(
 
 
 def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Array]]:
-    """Held-out VAF of each ensemble, by what was found in the first; of single realizations by a ``method``."""
+    """Held-out VAF of each ensemble, by what was found in the first.
+
+    Of single realizations by a ``method``.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         if len(ensembles[0]) == 1:

@@ -30,8 +30,8 @@ class DataQualityWarning(UserWarning):
 def printable(text: str) -> str:
     r"""Text of others such that it can be shown anywhere: what steers a terminal, and what is no text, as an escape.
 
-    Control characters (but for line breaks and tabs), invisible ones, such as those that reverse the order of reading,
-    and bytes of a file's name that are not UTF-8.
+    Control characters (but for line breaks and tabs), invisible ones, such as those that reverse
+    the order of reading, and bytes of a file's name that are not UTF-8.
 
     Examples
     --------

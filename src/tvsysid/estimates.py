@@ -47,7 +47,10 @@ def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def plain_array(what: str, given: object) -> NDArray[Any]:
-    """Array of what somebody gave, whatever it holds; an InputError where numbers could be taken for others."""
+    """Array of what somebody gave, whatever it holds.
+
+    An InputError where numbers could be taken for others.
+    """
     if isinstance(given, np.ma.MaskedArray):
         raise InputError(
             f"{what}: got a masked array; fill what is masked with NaN: values.filled(np.nan)"
@@ -73,10 +76,11 @@ def read_only(values: ArrayLike) -> Array:
 class StandardError:
     """Random error of an estimate: what other noise of the same kind would have changed.
 
-    The ``values`` have the estimate's shape and unit; NaN where they are not known. ``freedom`` are the degrees of
-    freedom from which they were estimated, one number or an array of the same shape; ``arc`` says how far the estimate
-    moves over the period apart from its size (:func:`tvsysid.numerics.bands.simultaneous_value`), ``absent`` why there
-    is no standard error at any time, if so.
+    The ``values`` have the estimate's shape and unit; NaN where they are not known. ``freedom``
+    are the degrees of freedom from which they were estimated, one number or an array of the same
+    shape; ``arc`` says how far the estimate moves over the period apart from its size
+    (:func:`tvsysid.numerics.bands.simultaneous_value`), ``absent`` why there is no standard
+    error at any time, if so.
     """
 
     values: Array
@@ -91,7 +95,8 @@ class StandardError:
         )
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
+        # Arrays that come out of a pickle can be written to; those of an object that is made anew
+        # cannot.
         return type(self), (self.values, np.array(self.freedom), self.arc, self.absent)
 
     def limits(
@@ -116,7 +121,10 @@ class StandardError:
 
 
 class ErrorStatistics(Hashable, Protocol):
-    """Small arrays from which standard errors are worked out when somebody asks for a band; pickled as they are."""
+    """Small arrays from which standard errors are worked out when somebody asks for a band.
+
+    Pickled as they are.
+    """
 
     def standard_errors(self) -> Mapping[str, StandardError]:
         """Return the standard errors of a model's estimates, by quantity."""
@@ -148,8 +156,8 @@ class Estimate:
     unit
         SI unit, such as ``"N m/rad"``.
     axes
-        Names of the axes of ``values``: ``("time",)``; ``("realization", "time")`` where a method tells realizations
-        apart; or that of a measured variable, whose coordinates are the model's.
+        Names of the axes of ``values``: ``("time",)``; ``("realization", "time")`` where a method
+        tells realizations apart; or that of a measured variable, whose coordinates are the model's.
     error
         Its random error, or what it is worked out from; None where the method states none.
 
@@ -183,7 +191,8 @@ class Estimate:
         if values.dtype.kind not in "fiu" or np.isinf(values).any():
             infinite = ", some of them infinite" if values.dtype.kind == "f" else ""
             raise InputError(
-                f"estimate: expected real numbers, NaN where there is none, got values of type {values.dtype}{infinite}"
+                "estimate: expected real numbers, NaN where there is none, got values of type "
+                f"{values.dtype}{infinite}"
             )
         if isinstance(self.axes, str):
             raise InputError(
@@ -191,13 +200,15 @@ class Estimate:
             )
         if values.ndim != len(self.axes):
             raise InputError(
-                f"estimate: expected values over {', '.join(self.axes)}, got an array of shape {values.shape}"
+                f"estimate: expected values over {', '.join(self.axes)}, got an array of shape "
+                f"{values.shape}"
             )
         object.__setattr__(self, "values", read_only(values))
         object.__setattr__(self, "axes", tuple(self.axes))
         if isinstance(self.error, StandardError) and self.error.values.shape != values.shape:
             raise InputError(
-                f"estimate: expected standard errors of the values' shape {values.shape}, got {self.error.values.shape}"
+                f"estimate: expected standard errors of the values' shape {values.shape}, got "
+                f"{self.error.values.shape}"
             )
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -220,15 +231,17 @@ class Estimate:
         return self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        """Lower and upper limits of the band about the estimate, in its unit and shape; NaN where there is none.
+        """Lower and upper limits of the band about the estimate, in its unit and shape.
+
+        NaN where there is none.
 
         Parameters
         ----------
         level
             Probability, between 0 and 1, with which the band holds the true value.
         simultaneous
-            Whether it holds the truth at all times together with at least that probability, rather than at each time by
-            itself; see :func:`tvsysid.numerics.bands.simultaneous_value`.
+            Whether it holds the truth at all times together with at least that probability, rather
+            than at each time by itself; see :func:`tvsysid.numerics.bands.simultaneous_value`.
 
         Raises
         ------

@@ -13,7 +13,8 @@ from tvsysid.numerics.moments import diagonal_moments, window_matrices
 ROUNDING = (
     1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
 )
-SINGULAR = 1e-9  # determinant of three regressors' correlation matrix below which they cannot be told apart
+# determinant of three regressors' correlation matrix below which they cannot be told apart
+SINGULAR = 1e-9
 
 
 def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
@@ -26,18 +27,20 @@ def second_order_readout(
 ) -> tuple[Array, Array]:
     r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
 
-    Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The fit, weighted by
-    its inverse, minimises
+    Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The
+    fit, weighted by its inverse, minimises
 
     .. math:: (w - D^T p)^T\, \Phi\, (w - D^T p), \qquad p = (D \Phi D^T)^{-1} D\, \varphi
 
-    over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and acceleration from
-    lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the band in which the input has power, and
-    needs no truncation: three numbers are determined where an impulse response is not.
+    over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and
+    acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the
+    band in which the input has power, and needs no truncation: three numbers are determined where
+    an impulse response is not.
 
-    From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the pseudo-inverse, truncated or not,
-    by which the area follows: the matrix (time, 3, lag) that times ``phi_uy`` gives the three, and the output's power
-    that the fit explains (time,). NaN where the input does not tell the three apart.
+    From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the
+    pseudo-inverse, truncated or not, by which the area follows: the matrix (time, 3, lag) that
+    times ``phi_uy`` gives the three, and the output's power that the fit explains (time,). NaN
+    where the input does not tell the three apart.
     """
     derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
     filtered = phi_uu @ derivative.T
@@ -59,7 +62,8 @@ class MomentFit(NamedTuple):
 def second_order_fit(moments: Array, cross: Array) -> MomentFit:
     """Stiffness, viscosity and inertia by least squares on angle, velocity and acceleration.
 
-    From the three's second ``moments`` (time, 3, 3) and those with the torque (time, 3); NaN where not determined.
+    From the three's second ``moments`` (time, 3, 3) and those with the torque (time, 3); NaN
+    where not determined.
     """
     inverse = _inverses(moments)
     return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
@@ -68,10 +72,11 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
 class DerivativeMoments(NamedTuple):
     """Second moments over realizations of angle, velocity and acceleration at each time, and of the torque.
 
-    ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the torque, ``square`` (time,) of
-    the torque; those of the angles from :data:`HALF_WIDTH` samples before to as many after, of which the three are
-    sums: ``mixed`` (time, sample, 3) with the three, ``answers`` (time, sample) with the torque, and ``around``
-    (sample, sample) with each other, averaged over time.
+    ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the
+    torque, ``square`` (time,) of the torque; those of the angles from :data:`HALF_WIDTH` samples
+    before to as many after, of which the three are sums: ``mixed`` (time, sample, 3) with the
+    three, ``answers`` (time, sample) with the torque, and ``around`` (sample, sample) with each
+    other, averaged over time.
     """
 
     regressors: Array
@@ -82,7 +87,10 @@ class DerivativeMoments(NamedTuple):
     around: Array
 
     def second_order_agreement(self, impedance: Array, realizations: int) -> float:
-        """Agreement of an impedance (time, 3) with the moments; see :func:`agreement_of_moments`."""
+        """Agreement of an impedance (time, 3) with the moments.
+
+        See :func:`agreement_of_moments`.
+        """
         times = len(impedance)
         explained = float(np.sum(self.cross * impedance))
         fitted = float(np.einsum("tm,tmk,tk->", impedance, self.regressors, impedance))
@@ -96,10 +104,13 @@ class DerivativeMoments(NamedTuple):
 def derivative_moments(
     products: Array, angle: Array, torque: Array, sampling_rate: float
 ) -> DerivativeMoments:
-    """Moments of angle, velocity and acceleration, which are sums of the angles about; no derivative is formed.
+    """Moments of angle, velocity and acceleration, which are sums of the angles about.
 
-    They are those of the times :data:`HALF_WIDTH` from both ends of angle and torque (realization, time). ``products``
-    are the angle's moments along the diagonals (:func:`diagonal_moments`), of as many more samples before as after.
+    No derivative is formed.
+
+    They are those of the times :data:`HALF_WIDTH` from both ends of angle and torque
+    (realization, time). ``products`` are the angle's moments along the diagonals
+    (:func:`diagonal_moments`), of as many more samples before as after.
     """
     filters = derivative_filters(HALF_WIDTH, sampling_rate)[:, ::-1]
     first = (len(products) - angle.shape[1] + 1) // 2
@@ -124,9 +135,9 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
     .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
 
-    with f the output's power that is ``fitted``, e what lagged inputs explain ``beyond`` and c what noise alone makes
-    of that, (time,). No more than 100 %, NaN where nothing can be said. On a joint that is of second order lagged
-    inputs explain more than the fit by chance only.
+    with f the output's power that is ``fitted``, e what lagged inputs explain ``beyond`` and c
+    what noise alone makes of that, (time,). No more than 100 %, NaN where nothing can be said.
+    On a joint that is of second order lagged inputs explain more than the fit by chance only.
     """
     known = np.isfinite(fitted) & np.isfinite(beyond) & np.isfinite(chance)
     total = float(np.sum((fitted + beyond)[known]))
@@ -140,10 +151,11 @@ def agreement_of_moments(
 ) -> float:
     """Agreement of a second-order fit with the torque's mean response to lagged angles, in per cent.
 
-    The response is taken as the same at all times: what a fit leaves because it smooths a change of stiffness has no
-    mean response, and does not count. ``fitted`` and ``left`` are mean squares of the fit and of what it leaves of the
-    torque, ``cross`` (lag,) and ``moments`` (lag, lag) mean products of lagged angles with what is left and with each
-    other, over so many ``samples``.
+    The response is taken as the same at all times: what a fit leaves because it smooths a change
+    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are mean
+    squares of the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments``
+    (lag, lag) mean products of lagged angles with what is left and with each other, over so many
+    ``samples``.
     """
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()

@@ -39,7 +39,10 @@ def _machine() -> Iterator[int]:
 def _control_groups(
     root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
 ) -> Iterator[int]:
-    """What each control group around this process leaves, of either version; caches of files can be had too."""
+    """What each control group around this process leaves, of either version.
+
+    Caches of files can be had too.
+    """
     with suppress(OSError, ValueError):
         for line in own.read_text(encoding="utf-8", errors="replace").splitlines():
             number, kinds, path = line.split(":", 2)
@@ -77,7 +80,10 @@ def _own_limit() -> Iterator[int]:
 
 
 def addresses() -> int | None:
-    """Bytes of addresses that this process has taken, which is what its limit counts; None where nothing tells."""
+    """Bytes of addresses that this process has taken, which is what its limit counts.
+
+    None where nothing tells.
+    """
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf(
             "SC_PAGE_SIZE"

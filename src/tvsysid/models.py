@@ -52,11 +52,12 @@ class Content(NamedTuple):
 class Diagnostics(Frozen):
     """How an identification went.
 
-    The effective number of ``parameters`` is that of the whole model, or the mean over time where each time has its
-    own; ``rank`` (time,) how many singular values were kept, None for methods that keep all or have none; ``strength``
-    (time,) that of the instrument in closed loop (:mod:`tvsysid.methods.shared.instrument`), None without a reference.
-    ``warnings`` say what was legal, but makes the result doubtful; ``seconds`` what it took; ``details`` hold further
-    numbers.
+    The effective number of ``parameters`` is that of the whole model, or the mean over time
+    where each time has its own; ``rank`` (time,) how many singular values were kept, None for
+    methods that keep all or have none; ``strength`` (time,) that of the instrument in closed
+    loop (:mod:`tvsysid.methods.shared.instrument`), None without a reference. ``warnings`` say
+    what was legal, but makes the result doubtful; ``seconds`` what it took; ``details`` hold
+    further numbers.
     """
 
     parameters: float
@@ -77,9 +78,10 @@ class Diagnostics(Frozen):
 class Model(Shown, ABC):
     """What was identified over one realization.
 
-    By a ``method``, told in words with its settings; at a ``time`` in s within a realization, shape (time,). The
-    ``estimates`` are by quantity: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain`` …; ``coordinates`` are the
-    values along their axes other than time and realization, by axis; ``diagnostics`` say how the identification went.
+    By a ``method``, told in words with its settings; at a ``time`` in s within a realization,
+    shape (time,). The ``estimates`` are by quantity: ``stiffness``, ``viscosity``, ``inertia``,
+    ``reflex_gain`` …; ``coordinates`` are the values along their axes other than time and
+    realization, by axis; ``diagnostics`` say how the identification went.
     """
 
     method: str
@@ -139,8 +141,8 @@ class Model(Shown, ABC):
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         """Torque of each pathway for an ensemble's signals, not necessarily those that the model was identified from.
 
-        By pathway (``"intrinsic"`` alone where the model has one), in N·m, shape (realization, time), context not
-        counted; NaN where lags reach beyond the samples or the model does not.
+        By pathway (``"intrinsic"`` alone where the model has one), in N·m, shape (realization,
+        time), context not counted; NaN where lags reach beyond the samples or the model does not.
 
         Raises
         ------
@@ -149,7 +151,8 @@ class Model(Shown, ABC):
         """
         if not isinstance(ensemble, Ensemble):
             raise InputError(
-                f"predict: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
+                f"predict: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording "
+                "with "
                 "tvsysid.preprocess.segment, as the model's data were"
             )
         if (
@@ -157,8 +160,10 @@ class Model(Shown, ABC):
             or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9
         ):
             raise InputError(
-                f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, the ensemble "
-                f"{ensemble.samples} at {ensemble.sampling_rate:g} Hz; decimate and segment it in the same way"
+                f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, "
+                "the ensemble "
+                f"{ensemble.samples} at {ensemble.sampling_rate:g} Hz; decimate and segment it in "
+                "the same way"
             )
         return self._pathways(ensemble)
 
@@ -178,7 +183,8 @@ class Model(Shown, ABC):
         )
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
         return (
-            f"{type(self).__name__}({self.method}: {span} over {len(self.time) / self.sampling_rate:g} s, "
+            f"{type(self).__name__}({self.method}: {span} over "
+            f"{len(self.time) / self.sampling_rate:g} s, "
             f"identified at {known.size} of {len(self.time)} samples, "
             f"{self.diagnostics.parameters:.3g} effective parameters){warned}"
         )
@@ -186,9 +192,10 @@ class Model(Shown, ABC):
     def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
         """Everything identified as an xarray.Dataset, with units as attributes.
 
-        Each estimate has beside it, where the method states it, its ``_standard_error``, degrees of ``_freedom``, and
-        the ``_lower`` and ``_upper`` limits of its 95 % band. If an ensemble is given, the torque of each pathway for
-        it is there too, as ``torque_`` and the pathway's name. A frequency response is complex;
+        Each estimate has beside it, where the method states it, its ``_standard_error``, degrees of
+        ``_freedom``, and the ``_lower`` and ``_upper`` limits of its 95 % band. If an ensemble is
+        given, the torque of each pathway for it is there too, as ``torque_`` and the pathway's
+        name. A frequency response is complex;
         :func:`tvsysid.recordings.write_models` splits it for the NetCDF file.
         """
         import xarray as xr  # noqa: PLC0415  # heavy
@@ -239,7 +246,8 @@ class Model(Shown, ABC):
             }
             if told_apart - {len(ensemble)}:
                 raise InputError(
-                    f"to_xarray: the model tells {max(told_apart)} realizations apart, the ensemble has "
+                    f"to_xarray: the model tells {max(told_apart)} realizations apart, the "
+                    "ensemble has "
                     f"{len(ensemble)}; give the one that it was identified from, or none"
                 )
         _joined(variables, coordinates)
@@ -267,7 +275,10 @@ class Model(Shown, ABC):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ImpulseResponseModel(Model):
-    """Two-sided impulse response at each time, in N·m/rad per second, shape (time, lag); ``lags`` in s."""
+    """Two-sided impulse response at each time, in N·m/rad per second, shape (time, lag).
+
+    ``lags`` in s.
+    """
 
     impulse_response: Array
     lags: Array
@@ -286,13 +297,15 @@ class ImpulseResponseModel(Model):
 class FrequencyResponseModel(Model):
     """Frequency response at each time.
 
-    Its prediction convolves the angle with the response's inverse Fourier transform: as many lags as the segments
-    that it was estimated from have samples, half of them negative. Frequencies without input are left out. It is good
-    where the perturbation reaches a fair part of the Nyquist frequency, as at 100 Hz; decimate first.
+    Its prediction convolves the angle with the response's inverse Fourier transform: as many lags
+    as the segments that it was estimated from have samples, half of them negative. Frequencies
+    without input are left out. It is good where the perturbation reaches a fair part of the Nyquist
+    frequency, as at 100 Hz; decimate first.
 
-    Response in N·m/rad, complex, at these ``frequencies`` in Hz; ``coherence``, the share of the torque's power that is
-    linearly related to the angle; and whether a frequency is ``excited``: the angle has at least a millionth of its
-    strongest frequency's power there; each of shape (time, frequency). ``segment``: samples of the segments.
+    Response in N·m/rad, complex, at these ``frequencies`` in Hz; ``coherence``, the share of the
+    torque's power that is linearly related to the angle; and whether a frequency is ``excited``:
+    the angle has at least a millionth of its strongest frequency's power there; each of shape
+    (time, frequency). ``segment``: samples of the segments.
     """
 
     frequency_response: ComplexArray
@@ -383,7 +396,8 @@ def _joined(items: Labelled, further: Labelled) -> Labelled:
 def _convolve(ensemble: Ensemble, weights: Array, before: int, after: int) -> Array:
     """Convolution of the angle with weights (time, lag) for lags from -before to after samples.
 
-    A negative lag needs samples that come after. NaN where the lags reach beyond the ensemble's samples.
+    A negative lag needs samples that come after. NaN where the lags reach beyond the ensemble's
+    samples.
     """
     early, late = max(0, after - ensemble.context), max(0, before - ensemble.context)
     out = np.full((len(ensemble), ensemble.samples), np.nan)

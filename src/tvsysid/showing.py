@@ -26,7 +26,8 @@ class Shown:
 
     def plot(self, title: str = "") -> Figure:
         """Figure of it, as :func:`tvsysid.figures.plot` draws it; a notebook shows it."""
-        # Figures stand above all that they show: no room below imports them until somebody asks for one.
+        # Figures stand above all that they show: no room below imports them until somebody asks for
+        # one.
         figure: Figure = import_module("tvsysid.figures").plot(self, title)
         return figure
 
@@ -43,7 +44,10 @@ def summary_html(
     rows: Iterable[Sequence[object]] = (),
     notes: Iterable[str] = (),
 ) -> str:
-    """What a notebook shows of an object: its kind and a line about it, a table, and further lines; all escaped."""
+    """What a notebook shows of an object: its kind and a line about it, a table, and further lines.
+
+    All escaped.
+    """
 
     def row(kind: str, cells: Sequence[object]) -> str:
         shown = (f"<{kind} style='text-align:left'>{_escaped(cell)}</{kind}>" for cell in cells)

@@ -50,12 +50,14 @@ class _Signals(Shown, Frozen):
             object.__setattr__(self, name, values)
             if values.shape != np.shape(self.angle):
                 raise InputError(
-                    f"angle and torque must have the same shape, got {self.angle.shape} and {values.shape}; "
+                    f"angle and torque must have the same shape, got {self.angle.shape} and "
+                    f"{values.shape}; "
                     "cut them to the samples that both have"
                 )
             if values.min() == values.max():
                 raise InputError(
-                    f"{name}: all {values.size} values are {values.flat[0]:g} {unit}; {fault} cannot be "
+                    f"{name}: all {values.size} values are {values.flat[0]:g} {unit}; {fault} "
+                    "cannot be "
                     "identified. Is this the right channel?"
                 )
         channels = {
@@ -65,15 +67,20 @@ class _Signals(Shown, Frozen):
         for name, values in channels.items():
             if values.shape != self.angle.shape:
                 raise InputError(
-                    f"channel {name!r}: expected the angle's shape {self.angle.shape}, got {values.shape}"
+                    f"channel {name!r}: expected the angle's shape {self.angle.shape}, got "
+                    f"{values.shape}"
                 )
         object.__setattr__(self, "channels", MappingProxyType(channels))
         if self.recorded_angle is not None:
             recorded = checked_array("recorded_angle", self.recorded_angle, (*axes, "sample"))
             if recorded.shape[:-1] != self.angle.shape:
-                expected = f"({', '.join(map(str, self.angle.shape))}, samples recorded for each of the angle's)"
+                expected = (
+                    f"({', '.join(map(str, self.angle.shape))}, samples recorded for each "
+                    "of the angle's)"
+                )
                 raise InputError(
-                    f"recorded_angle: expected the shape {expected}, got {recorded.shape}; cut both, or give None"
+                    f"recorded_angle: expected the shape {expected}, got {recorded.shape}; cut "
+                    "both, or give None"
                 )
             object.__setattr__(self, "recorded_angle", recorded)
 
@@ -82,7 +89,10 @@ class _Signals(Shown, Frozen):
 
     @property
     def angle_as_recorded(self) -> Array:
-        """``recorded_angle``; where no rate was lowered, the angle itself, each of its samples alone on a last axis."""
+        """``recorded_angle``.
+
+        Where no rate was lowered, the angle itself, each of its samples alone on a last axis.
+        """
         return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
 
     def signal(self, name: str) -> Array:
@@ -97,7 +107,8 @@ class _Signals(Shown, Frozen):
         if name not in found:
             there = ", ".join(map(repr, found))
             raise InputError(
-                f"signal: there is no {name!r}; the signals are {there}; read it as a channel (--channel {name}=…)"
+                f"signal: there is no {name!r}; the signals are {there}; read it as a channel "
+                f"(--channel {name}=…)"
             )
         return found[name]
 
@@ -119,18 +130,21 @@ class Recording(_Signals):
     trial_starts
         Index of the first sample of each trial; nothing is filtered or cut across these.
     origin
-        Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and time begins anew.
+        Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and
+        time begins anew.
     delay_removed
-        Seconds by which the torque was late, which were corrected (:func:`tvsysid.preprocess.align_channels`).
+        Seconds by which the torque was late, which were corrected
+        (:func:`tvsysid.preprocess.align_channels`).
     recorded_angle
-        The angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time, sample): the samples
-        that were recorded from each of the angle's up to the next. A stretch is rectified at this rate.
+        The angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time,
+        sample): the samples that were recorded from each of the angle's up to the next. A stretch
+        is rectified at this rate.
 
     Raises
     ------
     InputError
-        For signals that are not finite numbers of one common length, an angle that does not vary, or a sampling rate
-        that is not positive.
+        For signals that are not finite numbers of one common length, an angle that does not vary,
+        or a sampling rate that is not positive.
 
     Examples
     --------
@@ -165,7 +179,8 @@ class Recording(_Signals):
             or any(b <= a for a, b in zip(starts, (*starts[1:], len(self)), strict=True))
         ):
             raise InputError(
-                f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, got {starts!r}"
+                f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, "
+                f"got {starts!r}"
             )
 
     def __repr__(self) -> str:
@@ -204,12 +219,12 @@ class Ensemble(_Signals):
     sampling_rate
         In Hz.
     context
-        Samples on either side of each realization that were recorded there, so that lags and windows at its edges use
-        measured data. Without them, what cannot be estimated is NaN.
+        Samples on either side of each realization that were recorded there, so that lags and
+        windows at its edges use measured data. Without them, what cannot be estimated is NaN.
     onsets
-        Time in s of each realization's first sample (context not counted), shape (realization,). Realizations
-        of one trial that follow each other without a gap are joined by methods that need a continuous record. Default:
-        none follows another.
+        Time in s of each realization's first sample (context not counted), shape (realization,).
+        Realizations of one trial that follow each other without a gap are joined by methods that
+        need a continuous record. Default: none follows another.
     trials
         Number of the trial that each realization comes from, shape (realization,).
     channels
@@ -217,24 +232,27 @@ class Ensemble(_Signals):
     left_out
         How many realizations were not taken up when the record was cut, for want of context.
     mean_subtracted
-        Whether the mean over realizations was subtracted (:func:`tvsysid.preprocess.subtract_mean`): the noise of R
-        realizations then counts as that of R - 1.
+        Whether the mean over realizations was subtracted
+        (:func:`tvsysid.preprocess.subtract_mean`): the noise of R realizations then counts as that
+        of R - 1.
     origin, delay_removed, recorded_angle
-        Those of the recording that it was cut from; the angle of shape (realization, context + time + context, sample),
-        from which no mean is subtracted.
+        Those of the recording that it was cut from; the angle of shape (realization, context + time
+        + context, sample), from which no mean is subtracted.
 
     Raises
     ------
     InputError
-        For signals that are not finite numbers of one common shape, an angle that does not vary, values up to less than
-        1e-30 or more than 1e30, a sampling rate that is not positive, or a context that leaves no sample.
+        For signals that are not finite numbers of one common shape, an angle that does not vary,
+        values up to less than 1e-30 or more than 1e30, a sampling rate that is not positive, or a
+        context that leaves no sample.
 
     Examples
     --------
     >>> import numpy as np
     >>> angle = np.random.default_rng(0).normal(size=(50, 200))
     >>> Ensemble(angle, 80 * angle, sampling_rate=100)
-    Ensemble(50 realizations of 2 s at 100 Hz, context 0 s; angle RMS 0.998 rad, torque RMS 79.8 N·m)
+    Ensemble(50 realizations of 2 s at 100 Hz, context 0 s; angle RMS 0.998 rad, torque RMS 79.8
+    N·m)
     """
 
     angle: Array
@@ -256,14 +274,19 @@ class Ensemble(_Signals):
         for name, unit in (("angle", "rad"), ("torque", "N·m")):
             largest = max(abs(float(extreme(getattr(self, name)))) for extreme in (np.min, np.max))
             if not SMALLEST <= largest <= LARGEST:
-                expected = f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to {LARGEST:g}"
+                expected = (
+                    f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to "
+                    f"{LARGEST:g}"
+                )
                 raise InputError(
-                    f"{expected}, got values up to {largest:.2g}; is the file damaged, or the unit wrong?"
+                    f"{expected}, got values up to {largest:.2g}; is the file damaged, or the "
+                    "unit wrong?"
                 )
         whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
         if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(
-                f"context: expected a whole number of samples from 0 to {(self.angle.shape[1] - 1) // 2} (half of the "
+                "context: expected a whole number of samples from 0 to "
+                f"{(self.angle.shape[1] - 1) // 2} (half of the "
                 f"{self.angle.shape[1]} samples given), got {self.context!r}"
             )
         object.__setattr__(self, "context", int(self.context))
@@ -300,8 +323,10 @@ class Ensemble(_Signals):
         )
         plural = "s" * (len(self) != 1)
         return (
-            f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at {self.sampling_rate:g} Hz, "
-            f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "
+            f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at "
+            f"{self.sampling_rate:g} Hz, "
+            f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS "
+            f"{_rms(self.angle):.3g} rad, "
             f"torque RMS {_rms(self.torque):.3g} N·m)"
         )
 
@@ -369,7 +394,8 @@ class Ensemble(_Signals):
             )
         if index.dtype.kind not in "biu":
             raise InputError(
-                f"select: expected whole numbers or a boolean mask, got values of type {index.dtype}"
+                "select: expected whole numbers or a boolean mask, got values of type "
+                f"{index.dtype}"
             )
         beyond = index[(index < -len(self)) | (index >= len(self))]
         if index.dtype.kind != "b" and beyond.size:

@@ -29,10 +29,10 @@ FEWEST = 2  # draws, and realizations, without which there is no spread
 class Bootstrap(Frozen):
     """Estimates from ensembles drawn with replacement, and the bands that follow.
 
-    ``model`` is identified from the ensemble as it is, of so many ``realizations``. ``draws`` holds what each draw gave
-    of each quantity, shape (draw, time), or over the measured variable that it is an estimate over: NaN where not
-    identified, means over realizations where the method tells these apart. So many draws of the ``count`` ``failed``;
-    they are all NaN.
+    ``model`` is identified from the ensemble as it is, of so many ``realizations``. ``draws``
+    holds what each draw gave of each quantity, shape (draw, time), or over the measured variable
+    that it is an estimate over: NaN where not identified, means over realizations where the
+    method tells these apart. So many draws of the ``count`` ``failed``; they are all NaN.
     """
 
     model: Model
@@ -70,8 +70,9 @@ class Bootstrap(Frozen):
     ) -> tuple[Array, Array]:
         r"""Lower and upper limits of the band about the model's estimate of a quantity, each of the shape of a draw.
 
-        It holds the true value with the probability ``level``, between 0 and 1: at each time by itself, or, if it is
-        ``simultaneous``, at all times together. NaN where fewer than two draws have an estimate.
+        It holds the true value with the probability ``level``, between 0 and 1: at each time by
+        itself, or, if it is ``simultaneous``, at all times together. NaN where fewer than two draws
+        have an estimate.
 
         Raises
         ------
@@ -86,8 +87,8 @@ class Bootstrap(Frozen):
 
         .. math:: \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}
 
-        with z the quantile of the normal distribution. The quantile of so few draws is coarse: of a hundred, 95 % is
-        the fifth largest.
+        with z the quantile of the normal distribution. The quantile of so few draws is coarse: of a
+        hundred, 95 % is the fifth largest.
 
         References
         ----------
@@ -128,31 +129,35 @@ def bootstrap(
     .. math:: \hat k(t) \pm t_{R - 1}\, \sqrt{\frac{R}{R - 1}}\, s(t), \qquad
               s^2(t) = \frac{1}{B - 1} \sum_b \left(k_b(t) - \bar k(t)\right)^2
 
-    with the quantile of Student's t for R - 1 degrees of freedom, which is exact for a mean of R realizations.
+    with the quantile of Student's t for R - 1 degrees of freedom, which is exact for a mean of R
+    realizations.
 
-    Nothing is assumed of the noise but that the realizations do not depend on each other: its colour, a strength that
-    changes over time, and behaviour that differs between realizations are all counted. It serves for any method,
-    one's own included. It does not tell a bias, and is of no use with a handful of realizations.
+    Nothing is assumed of the noise but that the realizations do not depend on each other: its
+    colour, a strength that changes over time, and behaviour that differs between realizations are
+    all counted. It serves for any method, one's own included. It does not tell a bias, and is of no
+    use with a handful of realizations.
 
-    The band is built on the standard deviation, about the estimate from all realizations, because that needs some
-    hundred draws where percentiles need a thousand, and covers better: bands of percentiles are too narrow with few
-    realizations, and move with the bias that a draw has against the whole (docs/uncertainty.md has figures).
+    The band is built on the standard deviation, about the estimate from all realizations, because
+    that needs some hundred draws where percentiles need a thousand, and covers better: bands of
+    percentiles are too narrow with few realizations, and move with the bias that a draw has against
+    the whole (docs/uncertainty.md has figures).
 
-    The method is anything with ``identify(ensemble)``. Of the ensemble's realizations as many are drawn each time,
-    ``count`` times (B; 100 give the standard deviation to 7 %); the same ``seed`` gives the same draws. After each,
-    ``progress`` is called with the draws done and their number; without it, a notebook shows a bar.
+    The method is anything with ``identify(ensemble)``. Of the ensemble's realizations as many are
+    drawn each time, ``count`` times (B; 100 give the standard deviation to 7 %); the same ``seed``
+    gives the same draws. After each, ``progress`` is called with the draws done and their number;
+    without it, a notebook shows a bar.
 
     Raises
     ------
     InputError
-        For fewer than two draws or realizations, what the method refuses of the whole, or fewer than two draws that it
-        can identify.
+        For fewer than two draws or realizations, what the method refuses of the whole, or fewer
+        than two draws that it can identify.
 
     Warns
     -----
     DataQualityWarning
-        For what the method warns of the whole (what it warns of single draws is ignored), and if it cannot identify
-        some draws: how many, and why the first. They are left out.
+        For what the method warns of the whole (what it warns of single draws is ignored), and if it
+        cannot identify some draws: how many, and why the first. They are left out.
 
     References
     ----------
@@ -171,7 +176,8 @@ def bootstrap(
     """
     if isinstance(method, type) or not callable(getattr(method, "identify", None)):
         raise InputError(
-            f"bootstrap: expected a method with identify(ensemble), got an object of {type(method).__name__}"
+            "bootstrap: expected a method with identify(ensemble), got an object of "
+            f"{type(method).__name__}"
             f"{'; make one: ' + method.__name__ + '()' if isinstance(method, type) else ''}"
         )
     if not isinstance(ensemble, Ensemble):
@@ -211,7 +217,10 @@ def bootstrap(
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
         warnings.warn(f"bootstrap: {said}; they are left out", DataQualityWarning, stacklevel=2)
     if missing := [name for name in model.estimates if name not in found]:
-        said = f"{', '.join(missing)}: the values that it is over depend on the draw, so that there is no band"
+        said = (
+            f"{', '.join(missing)}: the values that it is over depend on the draw, so that "
+            "there is no band"
+        )
         warnings.warn(f"bootstrap: {said}", DataQualityWarning, stacklevel=2)
     return Bootstrap(model, len(ensemble), found, len(reasons), count)
 

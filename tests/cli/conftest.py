@@ -21,7 +21,10 @@ IDENTIFY = (
 
 @pytest.fixture
 def not_held_out(monkeypatch):
-    """Without held-out VAF, which takes five more identifications by each method; other tests have it."""
+    """Without held-out VAF, which takes five more identifications by each method.
+
+    Other tests have it.
+    """
     monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", lambda *given, **words: {})
 
 

@@ -139,7 +139,8 @@ def test_errors_are_one_line(tvsysid, tmp_path, words, message):
 def test_start_is_light():
     program = (
         "import sys, tvsysid.cli;"
-        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'zarr', 'pydantic', 'jinja2'} & set(sys.modules);"
+        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'zarr', 'pydantic', "
+        "'jinja2'} & set(sys.modules);"
         "print(heavy or 'light')"
     )
     shown = subprocess.run(

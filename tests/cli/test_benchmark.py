@@ -49,8 +49,8 @@ def test_benchmark(tvsysid, tmp_path, request):
     page = (folder / "report.html").read_text()
     assert "esm:window=0.4" in page
     assert (
-        "tvsysid benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 --workers 1"
-        in page
+        "tvsysid benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 "
+        "--workers 1" in page
     )
     before = (folder / "summary.csv").read_text()
     for name in ("summary.csv", "report.html"):
@@ -218,8 +218,8 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
     code, _, err = tvsysid("benchmark", "--system", "ankle", "--dry-run")
     assert code == 2
     assert (
-        "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch"
-        in err
+        "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, "
+        "compliant, sch" in err
     )
 
 

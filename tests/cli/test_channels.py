@@ -84,7 +84,8 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
     code, out, err = tvsysid("identify", recording, *IDENTIFY, *words)
     assert (code, err) == (0, "")
     assert "[red]joint.npz: " in out
-    # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of further estimates.
+    # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of
+    # further estimates.
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
     assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
     own = table[table.method == "channel_methods:Scheduled"]

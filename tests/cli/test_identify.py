@@ -23,7 +23,8 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
         "import numpy as np\n"
         "class Model:\n"
         "    def __init__(self, stiffness):\n        self.stiffness = stiffness\n"
-        "    def predict(self, ensemble):\n        return self.stiffness * ensemble.angle[:, ensemble.core]\n"
+        "    def predict(self, ensemble):\n        return self.stiffness * ensemble.angle[:, "
+        "ensemble.core]\n"
         "class Mine:\n"
         "    def identify(self, ensemble):\n        return Model(np.full(ensemble.samples, 80.0))\n"
         "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
@@ -76,8 +77,8 @@ def test_simulate_then_identify(tvsysid, tmp_path):
     )
     assert code == 0
     assert (
-        "tvsysid identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 --period 2"
-        in out
+        "tvsysid identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 "
+        "--period 2" in out
     )
     code, out, err = tvsysid(
         "identify",
@@ -160,7 +161,8 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     out, _ = told_with_period(tvsysid, 1.9)
     _, told, *rest = out.splitlines()
     assert told.startswith(
-        "no stiffness is stated. The movement does not repeat with this period: stiffness varies by "
+        "no stiffness is stated. The movement does not repeat with this period: stiffness varies "
+        "by "
     )
     assert told.endswith("cancel out. Check --period and --rate.")
     assert rest[0].strip().startswith("not valid: stiffness (N·m/rad)")
@@ -212,7 +214,8 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid
     _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, "--method", "adaptive")
     told = out.splitlines()[1]
     assert told.startswith(
-        "no stiffness is stated. Channel 'cmd' moves the angle, and was not named as the reference: "
+        "no stiffness is stated. Channel 'cmd' moves the angle, and was not named as the "
+        "reference: "
     )
     options = told.partition("identify by ")[2].removesuffix(".")
     assert options == "--channel cmd=cmd --method kbr:reference=cmd,weighting=residual"
@@ -286,8 +289,8 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate", "joint.csv", "--duration", 40)
     assert code == 0
     assert (
-        "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 --period 2"
-        in out
+        "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 "
+        "--period 2" in out
     )
     signals = pd.read_csv("joint.csv")
     xr.Dataset({name: ("time", signals[name]) for name in ("angle", "torque")}).to_netcdf(
@@ -362,8 +365,8 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
     assert (code, err) == (0, "")
     assert (
-        "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, periodic=False): "
-        in out
+        "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, "
+        "periodic=False): " in out
     )
     folder = tmp_path / "tvsysid-identify"
     table = pd.read_csv(folder / "tuning.csv")
@@ -428,7 +431,7 @@ def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
         "warning: a reflex is taken for stiffness by sds: positive velocity predicts at least "
     )
     assert (
-        "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)"
-        in err
+        "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method "
+        "cascade)" in err
     )
     assert err.count("warning") == 1

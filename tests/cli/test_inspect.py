@@ -31,8 +31,8 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
     assert (code, err) == (0, "")
     assert (
-        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 checks"
-        in out
+        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 "
+        "checks" in out
     )
     assert (
         "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"

@@ -86,8 +86,8 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     assert (code, err) == (1, "")
     assert "✓ identifies a joint" in out
     assert (
-        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), "
-        in out
+        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) "
+        "(or pathways), " in out
     )
     assert "without predict(ensemble)" in out
     assert "– predicts the torque: not run: 'returns a model' failed" in out

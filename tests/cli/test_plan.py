@@ -35,8 +35,8 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
     assert (
-        "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and the"
-        in shown
+        "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf "
+        "and the" in shown
     )
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
     verified = re.search(r"birf +│ +(\d+) │ +[\d.]+ │ +([\d.]+) │ +[-+]\d+ % │ +([\d.]+)", shown)

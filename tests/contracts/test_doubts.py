@@ -116,7 +116,8 @@ def test_a_rate_far_above_the_perturbation_for_spectra():
     simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
-    # A short window, for the time taken goes with its square: a third of a minute for the usual one at 1 kHz.
+    # A short window, for the time taken goes with its square: a third of a minute for the usual one
+    # at 1 kHz.
     text = doubts(tv.EnsembleSpectral(window=0.1), tv.preprocess.segment(simulation.recording, 2.0))
     assert "hardly any power above 250 Hz" in text
     recording = tv.preprocess.decimate(simulation.recording, 250)

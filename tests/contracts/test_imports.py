@@ -109,7 +109,8 @@ print("comparison", heavy & set(sys.modules) or "light")
 
 
 def test_no_public_name_is_that_of_the_module_that_has_it():
-    # The module would take the name's place once it is imported; and what guards against that cannot be pickled, so
+    # The module would take the name's place once it is imported; and what guards against that
+    # cannot be pickled, so
     # that no method of a script that uses the package would reach a worker.
     for package in (tvsysid, tvsysid.figures, tvsysid.recordings, tvsysid.report):
         assert type(package) is types.ModuleType

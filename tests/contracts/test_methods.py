@@ -283,7 +283,8 @@ def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(
     angles = {name: getattr(ensemble, name) * 10**angle for name in ("angle", "recorded_angle")}
     scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, **angles)
     other, factor = method.identify(scaled), 10**torque / 10**angle
-    # What rounding does where a prior hardly holds inertia, iterations end, or products of columns are factored (sdss).
+    # What rounding does where a prior hardly holds inertia, iterations end, or products of columns
+    # are factored (sdss).
     iterated = dict.fromkeys((METHODS["kbr experiment"], METHODS["bpc"]), 1e-6)
     rounding = (iterated | {METHODS["birf irf ridge"]: 1e-7, METHODS["sdss"]: 1e-5}).get(
         method, 1e-9
@@ -302,7 +303,8 @@ def test_order_of_realizations_does_not_matter(method, random):
     ensemble, model = ensemble_of(*enough_for(method)), model_of(method, *enough_for(method))
     for order in (range(len(ensemble))[::-1], random.permutation(len(ensemble))):
         other = method.identify(ensemble.select(order))
-        # Sums in another order differ by rounding, which iterations to a tolerance may carry further.
+        # Sums in another order differ by rounding, which iterations to a tolerance may carry
+        # further.
         np.testing.assert_allclose(other.stiffness, model.stiffness, rtol=1e-3)
 
 
@@ -408,7 +410,8 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         ),
         (
             lambda: tv.methods.parse("adaptive:reference=command"),
-            "unknown setting 'reference'; its settings are emg, tuned; methods with that setting are sds, birf, esm",
+            "unknown setting 'reference'; its settings are emg, tuned; methods with that setting "
+            "are sds, birf, esm",
         ),
         (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
         (lambda: tv.methods.parse("sds:window"), "expected setting=value"),

@@ -1,7 +1,9 @@
-"""Four small methods, each of a kind that the package itself does not have; plain classes without a base class.
+"""Four small methods, each of a kind that the package itself does not have.
 
-They are no good estimators. They show that the contract holds what such methods need and what they return.
-"""
+Plain classes without a base class.
+
+They are no good estimators. They show that the contract holds what such methods need and what
+they return."""
 
 from dataclasses import dataclass, field, replace
 

@@ -1,4 +1,6 @@
-"""The tutorials, as they stand, but for the number of bootstraps; on the command line, two of the methods.
+"""The tutorials, as they stand, but for the number of bootstraps.
+
+On the command line, two of the methods.
 
 All in this process: `test_own_method.py` has a script in a Python of its own.
 """

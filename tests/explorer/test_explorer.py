@@ -185,7 +185,8 @@ def test_what_is_wrong_is_an_input_error(file, changed, message):
 def test_a_command_has_what_differs_from_the_defaults():
     reading = Reading("a.csv", "1", "2", 500.0, header=False, start=-0.5, channel=("emg=3",))
     assert command(Settings(reading, Cutting(1.5))) == (
-        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --no-header --start -0.5 --channel emg=3 --period 1.5 "
+        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --no-header --start -0.5 "
+        "--channel emg=3 --period 1.5 "
         "--method adaptive"
     )
     with pytest.raises(tv.InputError, match="expected NAME=CHANNEL"):

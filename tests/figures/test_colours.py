@@ -6,7 +6,8 @@ import pytest
 from tvsysid.figures.style import MARKERS, PALETTE, TRUTH, lines
 from tvsysid.methods import DEFAULT_METHODS, METHODS
 
-# What is left of linear RGB without the cone for red, green or blue: Machado, Oliveira and Fernandes 2009, severity 1.
+# What is left of linear RGB without the cone for red, green or blue: Machado, Oliveira and
+# Fernandes 2009, severity 1.
 EYES = {
     "all cones": np.eye(3),
     "no red": [

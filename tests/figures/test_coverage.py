@@ -12,7 +12,10 @@ LABEL = "square-noise-150s-10dB"
 
 @pytest.fixture
 def made():
-    """Four trials; bands of sds hold the truth always, of kbr in three trials of four, of esm in the first half."""
+    """Four trials.
+
+    Bands of sds hold the truth always, of kbr in three trials of four, of esm in the first half.
+    """
     results = results_of([("square", "noise", 150.0, 10.0)], ("sds", "esm", "kbr"), trials=4)
     covered = np.ones((1, 4, 3, 1, len(TIME)))
     covered[0, :, 1, :, 100:] = 0.0

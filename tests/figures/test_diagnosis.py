@@ -32,7 +32,8 @@ def test_every_panel_shows_its_curve(diagnosis):
     assert to_hex(lags.collections[-1].get_colors()[0]).upper() == PALETTE[1]
     labels = [axes.get_xlabel() for axes in figure.axes[:6]]
     assert labels == [
-        "frequency (Hz)", "frequency (Hz)", "time within a realization (s)", "time within a realization (s)",
+        "frequency "
+        "(Hz)", "frequency (Hz)", "time within a realization (s)", "time within a realization (s)",
         "realization, as recorded", "lag of the torque (ms)",
     ]  # fmt: skip
 

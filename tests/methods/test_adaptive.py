@@ -291,7 +291,8 @@ def test_what_it_says_is_as_sure_as_it_is():
     both = SimpleNamespace(switches=switches, smoothness=[none], beside=None)
     assert changes(both) == [
         "it switches by +100.0 ± 2.0 N·m/rad at 0.500 s",
-        "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
+        "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 "
+        "%)",
         "it is constant between switches (probability 90 %)",
     ]
     probable = SimpleNamespace(

@@ -226,10 +226,12 @@ def repeated(name, duration, perturbation):
 def scatter_of(name, quantity, perturbation):
     """Ratio of the claimed standard deviation to that of the estimates that is allowed: lowest, highest."""
     if perturbation == "prbs" and quantity and name != "kbr":
-        # What decimation folds back from a PRBS, where it switches, adds to inertia and viscosity and is no noise.
+        # What decimation folds back from a PRBS, where it switches, adds to inertia and viscosity
+        # and is no noise.
         return 0.65, 1.13
     if name == "birf irf" and quantity != 1:
-        # The sparse prior takes what it prunes as known: 0.86 and 0.84 over 60 trials, without a prior 1.03 and 0.98.
+        # The sparse prior takes what it prunes as known: 0.86 and 0.84 over 60 trials, without a
+        # prior 1.03 and 0.98.
         return 0.75, 0.95
     return 0.88, 1.14
 

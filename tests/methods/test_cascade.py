@@ -108,7 +108,8 @@ def test_a_second_order_response_is_read_from_its_weights():
 
 
 def test_fast_movement_has_its_derivatives_although_it_is_decimated_to_a_slow_one():
-    # 62 Hz is 38 Hz at 100 Hz; what passes the decimation filter is known from the angle that passes.
+    # 62 Hz is 38 Hz at 100 Hz; what passes the decimation filter is known from the angle that
+    # passes.
     time = np.arange(3000) / 1000
     derivatives = [np.sin(2 * np.pi * 62 * time), (2 * np.pi * 62) * np.cos(2 * np.pi * 62 * time)]
     derivatives.append(-((2 * np.pi * 62) ** 2) * derivatives[0])

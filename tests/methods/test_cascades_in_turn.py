@@ -151,7 +151,8 @@ def test_slow_voluntary_torque_is_taken_out():
 
 @pytest.mark.slow
 def test_walking_is_explained_by_emg_and_slow_torque(recordings_folder):
-    # An independent fit of 60 cycles: 96.3 % with both pathways, 97.4 % with slow torque; here, of 58 decimated cycles.
+    # An independent fit of 60 cycles: 96.3 % with both pathways, 97.4 % with slow torque; here, of
+    # 58 decimated cycles.
     data = loadmat(recordings_folder / "walking_ankle_small_reflex.mat")
     angle, torque, emg = (
         data[f"{name}_SIGNAL"].T.ravel() for name in ("POSITION", "TORQUE", "EMG")

@@ -296,7 +296,8 @@ def test_closed_loop_estimates_are_right_where_open_ones_are_not():
 
 @pytest.mark.parametrize("data", [(100.0, 5.0, 5.0), (30.0, 40.0, 10.0)])
 def test_measured_torque_is_predicted_from_the_measured_angle_as_well_as_by_the_truth(data):
-    # In the cross-spectra of a soft actuator's angle there are frequencies that the reference hardly moves.
+    # In the cross-spectra of a soft actuator's angle there are frequencies that the reference
+    # hardly moves.
     ensemble, other = loop(*data), loop(*data, 101)
     model, torque = identified(ESM, *data), other.torque[:, other.core]
     true = np.stack(

@@ -191,7 +191,8 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
     (one, ours), (two, theirs) = (tv.KernelRegression().tuned(each) for each in (ensemble, other))
     assert (one.order, one.lag, one.scale) == (two.order, two.lag, two.scale)
     np.testing.assert_allclose(np.diff(ours.values), np.diff(theirs.values), atol=1e-3)
-    # They have four digits. Where a coefficient hardly changes, its likelihood is flat, and rounding decides.
+    # They have four digits. Where a coefficient hardly changes, its likelihood is flat, and
+    # rounding decides.
     found = [(each.length_periodic, each.length_decay, *each.gamma) for each in (one, two)]
     np.testing.assert_allclose(*found, rtol=1.1e-3, atol=1e-6)
     stiffness = two.identify(other).stiffness * DEGREE / 100
@@ -204,7 +205,8 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
         (
             {},
             1e-9,
-            "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least 1.98e.10 s",
+            "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least "
+            "1.98e.10 s",
         ),
         ({"length_decay": 0.5}, 100.0, "need some .* features of each coefficient, at most 5400"),
         ({"length_decay": 1e-9}, 100.0, "too short to solve for"),
@@ -243,7 +245,8 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
     whole = method.identify(ensemble)
     assert np.abs(model.stiffness - whole.stiffness).max() < 5e-3
     assert np.abs(model.inertia - whole.inertia).max() < 1e-5
-    # Coefficients that were left out have their prior variance, and nearly the same posterior otherwise.
+    # Coefficients that were left out have their prior variance, and nearly the same posterior
+    # otherwise.
     np.testing.assert_allclose(np.diag(model.covariance), np.diag(whole.covariance), rtol=0.05)
 
 

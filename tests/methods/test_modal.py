@@ -44,7 +44,10 @@ def test_a_joint_that_rings_tells_its_stiffness(ringing):
 
 @pytest.mark.parametrize("damping", [0.1, 0.2, 0.3])
 def test_no_single_time_is_far_off_and_bands_hold(damping):
-    """80 s at 30 dB, not simulated by the package; some impulses fall into the ringing of those before."""
+    """80 s at 30 dB, not simulated by the package.
+
+    Some impulses fall into the ringing of those before.
+    """
     viscosity, errors, held = 2 * damping * np.sqrt(100.0 * 0.1), [], []
     for seed in range(2):
         random, still = np.random.default_rng(seed), np.ones(80_000)

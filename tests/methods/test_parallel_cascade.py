@@ -47,7 +47,8 @@ def reflexive(seed, perturbation, snr=10.0, gain=8.0, stiffness=100.0, **reflex)
 @pytest.mark.parametrize(
     "record", [RECORDS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RECORDS[1:])]
 )
-# Hunter and Korenberg's iteration minimises nothing: each round moves stiffness, and the authors' code stops sooner.
+# Hunter and Korenberg's iteration minimises nothing: each round moves stiffness, and the authors'
+# code stops sooner.
 @pytest.mark.parametrize(
     ("kind", "within", "rounds"),
     [("rect", 0.02, 50), ("sls", 0.08, 50), ("hk", 0.12, 50), ("hk", 0.05, 2)],
@@ -58,7 +59,8 @@ def test_stiffness_and_vaf_are_those_of_the_authors_code(
     monkeypatch.setattr(
         hammerstein, "STEPS", rounds
     )  # the second fit sees whether the first round was better
-    # As their toolbox prepares the data: the velocity of the recorded angle, decimated by a Chebyshev filter.
+    # As their toolbox prepares the data: the velocity of the recorded angle, decimated by a
+    # Chebyshev filter.
     angle, torque = (
         tonic[f"{record}_{name}"].ravel().astype(float) for name in ("angle", "torque")
     )

@@ -53,7 +53,8 @@ def test_history_comes_from_the_realization_before(record):
 def test_reflex_torque_is_the_convolution_of_the_whole_record(record, subtracted):
     ensemble = cut(record, 0.1)
     response, lags = np.array([1.0, 3.0, -2.0, 0.5]), np.arange(4, 8)
-    # From filters of the whole record; those at realizations' ends differ by what the reflection there invents.
+    # From filters of the whole record; those at realizations' ends differ by what the reflection
+    # there invents.
     fine = np.gradient(record.angle) * 0
     fine[2:-2] = np.convolve(record.angle, np.array([2, 1, 0, -1, -2]) / 10 * 1000.0, mode="valid")
     whole = tv.preprocess.decimate(

@@ -194,7 +194,8 @@ def test_object_serves_as_it_is():
         ),
         (
             "broken_for_tests:Fit",
-            r"module 'broken_for_tests' fails while it is imported: ZeroDivisionError: division by zero "
+            r"module 'broken_for_tests' fails while it is imported: ZeroDivisionError: division "
+            r"by zero "
             r"\(broken_for_tests\.py, line 3\)",
         ),
         (
@@ -223,12 +224,14 @@ def test_object_serves_as_it_is():
         ("mine_for_tests:ready:window=1", r"takes no settings, got window; name its class Fit"),
         (
             "mine_for_tests:Needy",
-            r"class Needy needs window, order; give a value, as in mine_for_tests:Needy:window=…,order=…",
+            r"class Needy needs window, order; give a value, as in "
+            r"mine_for_tests:Needy:window=…,order=…",
         ),
         ("mine_for_tests:Needy:order=2", r"class Needy needs window; give a value"),
         (
             "mine_for_tests:Fit:windw=1",
-            r"unknown setting 'windw'; its settings are window, order, band, robust, kind, file, weights, name",
+            r"unknown setting 'windw'; its settings are window, order, band, robust, kind, file, "
+            r"weights, name",
         ),
         ("mine_for_tests:Plain:windw=1", r"unknown setting 'windw'; its settings are gain, label"),
         ("mine_for_tests:Fit:window=1,order", r"expected setting=value, got 'order'"),
@@ -278,7 +281,8 @@ def test_an_installed_method_cannot_take_the_place_of_the_packages_own():
         ("gone", r"'gone' of the installed package mypackage cannot be loaded: .* has no 'Gone'"),
         (
             "missing",
-            r"'missing' of the installed package mypackage cannot be loaded: .* no module 'nowhere_for_tests'",
+            r"'missing' of the installed package mypackage cannot be loaded: .* no module "
+            r"'nowhere_for_tests'",
         ),
         (
             "failing",
@@ -287,7 +291,8 @@ def test_an_installed_method_cannot_take_the_place_of_the_packages_own():
         ("needy", r"class Needy needs window, order"),
         (
             "other",
-            f"unknown method 'other'; the methods are {', '.join(tv.methods.METHODS)}, failing, fit, gone",
+            f"unknown method 'other'; the methods are {', '.join(tv.methods.METHODS)}, failing, "
+            "fit, gone",
         ),
     ],
 )

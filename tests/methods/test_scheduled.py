@@ -106,7 +106,10 @@ def test_muscles_that_answer_the_other_direction_are_found():
 
 
 def slowly(ensemble, lags, delay, memory, filters, pole):
-    """Columns (time, column) of order 1 and the torque, by loops; NaN where something was not recorded."""
+    """Columns (time, column) of order 1 and the torque, by loops.
+
+    NaN where something was not recorded.
+    """
     context, count = ensemble.context, ensemble.samples
     variable = ensemble.channels["scheduling"][0]
     angle = ensemble.angle[0] - ensemble.angle[0, ensemble.core].mean()
@@ -170,7 +173,8 @@ def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_res
     np.testing.assert_allclose(
         far.at(GRID)["stiffness"].values, own.at(GRID)["stiffness"].values, rtol=1e-6
     )
-    # The mean of the record is not where the joint is at rest, either: that costs little, but not nothing.
+    # The mean of the record is not where the joint is at rest, either: that costs little, but not
+    # nothing.
     mean = tv.ScheduledImpedance().identify(noiseless)
     assert 0.05 < np.abs(mean.at(GRID)["stiffness"].values - STIFFNESS(GRID)).max() < 1
 

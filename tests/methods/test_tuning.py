@@ -627,7 +627,8 @@ def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
 
 
 def test_a_basis_is_chosen_by_its_function_not_by_its_size():
-    # With noise that lasts, the torque of a person, evidence of as many independent samples asks for every wiggle.
+    # With noise that lasts, the torque of a person, evidence of as many independent samples asks
+    # for every wiggle.
     ensemble = ensemble_of(80.0, "sine", "noise", 40.0)
     random = np.random.default_rng(8)
     steps = np.repeat(random.normal(size=(len(ensemble), 15)), 20, axis=1)

@@ -71,7 +71,8 @@ def test_relevance_prunes_what_explains_nothing_and_maximises_the_evidence(probl
     relevant = np.abs(weights) > 0
     assert posterior.effective < 8
     assert np.abs(posterior.mean[~relevant]).max() < 0.1
-    # No other precisions explain the output better by more than the tolerance of the iterations allows.
+    # No other precisions explain the output better by more than the tolerance of the iterations
+    # allows.
     assert posterior.log_evidence > bayes.ridge(*statistics(regressor, output)).log_evidence
     kept = np.diag(posterior.covariance) > 0
     sub = regressor[:, kept]

@@ -7,7 +7,10 @@ from tvsysid.numerics import gaussian
 
 
 def problem(seed, rows=60, columns=7, terms=3):
-    """Regressors X, orthogonal nuisance terms T, output, and prior precisions of X's columns; two have none."""
+    """Regressors X, orthogonal nuisance terms T, output, and prior precisions of X's columns.
+
+    Two have none.
+    """
     random = np.random.default_rng(seed)
     regressors = random.normal(size=(rows, columns)) * 10 ** random.uniform(-1, 1, columns)
     nuisance = np.linalg.qr(random.normal(size=(rows, terms)))[0] * random.uniform(0.5, 5, terms)

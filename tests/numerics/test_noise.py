@@ -96,7 +96,8 @@ def test_white_noise_changes_no_variance(random):
 
 
 def test_one_regressor_has_the_textbook_factor():
-    # An AR(1) regressor under AR(1) noise: (1 + ab) / (1 - ab) times the variance under white noise.
+    # An AR(1) regressor under AR(1) noise: (1 + ab) / (1 - ab) times the variance under white
+    # noise.
     lags = np.arange(60)
     found = noise.colour_factors(0.9 ** lags[:, None, None], 0.6**lags)
     assert found[0] == pytest.approx((1 + 0.54) / (1 - 0.54), rel=1e-9)
@@ -144,7 +145,8 @@ def test_units_of_angle_and_time_do_not_matter(size, rate):
 
 
 def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
-    # White noise, two regressors: products of the residual at a distance are lowered by that much in the mean.
+    # White noise, two regressors: products of the residual at a distance are lowered by that much
+    # in the mean.
     filters = derivative_weights(3)[:2]
     angle = coloured(random, (1, 2000), 0.9)
     correlation = noise.regressor_correlation(covariances_of(filters, angle, 5))

@@ -55,7 +55,8 @@ def test_fewer_realizations_than_lags_give_the_minimum_norm(random):
     np.testing.assert_array_equal(solution.rank, 4)
     lagged = np.stack([u[:, 10 - lag] for lag in range(-3, 4)], axis=1)
     np.testing.assert_allclose(solution.weights[7], np.linalg.pinv(lagged) @ y[:, 10], atol=1e-10)
-    # From correlations alone the same solution follows, to the lesser accuracy that squaring leaves.
+    # From correlations alone the same solution follows, to the lesser accuracy that squaring
+    # leaves.
     phi_uu, phi_uy, _, _ = moments.lagged_moments(u, y, 3)
     found = pseudoinverse.full(phi_uu, phi_uy)
     np.testing.assert_array_equal(found.rank, 4)

@@ -145,7 +145,8 @@ def test_pilot_with_another_perturbation_and_amplitude():
 
 @pytest.mark.slow
 def test_realizations_that_differ_need_more_of_them():
-    # Each third realization is of a joint that is half as stiff again: as much scatter as no noise alone gives.
+    # Each third realization is of a joint that is half as stiff again: as much scatter as no noise
+    # alone gives.
     ensemble = ensemble_of(40.0, "sine", "noise")
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = replace(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)

@@ -62,7 +62,8 @@ def test_realizations_that_moved_apart_no_longer_follow_each_other():
 def test_a_delay_under_a_perturbation_is_found_within_a_few_samples():
     traits = perfect(2, delay=0.1)
     preparation = tv.preprocess.prepare(tv.simulate.Participant(2, traits).simulate().recording)
-    # The perturbation's answer itself moves the best fit: some 6 ms from realization to realization.
+    # The perturbation's answer itself moves the best fit: some 6 ms from realization to
+    # realization.
     shifts = preparation.account.shifts
     assert abs(np.median(shifts) - 0.1) <= 1 / RATE
     assert 0.002 < shifts.std() < 0.010

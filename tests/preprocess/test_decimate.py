@@ -105,7 +105,8 @@ def test_the_same_rate_changes_nothing(random):
     [
         (
             300.0,
-            "1000 Hz is not a whole multiple of 300 Hz; rates that fit nearby: 125, 200, 250, 500 Hz",
+            "1000 Hz is not a whole multiple of 300 Hz; rates that fit nearby: 125, 200, 250, 500 "
+            "Hz",
         ),
         (2000.0, "not a whole multiple of 2000 Hz"),
         (0.0, "positive number of hertz"),

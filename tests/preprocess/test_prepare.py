@@ -104,7 +104,8 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
             simulation, preparation.recorded.select(preparation.account.kept)
         )
         unmoved_biases.append(unmoved.mean())
-    # The paper's sequence underestimates everybody; the same realizations where they were recorded do much less so.
+    # The paper's sequence underestimates everybody; the same realizations where they were recorded
+    # do much less so.
     assert max(biases) < 0
     assert -25 < np.mean(biases) < -10
     assert abs(np.mean(unmoved_biases)) < 0.5 * abs(np.mean(biases))
@@ -122,7 +123,8 @@ def test_the_recording_is_untouched_and_the_result_repeatable():
 
 def test_ends_too_short_for_the_context_cost_the_outer_realizations_and_it_is_counted():
     recording = simulated(1).recording
-    # Context and search take 1 s: of each of the ten trials the first realization lacks it if 0.5 s are cut off, and
+    # Context and search take 1 s: of each of the ten trials the first realization lacks it if 0.5 s
+    # are cut off, and
     # the last one if nothing is left behind it.
     assert tv.preprocess.prepare(recording, ends=0.5).recorded.left_out == 10
     assert tv.preprocess.prepare(recording, ends=0.5, reference=None).recorded.left_out == 0

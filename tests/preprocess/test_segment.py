@@ -73,7 +73,8 @@ def test_channels_come_along():
         ),
         (
             {"period": 1.005},
-            r"1.005 s is not a whole number of samples at 100 Hz \(100.5\); give a rate at which it is one",
+            r"1.005 s is not a whole number of samples at 100 Hz \(100.5\); give a rate at which "
+            r"it is one",
         ),
         ({"period": 0.0}, "a period of 0.0 s is shorter than a sample"),
         ({"period": -2.0}, "period must be a number of seconds, zero or more"),
@@ -122,7 +123,8 @@ def test_realizations_that_are_all_alike_are_refused(random):
     [(1e5, 40, ()), (1e3, 40, ()), (100, 5, ()), (30, 5, ()), (100, 40, ("disturbance",))],
 )
 def test_a_multisine_that_repeats_with_the_behaviour_is_refused(actuator, noise, channels):
-    # The noise of the torque moves a stiff actuator by 0.1 %; a soft one as if the joint had minus its stiffness.
+    # The noise of the torque moves a stiff actuator by 0.1 %; a soft one as if the joint had minus
+    # its stiffness.
     loop = tv.simulate.CompliantActuator(actuator_stiffness=actuator, noise_bandwidth=noise)
     lines = {
         "beside": (1.2, 5.2, 9.2, 13.2, 17.2),

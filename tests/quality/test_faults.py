@@ -360,7 +360,8 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
         check.name: check
         for check in tv.diagnose(ensemble, reference="disturbance", repeats=False).checks
     }
-    assert {name for name, check in checks.items() if check.what == "the behaviour is not repeated"} == {
+    assert {name for name, check in checks.items() if check.what == "the behaviour is not "
+                                                                    "repeated"} == {
         "drift", "misaligned-realizations", "unlike-realizations", "wrong-period", "scattered-realizations"
     }  # fmt: skip
     assert not checks["feedback"].found
@@ -449,7 +450,8 @@ def test_strengths_grow_with_the_fault():
         next(check.value for check in checks if check.name == "drift") for checks in strengths
     ]
     assert drifts == sorted(drifts, reverse=True)
-    # A torque that falls by 60 % in a straight line: 85 % of it in the first half, 55 % in the second.
+    # A torque that falls by 60 % in a straight line: 85 % of it in the first half, 55 % in the
+    # second.
     assert drifts[-1] == pytest.approx(-100 * 30 / 85, abs=3)
 
 

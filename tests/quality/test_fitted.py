@@ -56,7 +56,10 @@ def test_noise_predicts_nothing_and_its_p_value_is_fair():
 
 
 def test_the_p_value_is_fair_for_slow_noise():
-    """The sum over a realization of slow noise times an independent input; Student's t holds, whatever the colour."""
+    """The sum over a realization of slow noise times an independent input.
+
+    Student's t holds, whatever the colour.
+    """
     random = np.random.default_rng(2)
     noise = np.cumsum(random.normal(size=(300, 20, 100)), axis=2)
     scores = np.einsum("nrt,nrt->nr", noise, random.normal(size=noise.shape))

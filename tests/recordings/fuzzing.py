@@ -1,6 +1,7 @@
 """Damaged files of every format, read by processes with limits: what is not read is refused, and nothing worse.
 
-A mutant follows from the seed, its number and the sound files. Run by itself, any number of them are tried::
+A mutant follows from the seed, its number and the sound files. Run by itself, any number of them
+are tried::
 
     python -m tests.recordings.fuzzing --count 10000 --seed 1 --keep FOLDER
 """
@@ -305,7 +306,8 @@ def main():
     )
     for name in SEEDS:
         print(
-            f"{name:15}{read[name]:8}{refused[name]:8}{found[name]:9}{slowest[name]:8.2f} s{most[name] / 1e6:10.0f} MB"
+            f"{name:15}{read[name]:8}{refused[name]:8}{found[name]:9}{slowest[name]:8.2f} "
+            f"s{most[name] / 1e6:10.0f} MB"
         )
     print(f"{'all':15}{read.total():8}{refused.total():8}{found.total():9}")
     sys.exit(1 if found.total() else 0)

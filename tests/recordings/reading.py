@@ -21,7 +21,8 @@ ADDRESSES = (
     16 * GIB
 )  # a net below: memory that is taken is what is judged, and what is refused far sooner
 SECONDS = 20  # of processor time that a file may take
-SOON = "import tvsysid.recordings.limits as limits; limits.SECONDS = 1.5; "  # so small a file need not wait for its end
+# so small a file need not wait for its end
+SOON = "import tvsysid.recordings.limits as limits; limits.SECONDS = 1.5; "
 LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
 
 

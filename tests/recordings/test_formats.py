@@ -299,7 +299,8 @@ def test_labels_that_c3d_channels_share_are_numbered(tmp_path, signals, monkeypa
         (np.array([[1.0], [1.0, 2.0]], dtype=object), "pickled objects, which are never read"),
         (
             np.ones(599),
-            "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled together",
+            "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled "
+            "together",
         ),
         (np.ones((10, 20, 3)), "different lengths"),
         (np.zeros(0), "different lengths: other 0 x 1"),
@@ -331,7 +332,10 @@ def test_nothing_in_an_npz_is_unpickled(tmp_path):
 
 @pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.nc"])
 def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
-    """One rule for all formats that HDF5 is beneath; what is not followed is listed, and spoils nothing else."""
+    """One rule for all formats that HDF5 is beneath.
+
+    What is not followed is listed, and spoils nothing else.
+    """
     secret = tmp_path / "secret"
     secret.write_bytes(signals[0].tobytes())
     write_hdf5(tmp_path / "other.h5", *signals)
@@ -554,7 +558,10 @@ def test_edf_of_several_rates_is_refused_with_the_rates(tmp_path, signals):
         edfio.EdfSignal(signals[0][:200], 100.0, label="tq"),
     ]
     edfio.Edf(made).write(tmp_path / "a.edf")
-    expected = r"pos 400 x 1, tq 200 x 1 \(sampled at pos 200 Hz, tq 100 Hz\); .* resample them to one rate before"
+    expected = (
+        r"pos 400 x 1, tq 200 x 1 \(sampled at pos 200 Hz, tq 100 Hz\); .* resample them "
+        r"to one rate before"
+    )
     with pytest.raises(tv.InputError, match=expected):
         tv.read_recording(tmp_path / "a.edf", angle="pos", torque="tq", sampling_rate=200)
 

@@ -1,4 +1,7 @@
-"""Damaged files are read or refused; they never end, hang or fill the process that reads them (`fuzzing.py`)."""
+"""Damaged files are read or refused.
+
+They never end, hang or fill the process that reads them (`fuzzing.py`).
+"""
 
 import sys
 from pathlib import Path

@@ -22,11 +22,15 @@ from tvsysid.recordings import describe_file, process
 
 DAMAGED = Path(__file__).parent / "damaged"
 MESSAGES = {
-    "crash.c3d": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it is damaged: copy it again",
-    "endless.c3d": r"reading it took more than 1 s of processor time, and was stopped; it is probably damaged",
+    "crash.c3d": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it is "
+    r"damaged: copy it again",
+    "endless.c3d": r"reading it took more than 1 s of processor time, and was stopped; it is "
+    r"probably damaged",
     "memory.c3d": r"takes more memory than there is, or than what it holds accounts for",
-    "crash-uncompressed.mat": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it is damaged",
-    "crash-structure.mat": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it is damaged",
+    "crash-uncompressed.mat": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); "
+    r"it is damaged",
+    "crash-structure.mat": r"the library that reads such files crashed \(SIG(SEGV|BUS|ABRT)\); it "
+    r"is damaged",
     "bus-error.mat": "crashed|is it whole",
 }
 pytestmark = pytest.mark.skipif(

@@ -94,7 +94,8 @@ def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
         ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
         (
             {"channels": ["emg"]},
-            r"channels: expected a name in the recording and one in the file for each, got \['emg'\]",
+            r"channels: expected a name in the recording and one in the file for each, got "
+            r"\['emg'\]",
         ),
         ({"channels": {"torque": "angle"}}, "channels: 'torque' is the name of a signal already"),
     ],
@@ -238,8 +239,10 @@ def test_a_lost_signal_is_told_with_trial_and_time(tmp_path, random):
     with pytest.warns(tv.DataQualityWarning) as told:
         read(tmp_path / "ankle.mat", columns="trials", start=-1.0)
     assert [str(item.message) for item in told] == [
-        "ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; if the signal was lost there, cut that out",
-        "ankle.mat: tq stays at 0 for 0.4 s from 3.6 s in trial 1 of 2; if the signal was lost there, cut that out",
+        "ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; if the signal was lost "
+        "there, cut that out",
+        "ankle.mat: tq stays at 0 for 0.4 s from 3.6 s in trial 1 of 2; if the signal was lost "
+        "there, cut that out",
     ]
 
 

@@ -25,7 +25,10 @@ window.addEventListener("securitypolicyviolation", (event) => window.broken.push
 
 
 def look(browser, page, checks, folder):
-    """What statements in JavaScript, which fill ``seen``, find in a page; nothing may be written to the console."""
+    """What statements in JavaScript, which fill ``seen``, find in a page.
+
+    Nothing may be written to the console.
+    """
     content = page.read_text().replace("<meta http-equiv", f"{WATCH}<meta http-equiv", 1)
     framed = FRAME.replace("CHECKS", checks).replace(
         "PAGE", json.dumps(content).replace("</", "<\\/")

@@ -126,8 +126,8 @@ def test_each_participant_by_itself(experiment, elements):
 def test_what_the_alignment_does_is_told_with_its_size_and_what_to_do(elements):
     text = section(elements, "outcome")
     assert (
-        "changes the stiffness by −12.0 ± 2.5 N·m/rad (−12 %) in the mean of 2 recordings: 86.0 instead of"
-        in text
+        "changes the stiffness by −12.0 ± 2.5 N·m/rad (−12 %) in the mean of 2 recordings: 86.0 "
+        "instead of" in text
     )
     assert "reference = false under [preparation]" in text
     text = table(elements, "Mean stiffness over time of the realizations that were kept")

@@ -72,13 +72,14 @@ def test_a_paragraph_is_ready_to_paste(elements, identified):
     )
     assert f"version {tv.__version__}" in told
     assert (
-        "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 Hz, were cut into 60 "
+        "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 "
+        "Hz, were cut into 60 "
         "realizations of 2 s with 0.5 s of context on either side; 2 realizations too near the ends"
         in told
     )
     assert (
-        "short data segments (sds: max_lag=0.12, window=0.1; Ludvig and Perreault, 2012; van de Ruit et al., 2021)"
-        in told
+        "short data segments (sds: max_lag=0.12, window=0.1; Ludvig and Perreault, 2012; van de "
+        "Ruit et al., 2021)" in told
     )
     entries = methods_bibliography(identified)
     assert re.findall(r"^@\w+\{(\w+),$", entries, re.MULTILINE) == [
@@ -147,11 +148,12 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
     (told,) = answer(account)
     assert told.startswith(
-        "no stiffness is stated. The movement does not repeat with this period: stiffness varies by "
+        "no stiffness is stated. The movement does not repeat with this period: stiffness varies "
+        "by "
     )
     assert (
-        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness cancel out"
-        in told
+        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of "
+        "stiffness cancel out" in told
     )
     tv.report.write_identification(tmp_path / "report.html", account)
     page = Elements((tmp_path / "report.html").read_text())
@@ -215,8 +217,8 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
     assert "recommended" not in section(told, "outcome")
     paragraph = methods_paragraph(doubtful)
     assert (
-        "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch reflex's is"
-        in paragraph
+        "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch "
+        "reflex's is" in paragraph
     )
     assert "the intrinsic one" not in paragraph
     unshown = with_gain(-4.0, shown=0.0)
@@ -273,8 +275,8 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     )
     told = methods_paragraph(account)
     assert (
-        "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes"
-        in told
+        "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of "
+        "sds includes" in told
     )
     assert "A diagnosis of the data found: " in told
     told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["sds"]), diagnosis=diagnosis))

@@ -21,8 +21,8 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
     for place in range(1, 7):
         mean = f"{model.stiffness.mean():.1f} ± {(upper - lower).mean() / 2:.1f}"
         assert (
-            f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} at "
-            in told
+            f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} "
+            f"at " in told
         )
     assert told.endswith(
         "–none none"

@@ -1,4 +1,7 @@
-"""What one-path, open-loop methods make of systems that are neither; ranges from independent simulators."""
+"""What one-path, open-loop methods make of systems that are neither.
+
+Ranges from independent simulators.
+"""
 
 import numpy as np
 import pytest

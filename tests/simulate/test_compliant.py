@@ -87,7 +87,8 @@ LOADS = {"elastic": (30.0, None, 0.05), "viscous": (0.0, 3.0, 0.0), "inertial": 
 
 @pytest.mark.parametrize("load", LOADS)
 def test_a_torque_on_a_load_equals_the_differential_equation(load):
-    # Torque and noise as recorded, linear between samples; two switches of the stiffness within the 2 s.
+    # Torque and noise as recorded, linear between samples; two switches of the stiffness within the
+    # 2 s.
     stiffness, viscosity, inertia = LOADS[load]
     system = CompliantActuator(
         actuator_stiffness=stiffness, actuator_viscosity=viscosity, actuator_inertia=inertia, disturbance="torque",

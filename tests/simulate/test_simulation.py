@@ -70,7 +70,8 @@ def test_nothing_can_be_changed(name):
 
 @systems
 def test_the_noise_has_the_size_asked_for(name):
-    # In a closed loop the noise is held against the torque that the reference causes, which is a little less.
+    # In a closed loop the noise is held against the torque that the reference causes, which is a
+    # little less.
     simulation, slack = (
         simulate(name, 60.0, snr_db=7.0),
         0.15 if name in ("compliant", "loaded") else 1e-9,
@@ -83,7 +84,8 @@ def test_the_noise_has_the_size_asked_for(name):
 @systems
 @pytest.mark.parametrize("perturbation", PERTURBATIONS)
 def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
-    # Derivatives are differences of the recorded angle; the acceleration that a PRBS imposes jumps, which they smear.
+    # Derivatives are differences of the recorded angle; the acceleration that a PRBS imposes jumps,
+    # which they smear.
     system = replace(SYSTEMS[name], stiffness=PROFILES["sine"], inertia=0.002)
     simulation = system.simulate(
         10.0, perturbation=PERTURBATIONS[perturbation], snr_db=40.0, seed=1, rate=8000.0
@@ -176,7 +178,8 @@ def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message
 
 def test_a_simulation_says_what_it_holds():
     assert repr(simulate("reflex")).endswith(
-        "; stiffness 50 to 150, viscosity 2.2, inertia 0.02, reflex_gain 8; pathways intrinsic, reflex)"
+        "; stiffness 50 to 150, viscosity 2.2, inertia 0.02, reflex_gain 8; pathways intrinsic, "
+        "reflex)"
     )
 
 

@@ -170,7 +170,8 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
     noise = np.tile([-1.0, 1.0], 50)  # of one standard error
     replicates = scores + noise[:, None] * np.array([0.2, 0.0, 0.2, 0.2, 0.0])
     found = standing.ranks_of(scores, replicates)
-    # 4.2 is within 0.4 of 4.0, 4.5 is not and leads; 5.0 moves as 4.5 does, so that their difference is sure.
+    # 4.2 is within 0.4 of 4.0, 4.5 is not and leads; 5.0 moves as 4.5 does, so that their
+    # difference is sure.
     assert found["rank"].tolist() == [4, 1, 3, 1, 5]
     np.testing.assert_allclose(found["behind"], [0.5, np.nan, 0.5, 0.2, 4.0])
     np.testing.assert_allclose(found["behind_error"], [0.0, np.nan, 0.2, 0.2, 0.2], atol=1e-12)
@@ -245,7 +246,8 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
     [
         (
             "spin",
-            "unknown scenario 'spin'; the scenarios are gone, number, spring; a scenario of your own is named mod",
+            "unknown scenario 'spin'; the scenarios are gone, number, spring; a scenario of your "
+            "own is named mod",
         ),
         ("number", "scenario 'number' must be a mapping of settings, such as 'duration_s', got 3"),
         ("gone", "scenario 'gone' of the installed package mypackage cannot be loaded"),

@@ -1,4 +1,7 @@
-"""What the literature says of reflexes, against made-up figures; and a study of joints with a reflex, drawn."""
+"""What the literature says of reflexes, against made-up figures.
+
+And a study of joints with a reflex, drawn.
+"""
 
 import numpy as np
 import pytest

@@ -16,7 +16,10 @@ DRAWS = 200
 
 
 def scores_of(values, errors=0.01, study=None):
-    """Scores of the paper's study: values by (method, metric), or 1; each with a normal uncertainty."""
+    """Scores of the paper's study: values by (method, metric), or 1.
+
+    Each with a normal uncertainty.
+    """
     study = study or preset("paper", trials=10)
     random = np.random.default_rng(1)
     names = list(UNITS)
@@ -90,7 +93,8 @@ def test_one_cell_that_speaks_against_it_is_enough():
     row = table.loc["eirf has the lowest bias"]
     assert row.verdict == "does not hold"
     assert row.finding == (
-        "4 of 40 comparisons speak against it; the clearest: bias (freed of random error) of sds 9.0 N·m/rad, of eirf "
+        "4 of 40 comparisons speak against it; the clearest: bias (freed of random error) of sds "
+        "9.0 N·m/rad, of eirf "
         "20.0 N·m/rad (PRBS, 300 s)"
     )
     assert row.estimate == -11

@@ -22,7 +22,10 @@ class Model:
 
 @dataclasses.dataclass(frozen=True)
 class Mine:
-    """A researcher's own method: a constant joint's stiffness by regression on the angle alone; or it goes wrong."""
+    """A researcher's own method: a constant joint's stiffness by regression on the angle alone.
+
+    Or it goes wrong.
+    """
 
     fault: str = ""
 

@@ -1,9 +1,9 @@
 """The simulation study's figures, against those of two independent implementations.
 
-They hold the drive of the actuator over each sample, which puts inertia and viscosity into the torque that are not in
-the truth, and so, at the same signal-to-noise ratio, more noise (docs/simulation.md). Done in their way, the study must
-give their figures; done in ours, their biases and rise times, and no higher random errors.
-"""
+They hold the drive of the actuator over each sample, which puts inertia and viscosity into the
+torque that are not in the truth, and so, at the same signal-to-noise ratio, more noise
+(docs/simulation.md). Done in their way, the study must give their figures; done in ours, their
+biases and rise times, and no higher random errors."""
 
 import sys
 

@@ -97,7 +97,8 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
     scores = score(results)
     for name in set(UNITS) - {"lowest_vaf", "left_out", "failed", "debiased_bias_error"}:
         at = scores.sel(metric=name)
-        # What is drawn varies less than what it is drawn from, which replicates of spreads make up for.
+        # What is drawn varies less than what it is drawn from, which replicates of spreads make up
+        # for.
         factor = np.sqrt(8 / 7) if name == "random_error" or "_sd" in name else 1
         np.testing.assert_allclose(at.replicates, factor * at.value.item(), rtol=1e-9, err_msg=name)
 

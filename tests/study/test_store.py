@@ -164,7 +164,10 @@ def test_damaged_metadata_is_refused_whoever_reads_and_made_again_when_it_is_rem
 )
 def test_metadata_cut_short_is_not_read_and_made_again_by_the_command(copy, results, name, left):
     tear(copy / name, left)
-    expected = rf"incomplete: missing or cut short, as a loss of power leaves them: {name}; give the command that ran"
+    expected = (
+        rf"incomplete: missing or cut short, as a loss of power leaves them: {name}; give "
+        rf"the command that ran"
+    )
     with pytest.raises(tv.InputError, match=expected):
         read_results(copy)
     found, count = rerun(copy)

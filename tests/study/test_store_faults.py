@@ -212,7 +212,10 @@ def files_in(path):
 
 
 def never_wrong(path):
-    """Read a store, finished or not: what is read is right. Returns the message where it is not read."""
+    """Read a store, finished or not: what is read is right.
+
+    Returns the message where it is not read.
+    """
     try:
         found, beside = read_results(path), None
         with suppress(tv.InputError):

@@ -57,7 +57,8 @@ def test_settings_take_the_place_of_a_preset_s_everywhere():
 def test_a_study_from_toml(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(
-        'duration_s = [40, 80]\nperturbation = "prbs"\nsnr_db = [10, inf]\nmethods = ["sds:window=0.2", "kbr"]\n'
+        'duration_s = [40, 80]\nperturbation = "prbs"\nsnr_db = [10, inf]\nmethods = '
+        '["sds:window=0.2", "kbr"]\n'
         'trials = 7\n[[also]]\nstiffness = ["sine"]\nsnr_db = 0\n'
     )
     study = Study.from_toml(path)

@@ -33,7 +33,10 @@ class Model:
 
 @dataclasses.dataclass(frozen=True)
 class Banded:
-    """Says that stiffness, which is 50 and 150 N·m/rad in turn, lies between two values; so at the first times only."""
+    """Says that stiffness, which is 50 and 150 N·m/rad in turn, lies between two values.
+
+    So at the first times only.
+    """
 
     low: float
     high: float

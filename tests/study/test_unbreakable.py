@@ -166,7 +166,8 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
             "" if not already else f"resuming: {already} of {TOTAL} trials are done already"
         )
         told = re.fullmatch(
-            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same command resumes",
+            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same "
+            rf"command resumes",
             last,
         )
         assert told, errors
@@ -273,7 +274,8 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
         code, _, errors = tvsysid(*WORDS, "--workers", 2)
         assert code == 2
         assert re.search(
-            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes",
+            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command "
+            rf"resumes",
             errors,
         )
         assert "Traceback" not in errors

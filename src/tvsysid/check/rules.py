@@ -22,8 +22,9 @@ from tvsysid.numerics.threads import single_thread
 class Check:
     """One thing that is expected of a method, which it ``passed``, or did not pass or reach.
 
-    The ``message`` says what came and, if it did not pass, what was expected and what to do. What is not ``required``
-    is advice: a method may have reasons not to follow it. One whose foundation did not pass was not ``run``.
+    The ``message`` says what came and, if it did not pass, what was expected and what to do.
+    What is not ``required`` is advice: a method may have reasons not to follow it. One whose
+    foundation did not pass was not ``run``.
     """
 
     name: str
@@ -36,9 +37,9 @@ class Check:
 def check_method(method: object) -> list[Check]:
     """Put a method to everything that is expected of it.
 
-    It identifies simulated joints of known stiffness, which have the channels that it declares as ``inputs``. Nothing
-    is raised, whatever the method does. All checks come in their order; one whose foundation did not pass is reported
-    as not run.
+    It identifies simulated joints of known stiffness, which have the channels that it declares as
+    ``inputs``. Nothing is raised, whatever the method does. All checks come in their order; one
+    whose foundation did not pass is reported as not run.
 
     Examples
     --------
@@ -46,8 +47,8 @@ def check_method(method: object) -> list[Check]:
     >>> all(check.passed for check in check_method(create("sds")))
     True
     >>> check_method("sds")[0].message
-    'expected an object with identify(ensemble), got an object of type str; tvsysid.methods.parse makes a method of a
-    text'
+    'expected an object with identify(ensemble), got an object of type str; tvsysid.methods.parse
+    makes a method of a text'
     """
     subject, done = Subject(method), dict[str, Check]()
     with single_thread():
@@ -101,7 +102,10 @@ def _states_inputs(subject: Subject) -> str:
 def _identifies(subject: Subject) -> str:
     subject.model("constant")
     given = subject.case("constant").ensemble
-    return f"identified {len(given)} realizations of {given.duration:g} s at {given.sampling_rate:g} Hz"
+    return (
+        f"identified {len(given)} realizations of {given.duration:g} s at "
+        f"{given.sampling_rate:g} Hz"
+    )
 
 
 def _untouched(subject: Subject) -> str:
@@ -140,7 +144,8 @@ def _returns_model(subject: Subject) -> str:
     for name, most in scheduled.items():
         if (count := np.size(getattr(estimates[name], "values", estimates[name]))) > most:
             raise FailedError(
-                f"expected {most} values of {name} at most, as scheduled_quantities says, got {count}"
+                f"expected {most} values of {name} at most, as scheduled_quantities says, got "
+                f"{count}"
             )
     unsaid = ", ".join(name for name in estimates if name not in (*IMPEDANCE, *said))
     advice = (
@@ -212,7 +217,8 @@ def _predicts(subject: Subject) -> str:
     return _expect(
         seen > 80 and unseen > 80,
         f"VAF {seen:.1f} % of the noiseless torque, {unseen:.1f} % in data it has not seen",
-        "expected more than 80 %. Does predict count viscosity and inertia, and is it aligned in time?",
+        "expected more than 80 %. Does predict count viscosity and inertia, and is it aligned in "
+        "time?",
     )
 
 
@@ -227,7 +233,8 @@ def _follows_change(subject: Subject) -> str:
     return _expect(
         correlation > 0.8 and error < guess,
         f"correlation {correlation:.2f} with a sine of ±50 N·m/rad, error {error:.1f} N·m/rad RMS",
-        f"expected more than 0.8, and less than the {guess:.1f} of a constant guess. A method that takes stiffness as "
+        f"expected more than 0.8, and less than the {guess:.1f} of a constant guess. A method "
+        "that takes stiffness as "
         "constant can be compared, but will not do well; let it say so: time_invariant = True",
     )
 
@@ -237,12 +244,14 @@ def _repeats(subject: Subject) -> str:
     subject.model("changing")
     if not _same(subject.stiffness(subject.model("constant"), ensemble), subject.first):
         raise FailedError(
-            "the stiffness of the first model changed when identify was called again; return a new object each time"
+            "the stiffness of the first model changed when identify was called again; return a "
+            "new object each time"
         )
     again = subject.stiffness(subject.identify(ensemble), ensemble)
     if not _same(again, subject.first):
         raise FailedError(
-            f"the same data gave other numbers, up to {np.nanmax(np.abs(again - subject.first)):.2g} N·m/rad off; give "
+            "the same data gave other numbers, up to "
+            f"{np.nanmax(np.abs(again - subject.first)):.2g} N·m/rad off; give "
             "random numbers a fixed seed, and keep nothing from one call to the next"
         )
     return "the same data gave the same numbers, after other data too"
@@ -284,8 +293,10 @@ def _other_rate(subject: Subject, name: str = "other rate") -> str:
     truth = min(truths, key=lambda each: abs(each - mean))
     return _expect(
         abs(mean - truth) <= 0.15 * truth and share > 80,
-        f"at 128 Hz and 1.5 s: {mean:.3g} N·m/rad in the mean, where {truth:.3g} is true, VAF {share:.1f} %",
-        "expected at most 15 % off and more than 80 %. Use ensemble.sampling_rate and ensemble.samples instead of "
+        f"at 128 Hz and 1.5 s: {mean:.3g} N·m/rad in the mean, where {truth:.3g} is true, VAF "
+        f"{share:.1f} %",
+        "expected at most 15 % off and more than 80 %. Use ensemble.sampling_rate and "
+        "ensemble.samples instead of "
         "numbers that hold at 100 Hz and 2 s",
     )
 
@@ -306,7 +317,10 @@ def _without_context(subject: Subject) -> str:
             f"predict(ensemble) has a VAF of {share:.0f} %",
         ),
     ):
-        advice = "give NaN where lags, windows or derivatives reach beyond the samples, no invented values"
+        advice = (
+            "give NaN where lags, windows or derivatives reach beyond the samples, no "
+            "invented values"
+        )
         _expect(right, f"within 0.1 s of the ends {fault}", advice)
     return (
         f"{came}; NaN at {np.isnan(stiffness).all(axis=0).sum()} of {case.ensemble.samples} times"
@@ -339,13 +353,17 @@ def _own_warnings(subject: Subject) -> str:
     shown = "; ".join(list(subject.warned)[:3])
     if shown:
         raise FailedError(
-            f"it warned in other words than tvsysid.DataQualityWarning, which reports do not show: {shown}"
+            "it warned in other words than tvsysid.DataQualityWarning, which reports do not "
+            f"show: {shown}"
         )
     return "no other warnings than tvsysid.DataQualityWarning"
 
 
 class _Rule(NamedTuple):
-    """``judge`` gives what came, or raises; ``needs`` names the rule without which this one cannot be judged."""
+    """``judge`` gives what came, or raises.
+
+    ``needs`` names the rule without which this one cannot be judged.
+    """
 
     name: str
     judge: Callable[[Subject], str]
@@ -399,8 +417,14 @@ def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
         wrote = isinstance(error, ValueError) and any(
             words in said for words in ("read-only", "WRITEABLE")
         )
-        message = f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} {subject.described(error)}"
+        message = (
+            f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} "
+            f"{subject.described(error)}"
+        )
         if wrote:  # NumPy has no class for that error
-            advice = "it writes to an array that all methods share; work on a copy, as in ensemble.angle.copy()"
+            advice = (
+                "it writes to an array that all methods share; work on a copy, as in "
+                "ensemble.angle.copy()"
+            )
             message = f"{advice}. {subject.described(error)}"
     return Check(rule.name, False, message, rule.required)

@@ -37,7 +37,10 @@ class FailedError(Exception):
 
 
 class Case(NamedTuple):
-    """A simulated joint and the truth about it, (realization, time); the noiseless torque is the pathways' sum."""
+    """A simulated joint and the truth about it, (realization, time).
+
+    The noiseless torque is the pathways' sum.
+    """
 
     ensemble: Ensemble
     torque: Array
@@ -49,9 +52,12 @@ class Case(NamedTuple):
 def simulated_case(
     name: str, inputs: tuple[Input, ...], perturbation: str = "", joint: str = ""
 ) -> Case:
-    """Case of this name on a system with the channels of these inputs; the same one for every method.
+    """Case of this name on a system with the channels of these inputs.
 
-    The perturbation and the system are those of these names and settings, filtered noise and what fits without any.
+    The same one for every method.
+
+    The perturbation and the system are those of these names and settings, filtered noise and
+    what fits without any.
     """
     if name == "without context":
         whole = simulated_case("other rate", inputs, perturbation, joint)
@@ -99,7 +105,8 @@ def _channels(recording: Recording, inputs: tuple[Input, ...]) -> dict[str, Arra
     """Channels of a simulated recording under the names that the inputs have."""
     if len(inputs) > len(recording.channels):
         raise FailedError(
-            f"no system that the package simulates has all of {', '.join(item.name for item in inputs)}; expected one "
+            "no system that the package simulates has all of "
+            f"{', '.join(item.name for item in inputs)}; expected one "
             "reference, or one scheduling variable or input"
         )
     return dict(zip((item.name for item in inputs), recording.channels.values(), strict=False))
@@ -155,7 +162,10 @@ class Subject:
         return self.models[name]
 
     def stiffness(self, model: Any, ensemble: Ensemble) -> Array:
-        """Stiffness of a model, if it is one, shape (realization, time); the same for all where it tells none apart."""
+        """Stiffness of a model, if it is one, shape (realization, time).
+
+        The same for all where it tells none apart.
+        """
         if not isinstance(getattr(model, "estimates", None), Mapping):
             numbers("stiffness", model.stiffness, ensemble, over="(time,)")
         estimates = apply(_Found(model), ensemble, type(self.method).__name__).estimates
@@ -183,7 +193,8 @@ class Subject:
             missing = 100 * float(np.mean(np.isnan(values)))
             if missing > 50:
                 raise FailedError(
-                    f"{what} is NaN at {missing:.0f} % of the samples; expected numbers at most of them"
+                    f"{what} is NaN at {missing:.0f} % of the samples; expected numbers at most "
+                    "of them"
                 )
         return case, stiffness, torque
 

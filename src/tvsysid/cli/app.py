@@ -44,7 +44,8 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="Estimate how stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
+    help="Estimate how stiff a human joint is while it moves: time-varying identification of "
+    "joint impedance.\n\n"
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
 for command in (
@@ -78,7 +79,10 @@ def tvsysid(
 
 
 def usage_error(error: Exception) -> str | None:
-    """What a mistake on the command line was; nothing if only the help was asked for, None if it is another error."""
+    """What a mistake on the command line was.
+
+    Nothing if only the help was asked for, None if it is another error.
+    """
     message = getattr(error, "format_message", None)  # of the parser within typer
     if message is None:
         return None
@@ -92,7 +96,10 @@ def usage_error(error: Exception) -> str | None:
 
 
 def _missing(context: Any) -> str:
-    """All that is missing; the parser has taken in first what was given, and reports only the first that is not."""
+    """All that is missing.
+
+    The parser has taken in first what was given, and reports only the first that is not.
+    """
     needed = [
         each
         for each in context.command.get_params(context)

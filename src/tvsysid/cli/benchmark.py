@@ -47,9 +47,12 @@ def benchmark(
         Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None,
         option(
             None,
-            "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), `snr` "
-            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a stretch reflex, by methods "
-            "of one pathway and of two), `closed-loop` (an actuator that gives way, by methods with and without a "
+            "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, "
+            "and their sine), `snr` "
+            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a stretch "
+            "reflex, by methods "
+            "of one pathway and of two), `closed-loop` (an actuator that gives way, by methods "
+            "with and without a "
             "reference). The options below override its settings.",
         ),
     ] = None,
@@ -57,7 +60,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `loaded`, `scheduled` "
+            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, "
+            "`loaded`, `scheduled` "
             "(see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]",
         ),
     ] = None,
@@ -65,7 +69,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`; "
+            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as "
+            "`module:Object`; "
             "repeatable. [square]",
         ),
     ] = None,
@@ -73,7 +78,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as `module:Object`; "
+            "Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as "
+            "`module:Object`; "
             "repeatable. [noise and prbs]",
         ),
     ] = None,
@@ -91,7 +97,8 @@ def benchmark(
         list[Viscosity] | None,
         option(
             "NAME",
-            "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]",
+            "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. "
+            "[constant]",
         ),
     ] = None,
     method: MethodOption = [],
@@ -109,25 +116,29 @@ def benchmark(
 ) -> None:
     """Compare methods on simulated data with known stiffness.
 
-    Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the profile, lets every
-    method identify the same data, and scores them against the truth, as van de Ruit et al. (2021) do: bias (error of
-    the mean over trials), random error (standard deviation over trials), total error (both), rise time (from 10 to 90 %
-    of the step), VAF (share of the noiseless torque's variance that the model predicts), and VAF after a 1-10 Hz
-    band-pass.
+    Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the
+    profile, lets every method identify the same data, and scores them against the truth, as van de
+    Ruit et al. (2021) do: bias (error of the mean over trials), random error (standard deviation
+    over trials), total error (both), rise time (from 10 to 90 % of the step), VAF (share of the
+    noiseless torque's variance that the model predicts), and VAF after a 1-10 Hz band-pass.
 
     Writes to the folder:
 
-    - `report.html`: all results in one page: ranking, figures, and published claims compared with the results;
+    - `report.html`: all results in one page: ranking, figures, and published claims compared with
+      the results;
 
-    - `summary.csv`: a row for each scenario, method and metric, with value, standard error and unit;
+    - `summary.csv`: a row for each scenario, method and metric, with value, standard error and
+      unit;
 
     - `claims.csv`: each published claim, with the values found here and a verdict;
 
     - `figures/`: each figure as PNG, PDF and SVG;
 
-    - `results.zarr`: estimates, VAF, time taken and warnings of every trial; `xarray.open_zarr` reads it.
+    - `results.zarr`: estimates, VAF, time taken and warnings of every trial; `xarray.open_zarr`
+      reads it.
 
-    Every trial is saved as soon as it is done. If the command is interrupted or killed, the same command resumes.
+    Every trial is saved as soon as it is done. If the command is interrupted or killed, the same
+    command resumes.
 
     Example: `tvsysid benchmark --method sds --method sds:window=0.2 --trials 50`
 
@@ -162,7 +173,10 @@ def benchmark(
         _print_plan(study, workers or cores())
         return
     count = len(study.scenarios)
-    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.named_methods)} methods"
+    title = (
+        f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x "
+        f"{len(study.named_methods)} methods"
+    )
     check_folder(out)
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     if not write(results, out, command_line()):
@@ -189,17 +203,23 @@ def _print_plan(study: Study, workers: int) -> None:
     show_table("the study", headings, rows, "llllll")
     say(
         f"methods: {', '.join(study.named_methods)}\n"
-        f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: {taken.trials} trials, "
+        f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: "
+        f"{taken.trials} trials, "
         f"{taken.simulated_s:,.0f} s of data\n"
-        f"about {duration_text(taken.work_s / workers)} with {workers} process{'es' if workers > 1 else ''}, beside "
-        f"the start and the figures, and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was run"
+        f"about {duration_text(taken.work_s / workers)} with {workers} "
+        f"process{'es' if workers > 1 else ''}, beside "
+        f"the start and the figures, and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was "
+        "run"
     )
     for label, reason in taken.failures.items():
         remark("error", f"{label} fails: {reason}")
 
 
 def write(results: xr.Dataset, out: Path, command: str) -> bool:
-    """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
+    """Write tables, figures and report, and print the essence.
+
+    Whether every method gave a result in every trial.
+    """
     from tvsysid.report import problems
     from tvsysid.studies import published
     from tvsysid.studies.van_de_ruit_2021 import write_study

@@ -14,15 +14,17 @@ def check_method(
         str,
         typer.Argument(
             metavar="MODULE:CLASS",
-            help="Class of the method, in a module that is in the current folder or installed; or a key that "
+            help="Class of the method, in a module that is in the current folder or installed; or "
+            "a key that "
             "`tvsysid methods` lists.",
         ),
     ],
 ) -> None:
     """Check whether a method of your own works with the package.
 
-    The method identifies simulated joints, which takes some seconds. Each check prints what was expected and what the
-    method did. The exit code is 0 if it passes every required check, 1 if not, and 2 if it cannot be loaded.
+    The method identifies simulated joints, which takes some seconds. Each check prints what was
+    expected and what the method did. The exit code is 0 if it passes every required check, 1 if
+    not, and 2 if it cannot be loaded.
 
     Example: `tvsysid check-method mymethod:SlidingFit`
 

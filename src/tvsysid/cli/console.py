@@ -22,8 +22,8 @@ from tvsysid.showing import Progress, progress_bar
 class Stream(Console):
     """A console on which nothing is markup, because names and messages come from users and files.
 
-    Where nobody reads it any more, or its disk is full, it falls silent, because what a command computes and writes to
-    files must not be lost with it; ``lost`` is the reason.
+    Where nobody reads it any more, or its disk is full, it falls silent, because what a command
+    computes and writes to files must not be lost with it; ``lost`` is the reason.
     """
 
     lost: OSError | None = None
@@ -80,7 +80,9 @@ def show_table(
     caption: str | None = None,
     lines: bool = False,
 ) -> None:
-    """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right.
+    """Print a table.
+
+    `align` has a letter, l or r, for each of the first columns, and the others are aligned right.
 
     Where the terminal is too narrow for its longest words and numbers, each row is a list.
     """
@@ -91,7 +93,8 @@ def show_table(
         max(cell_len(line) for cell in column for line in cell.split("\n")) for column in columns
     ]
     longest = max((cell_len(row[0]) for row in told), default=0)
-    # Names such as those of methods are broken behind their punctuation only, and before numbers are.
+    # Names such as those of methods are broken behind their punctuation only, and before numbers
+    # are.
     if longest <= LONGEST_NAME or not any(" " in row[0] for row in told):
         least[0] = most[0]
     room = output.width - 3 * len(columns) - 1

@@ -61,38 +61,46 @@ def experiment(
 ) -> None:
     """Identify the stiffness of several participants, with its variability over bootstraps.
 
-    Reads each participant's trials, decimates them, cuts them into realizations, aligns these with the target torque,
-    excludes realizations that differ too much from the others, and lets every method identify 100 bootstraps of 75 and
-    150 realizations, as van de Ruit et al. (2021) do. Without a file it runs their experiment on six virtual
-    participants, whose true stiffness is known.
+    Reads each participant's trials, decimates them, cuts them into realizations, aligns these with
+    the target torque, excludes realizations that differ too much from the others, and lets every
+    method identify 100 bootstraps of 75 and 150 realizations, as van de Ruit et al. (2021) do.
+    Without a file it runs their experiment on six virtual participants, whose true stiffness is
+    known.
 
     Writes to the folder:
 
     - `report.html`: all results in one page;
 
-    - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstraps, for each participant,
+    - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstraps, for each
+      participant,
     perturbation, method and number of realizations;
 
-    - `summary.csv`: random error, VAF (share of the torque's variance that the model predicts), VAF after a 1-10 Hz
+    - `summary.csv`: random error, VAF (share of the torque's variance that the model predicts), VAF
+      after a 1-10 Hz
     band-pass, and further metrics;
 
-    - `exclusions.csv`: for each realization, by how much it was shifted, and which step excluded it and why;
+    - `exclusions.csv`: for each realization, by how much it was shifted, and which step excluded it
+      and why;
 
-    - `alignment.csv`: for each recording, the stiffness with and without the shifts that align realizations to the
+    - `alignment.csv`: for each recording, the stiffness with and without the shifts that align
+      realizations to the
     target;
 
-    - `diagnosis.html`: what is wrong with each recording, how it affects the result, and what to do;
+    - `diagnosis.html`: what is wrong with each recording, how it affects the result, and what to
+      do;
 
-    - `claims.csv`: the paper's claims about its experiment, with the values found here and a verdict;
+    - `claims.csv`: the paper's claims about its experiment, with the values found here and a
+      verdict;
 
-    - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble` reads them);
+    - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble`
+      reads them);
 
     - `figures/`: each figure as PNG, PDF and SVG, and a figure of every participant as PNG and PDF;
 
     - `results.zarr`: every bootstrap; `xarray.open_zarr` reads it.
 
-    The bootstraps of a method are saved as soon as they are done. If the command is interrupted or killed, the same
-    command resumes. A file that cannot be used is reported and left out.
+    The bootstraps of a method are saved as soon as they are done. If the command is interrupted or
+    killed, the same command resumes. A file that cannot be used is reported and left out.
 
     Example: `tvsysid experiment`
 
@@ -114,7 +122,10 @@ def experiment(
             remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
     if all(item.failure for item in prepared):
         raise InputError("no recording can be used; correct the errors above")
-    title = f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x {what.bootstraps} bootstraps"
+    title = (
+        f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x "
+        f"{what.bootstraps} bootstraps"
+    )
     with shown_warnings():
         study_run = partial(run, what, prepared=prepared)
         results = run_in(out, study_run, title, "analyses", workers, scheduler)
@@ -129,7 +140,10 @@ def write(
     out: Path,
     command: str,
 ) -> bool:
-    """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
+    """Write tables, ensembles, figures and report, and print the essence.
+
+    Whether every analysis gave a result.
+    """
     from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
@@ -154,7 +168,8 @@ def write(
             found = ", ".join(finding.name for finding in diagnosis.findings)
             remark(
                 "warning",
-                f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html",
+                f"{label}: {found}: what it does to the result, and what to do, is in "
+                "diagnosis.html",
             )
     if alignment:
         remark("warning", alignment)

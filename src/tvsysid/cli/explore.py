@@ -49,17 +49,19 @@ def explore(
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.
 
-    Needs Shiny: `pip install 'tvsysid[explore]'`. The page has channels, period, decimation, method and settings. It
-    shows stiffness with its band, the diagnosis, which method suits the data, and the `tvsysid identify` command and
-    the Python that give the same. What is not given here is chosen there.
+    Needs Shiny: `pip install 'tvsysid[explore]'`. The page has channels, period, decimation, method
+    and settings. It shows stiffness with its band, the diagnosis, which method suits the data, and
+    the `tvsysid identify` command and the Python that give the same. What is not given here is
+    chosen there.
 
-    Nothing leaves this computer: the page is at an address of its own (printed), with a secret in it, and asks no other
-    host for anything. Ctrl-C closes it. On another computer: `ssh -L 8000:127.0.0.1:8000 HOST`, and there
-    `tvsysid explore FILE --port 8000 --no-browser`.
+    Nothing leaves this computer: the page is at an address of its own (printed), with a secret in
+    it, and asks no other host for anything. Ctrl-C closes it. On another computer: `ssh -L
+    8000:127.0.0.1:8000 HOST`, and there `tvsysid explore FILE --port 8000 --no-browser`.
 
     Example: `tvsysid explore ankle.mat`
 
-    Example: `tvsysid explore ankle.mat --angle pos --torque tq --rate 1000 --period 2 --torque-sign -1`
+    Example: `tvsysid explore ankle.mat --angle pos --torque tq --rate 1000 --period 2
+    --torque-sign -1`
     """
     given = {
         name: value for name, value in locals().items() if name not in ("file", "port", "browser")

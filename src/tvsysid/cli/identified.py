@@ -26,7 +26,10 @@ def write_results(found: Comparison, out: Path) -> None:
 
 
 def write_account(account: Account, out: Path, name: str, sheet: bool) -> list[str]:
-    """Add the account to the models, and write page, figures and, if asked for, a sheet. Return all files' names."""
+    """Add the account to the models, and write page, figures and, if asked for, a sheet.
+
+    Return all files' names.
+    """
     from tvsysid.figures import identified_impedance, variable_of
     from tvsysid.recordings import describe_models
     from tvsysid.report import write_identification, write_sheet
@@ -50,7 +53,10 @@ def write_account(account: Account, out: Path, name: str, sheet: bool) -> list[s
 
 
 def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
-    """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
+    """Write what was estimated over variables, and draw it over the first of them.
+
+    Returns the names of the files.
+    """
     from tvsysid.figures import scheduled_estimates, variable_of
     from tvsysid.recordings import write_table
 
@@ -64,7 +70,10 @@ def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
 
 
 def write_tuning(found: Comparison, out: Path) -> list[str]:
-    """Print which settings were chosen, and write all that were tried; returns the names of the files."""
+    """Print which settings were chosen, and write all that were tried.
+
+    Returns the names of the files.
+    """
     if not found.evidence:
         return []
     import pandas as pd
@@ -81,7 +90,8 @@ def write_tuning(found: Comparison, out: Path) -> list[str]:
     for label, item in found.evidence.items():
         say(f"{label}: {item}")
     say(
-        f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}"
+        "the same settings again: "
+        f"{' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}"
     )
     tables = [item.to_pandas().assign(method=label) for label, item in found.evidence.items()]
     table = pd.concat(tables, ignore_index=True)

@@ -37,7 +37,8 @@ DEFAULT_METHODS = [
 ]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 SHOWN = 7  # values of a variable at which estimates are printed
-PIECES = 2.0  # seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
+# seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
+PIECES = 2.0
 USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 
@@ -52,7 +53,8 @@ def identify(
         str | None,
         options.option(
             "CHANNEL",
-            "Channel with a variable that the joint follows; the methods are then lpv and lpvkbi unless given. Without "
+            "Channel with a variable that the joint follows; the methods are then lpv and lpvkbi "
+            "unless given. Without "
             "--period, all of the record is one realization.",
         ),
     ] = None,
@@ -88,66 +90,81 @@ def identify(
 ) -> None:
     """Identify stiffness over time from a recording.
 
-    Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts the recording into
-    realizations of one period, subtracts the mean over realizations, and identifies by each method: by default
-    `adaptive`, which has no settings and is recommended, and five for comparison. Where the data make every stiffness
-    wrong, none is stated, and the first lines say why and what to do.
+    Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts
+    the recording into realizations of one period, subtracts the mean over realizations, and
+    identifies by each method: by default `adaptive`, which has no settings and is recommended, and
+    five for comparison. Where the data make every stiffness wrong, none is stated, and the first
+    lines say why and what to do.
 
-    A 95 % band accounts for noise only: it does not include the error of a method that smooths too much. That of
-    `adaptive` counts how unsure it is of how fast stiffness changes, and when it switches.
+    A 95 % band accounts for noise only: it does not include the error of a method that smooths too
+    much. That of `adaptive` counts how unsure it is of how fast stiffness changes, and when it
+    switches.
 
-    VAF is the share of the recorded torque's variance that the model predicts. It is computed from the data that the
-    model was identified from, so a method with many parameters has a high VAF even where its stiffness is mostly noise.
-    Compare methods by the VAF of realizations that were held out: each fifth of them (consecutive ones) is predicted
-    by what the method identifies from the others.
+    VAF is the share of the recorded torque's variance that the model predicts. It is computed from
+    the data that the model was identified from, so a method with many parameters has a high VAF
+    even where its stiffness is mostly noise. Compare methods by the VAF of realizations that were
+    held out: each fifth of them (consecutive ones) is predicted by what the method identifies from
+    the others.
 
-    A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it by `--channel`. An
-    input or a reference loses its mean as angle and torque do; a scheduling variable keeps it. A method that cannot
-    serve the recording is skipped, and the reason is printed. One that fails spoils no other; the exit code is then 1.
+    A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it
+    by `--channel`. An input or a reference loses its mean as angle and torque do; a scheduling
+    variable keeps it. A method that cannot serve the recording is skipped, and the reason is
+    printed. One that fails spoils no other; the exit code is then 1.
 
-    A joint that follows a measured variable needs no period: with `--scheduling` and without `--period`, all of the
-    record is one realization, and `--decimate` takes a sharper filter, as torque beyond the new band counts more there.
-    The variable is read under the name `scheduling`.
+    A joint that follows a measured variable needs no period: with `--scheduling` and without
+    `--period`, all of the record is one realization, and `--decimate` takes a sharper filter, as
+    torque beyond the new band counts more there. The variable is read under the name `scheduling`.
 
-    Where the torque is late or early, as by `tvsysid inspect --diagnose`, that is corrected before decimation, unless
-    correcting half or none of it predicts realizations held out better; a line says so. The figure's title states what
-    was corrected, and `delay_removed` (in s) in `models.nc`. `--no-align-channels` corrects nothing.
+    Where the torque is late or early, as by `tvsysid inspect --diagnose`, that is corrected before
+    decimation, unless correcting half or none of it predicts realizations held out better; a line
+    says so. The figure's title states what was corrected, and `delay_removed` (in s) in
+    `models.nc`. `--no-align-channels` corrects nothing.
 
-    Realizations with a gap, where both signals were held, zero or interpolated for 30 ms or more, are left out. Mains
-    hum that shows in the angle is subtracted from all channels before decimation. A line says so.
+    Realizations with a gap, where both signals were held, zero or interpolated for 30 ms or more,
+    are left out. Mains hum that shows in the angle is subtracted from all channels before
+    decimation. A line says so.
 
     Writes to the folder:
 
-    - `report.html`: all of it on one page: the stiffness to report with its band, how it was found, what is wrong with
-    the data and what to do, the methods side by side and why they differ, and a methods paragraph with references
-    (BibTeX) for a paper;
+    - `report.html`: all of it on one page: the stiffness to report with its band, how it was found,
+      what is wrong with
+    the data and what to do, the methods side by side and why they differ, and a methods paragraph
+    with references (BibTeX) for a paper;
 
-    - with `--sheet`, `sheet.html`: one page of A4 about one person and visit; `tvsysid report DIR DIR … --sheet` makes
+    - with `--sheet`, `sheet.html`: one page of A4 about one person and visit; `tvsysid report DIR
+      DIR … --sheet` makes
     one of several visits;
 
-    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia (kg·m²), each with its
-    95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%); a further quantity that a method
-    estimates over time has columns of the same kind;
+    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia
+      (kg·m²), each with its
+    95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%); a further
+    quantity that a method estimates over time has columns of the same kind;
 
-    - `models.nc`: a group for each method with its estimates, their standard errors and bands, and the torque of each
+    - `models.nc`: a group for each method with its estimates, their standard errors and bands, and
+      the torque of each
     pathway (NetCDF; `xarray.open_datatree` reads it);
 
     - `stiffness.png` and `.pdf`: stiffness, viscosity and inertia over time, with their bands;
 
-    - where something is estimated over a variable, `scheduled.csv` (method, variable, value, quantity, unit, estimate
+    - where something is estimated over a variable, `scheduled.csv` (method, variable, value,
+      quantity, unit, estimate
     and 95 % band), and `scheduled.png` and `.pdf` with a histogram of the variable;
 
-    - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how well each did.
+    - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how well
+      each did.
 
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2 --torque-sign -1`
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
+    2 --torque-sign -1`
 
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2
-    --channel emg=EMG_SOL --method mymethod:Scheduled`
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
+    2 --channel emg=EMG_SOL --method mymethod:Scheduled`
 
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2
-    --channel command=CMD --method kbr:reference=command,weighting=residual` (an actuator that gives way)
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
+    2 --channel command=CMD --method kbr:reference=command,weighting=residual` (an actuator that
+    gives way)
 
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --scheduling ankle_angle`
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100
+    --scheduling ankle_angle`
     """
     from tvsysid import preprocess
     from tvsysid.comparison import compare
@@ -155,8 +172,10 @@ def identify(
 
     if period is None and scheduling is None:
         raise InputError(
-            "--period is missing: the duration of one repetition of the behaviour (s); for a joint that is held still, "
-            "any will do (--period 2); where nothing repeats, give the channel with a variable that the joint follows "
+            "--period is missing: the duration of one repetition of the behaviour (s); for a "
+            "joint that is held still, "
+            "any will do (--period 2); where nothing repeats, give the channel with a variable "
+            "that the joint follows "
             "(--scheduling)"
         )
     if scheduling is not None:
@@ -243,7 +262,10 @@ def _remark_on(rate: float) -> None:
 def _cleaned(
     recording: Recording, remove_mains: bool, period: float | None, context: float
 ) -> tuple[Recording, tuple[Gap, ...], list[Finding], list[str]]:
-    """Recording less mains hum; gaps to leave out; faults that stay; what was done, which is printed."""
+    """Recording less mains hum; gaps to leave out; faults that stay.
+
+    What was done, which is printed.
+    """
     from tvsysid import preprocess
     from tvsysid.figures.words import count
     from tvsysid.quality import diagnose_recording
@@ -254,7 +276,10 @@ def _cleaned(
         every, kept = (
             len(preprocess.segment(recording, period, context, each)) for each in ((), gaps)
         )
-        lost = f"{count(every - kept, 'realization')} with gaps {'was' if every - kept == 1 else 'were'} left out"
+        lost = (
+            f"{count(every - kept, 'realization')} with gaps "
+            f"{'was' if every - kept == 1 else 'were'} left out"
+        )
         done += [lost] * (every > kept)
         say(f"{found.pop('gaps').what}; {lost}")
     if remove_mains and found["mains"].found:
@@ -316,7 +341,10 @@ def _show_impedance(account: Account) -> None:
         for row in found.rows()
     ]
     cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
-    title = f"stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) and VAF (%): {cut}"
+    title = (
+        "stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) "
+        f"and VAF (%): {cut}"
+    )
     show_table(f"{'not valid: ' if withdrawn else ''}{title}", headings, rows)
 
 
@@ -421,7 +449,8 @@ def _show_diagnosis(account: Account) -> None:
             remark("note", text)
         names = ", ".join(each.name for each in account.diagnosis.findings)
         say(
-            f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}"
+            "diagnosis: "
+            f"{account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}"
         )
     else:
         say(f"diagnosis: none: {account.undiagnosed}")
@@ -452,7 +481,8 @@ def _show_reflex(account: Account) -> None:
     elif "reflex_gain" in found.models[found.leading].estimates:
         remark(
             "note",
-            f"{found.leading} estimates a reflex beside the stiffness, which {names} take for stiffness",
+            f"{found.leading} estimates a reflex beside the stiffness, which {names} take for "
+            "stiffness",
         )
 
 

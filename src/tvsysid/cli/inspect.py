@@ -30,8 +30,10 @@ def inspect(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, HDF5, NetCDF, NWB, "
-            "Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF (`tvsysid[edf]`).",
+            help="MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, "
+            "HDF5, NetCDF, NWB, "
+            "Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF "
+            "(`tvsysid[edf]`).",
         ),
     ],
     plot: Annotated[
@@ -45,8 +47,10 @@ def inspect(
         typer.Option(
             "--diagnose",
             metavar="",
-            help="Also read the recording and cut it into realizations as `tvsysid identify` does, and report what is "
-            "wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour repeats.",
+            help="Also read the recording and cut it into realizations as `tvsysid identify` "
+            "does, and report what is "
+            "wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour "
+            "repeats.",
         ),
     ] = False,
     angle: Annotated[str | None, options.ANGLE] = None,
@@ -62,7 +66,8 @@ def inspect(
         str | None,
         options.option(
             "NAME",
-            "Channel (of --channel) with the disturbance that was applied, to look for a closed loop.",
+            "Channel (of --channel) with the disturbance that was applied, to look for a closed "
+            "loop.",
         ),
     ] = None,
     columns: options.ColumnsOption = "contiguous",
@@ -75,16 +80,18 @@ def inspect(
 ) -> None:
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
-    Prints each channel's name, shape and type, and its unit and sampling rate if the file states them, and draws the
-    signals: against time if the file states the rate, else against sample numbers. The names are those that the
-    options `--angle`, `--torque` and `--channel` of `tvsysid identify` expect.
+    Prints each channel's name, shape and type, and its unit and sampling rate if the file states
+    them, and draws the signals: against time if the file states the rate, else against sample
+    numbers. The names are those that the options `--angle`, `--torque` and `--channel` of `tvsysid
+    identify` expect.
 
-    With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or clipped signals,
-    drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what each fault does to the result and
-    what to do, and which method suits the data (with `--period`), and writes a page with figures,
-    `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE and TORQUE are the channels' names). The recording is
-    diagnosed at its own rate, because decimation would hide some faults; `--decimate` is only checked. Without
-    `--period` the record is cut into pieces of 2 s, and what concerns repetitions is not judged.
+    With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or
+    clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what
+    each fault does to the result and what to do, and which method suits the data (with `--period`),
+    and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE
+    and TORQUE are the channels' names). The recording is diagnosed at its own rate, because
+    decimation would hide some faults; `--decimate` is only checked. Without `--period` the record
+    is cut into pieces of 2 s, and what concerns repetitions is not judged.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -118,7 +125,8 @@ def inspect(
     channels = describe_file(file, header)
     if reference is not None and reference not in {text.partition("=")[0] for text in channel}:
         raise InputError(
-            f"--reference {reference}: no --channel is read under this name; add --channel {reference}=CHANNEL, one of "
+            f"--reference {reference}: no --channel is read under this name; add --channel "
+            f"{reference}=CHANNEL, one of "
             f"{', '.join(channels)}"
         )
     _show_channels(file.name, channels)
@@ -134,7 +142,8 @@ def inspect(
     if period is None:
         remark(
             "note",
-            f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat",
+            f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to "
+            "repeat",
         )
     with shown_warnings():
         recording = options.read(
@@ -152,7 +161,8 @@ def inspect(
         )
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
-        # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
+        # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates
+        # by itself.
         known = [] if reference is None else [reference]
         cut = preprocess.segment(
             recording, period or PIECES, context, preprocess.find_gaps(recording)
@@ -191,7 +201,10 @@ def _show_channels(name: str, channels: dict[str, Channel]) -> None:
 def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
     say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
     for check in diagnosis.findings:
-        lines = f"  seen:   {check.what}\n  effect: {check.fault.effect}\n  remedy: {check.fault.remedy}"
+        lines = (
+            f"  seen:   {check.what}\n  effect: {check.fault.effect}\n  remedy: "
+            f"{check.fault.remedy}"
+        )
         say((check.name, "bold"), f" ({check.strength})\n{lines}")
     for line in diagnosis.notes:
         say(line)

@@ -29,7 +29,8 @@ def leaderboard(
         list[str] | None,
         option(
             "NAME",
-            "Further scenario, of an installed package or as `module:name`; repeatable. The table is then not that of "
+            "Further scenario, of an installed package or as `module:name`; repeatable. The table "
+            "is then not that of "
             "the version.",
         ),
     ] = None,
@@ -50,14 +51,15 @@ def leaderboard(
 ) -> None:
     """Rank methods by one score, on simulated joints that are the same for everybody.
 
-    Entries are the package's methods, those of installed packages, and those given with `--method`. Each identifies
-    joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a measured variable. The score is the
-    error of the stiffness in per cent of its mean, with its standard error; entries that cannot be told apart share a
-    rank.
+    Entries are the package's methods, those of installed packages, and those given with `--method`.
+    Each identifies joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a
+    measured variable. The score is the error of the stiffness in per cent of its mean, with its
+    standard error; entries that cannot be told apart share a rank.
 
     Writes to the folder:
 
-    - `leaderboard.html`: ranks, scores, errors and what the score is, the same page whenever it is made;
+    - `leaderboard.html`: ranks, scores, errors and what the score is, the same page whenever it is
+      made;
 
     - `leaderboard.csv`: a row for each entry;
 
@@ -79,7 +81,10 @@ def leaderboard(
             "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
         )
     check_folder(out)
-    title = f"{len(study.scenarios)} scenarios x {study.trials} trials x {len(study.named_methods)} entries"
+    title = (
+        f"{len(study.scenarios)} scenarios x {study.trials} trials x "
+        f"{len(study.named_methods)} entries"
+    )
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)

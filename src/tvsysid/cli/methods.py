@@ -27,10 +27,13 @@ def methods() -> None:
     for group in (*order, *(each for each in groups if each not in order)):
         show_table(group, ["key", "method"], groups[group], "ll", lines=True)
     say(
-        "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings follow the key: "
+        "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings "
+        "follow the key: "
         "sds:window=0.2,max_lag=0.1\n"
-        "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.\n"
-        "A method of your own is module:Class or module:Class:setting=value; tvsysid check-method checks it."
+        "kbr also takes preset=simulation (the default) or preset=experiment: the paper's "
+        "settings for either study.\n"
+        "A method of your own is module:Class or module:Class:setting=value; tvsysid check-method "
+        "checks it."
     )
     for text in clashes():
         remark("note", text)

@@ -30,8 +30,10 @@ MethodOption = Annotated[
     list[str],
     option(
         "KEY[:SETTING=VALUE,…]",
-        "Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your own is `module:Class`, "
-        "where the module is in the current folder or installed. Repeatable; `tvsysid methods` lists the methods.",
+        "Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your own "
+        "is `module:Class`, "
+        "where the module is in the current folder or installed. Repeatable; `tvsysid methods` "
+        "lists the methods.",
         "--method",
         "-m",
     ),
@@ -54,21 +56,24 @@ DecimateOption = Annotated[
     float | None,
     option(
         "HZ",
-        "Low-pass filter and decimate to this rate first; 100 Hz is usual, and makes it much faster.",
+        "Low-pass filter and decimate to this rate first; 100 Hz is usual, and makes it much "
+        "faster.",
     ),
 ]
 ColumnsOption = Annotated[
     Columns,
     option(
         None,
-        "What the columns of a matrix are: parts of one recording, in order of time, or separate trials.",
+        "What the columns of a matrix are: parts of one recording, in order of time, or separate "
+        "trials.",
     ),
 ]
 TorqueSignOption = Annotated[
     int,
     option(
         "1|-1",
-        "Give -1 if the file's torque has the opposite sign: torque must rise with the angle (torque = stiffness x "
+        "Give -1 if the file's torque has the opposite sign: torque must rise with the angle "
+        "(torque = stiffness x "
         "angle, with positive stiffness).",
     ),
 ]
@@ -87,14 +92,16 @@ HeaderOption = Annotated[
     typer.Option(
         "--header/--no-header",
         metavar="",
-        help="Whether the first line of a text table (CSV, TSV) has names; if not, columns are called 1, 2, ...",
+        help="Whether the first line of a text table (CSV, TSV) has names; if not, columns are "
+        "called 1, 2, ...",
     ),
 ]
 ChannelOption = Annotated[
     list[str],
     option(
         "NAME=CHANNEL",
-        "Read a further channel for methods that need one, and give it the name that the method expects: "
+        "Read a further channel for methods that need one, and give it the name that the method "
+        "expects: "
         "`emg=EMG_SIGNAL` reads EMG_SIGNAL as emg. Repeatable.",
         "--channel",
     ),
@@ -103,7 +110,8 @@ ContextOption = Annotated[
     float,
     option(
         "S",
-        "Seconds kept before and after each realization, because lags and windows reach beyond its ends.",
+        "Seconds kept before and after each realization, because lags and windows reach beyond "
+        "its ends.",
     ),
 ]
 
@@ -116,7 +124,8 @@ SchedulerOption = Annotated[
     str | None,
     option(
         "ADDRESS",
-        "Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
+        "Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs "
+        "`tvsysid[dask]`.",
     ),
 ]
 OutOption = Annotated[Path, option("DIR", "Folder for the results.", "--out")]

@@ -36,14 +36,16 @@ def plan(
         list[str],
         option(
             "NAME",
-            "Perturbation, as of `tvsysid simulate`; repeatable, to compare. [noise; with --pilot that of the pilot]",
+            "Perturbation, as of `tvsysid simulate`; repeatable, to compare. [noise; with --pilot "
+            "that of the pilot]",
         ),
     ] = [],
     amplitude: Annotated[
         list[float],
         option(
             "RAD",
-            "RMS of the angle; repeatable, to compare. [0.0087, half a degree; with --pilot the pilot's]",
+            "RMS of the angle; repeatable, to compare. [0.0087, half a degree; with --pilot the "
+            "pilot's]",
         ),
     ] = [],
     system: Annotated[
@@ -65,7 +67,8 @@ def plan(
         Path | None,
         option(
             "FILE",
-            "Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.",
+            "Recording to take joint, noise and perturbation from. Needs --angle, --torque, "
+            "--rate.",
         ),
     ] = None,
     angle: Annotated[str | None, options.ANGLE] = None,
@@ -91,20 +94,21 @@ def plan(
 ) -> None:
     """Say how much to record for stiffness of a wished precision.
 
-    Simulates ensembles of 5, 10, 20, … realizations of a stated joint and protocol, or of what a pilot recording
-    shows, and identifies them by each method. How far its stiffness scatters, and how far it is off in the mean, says
-    how many realizations it needs. A second simulation, of a joint whose stiffness steps, says how fast a change each
-    method can follow.
+    Simulates ensembles of 5, 10, 20, … realizations of a stated joint and protocol, or of what a
+    pilot recording shows, and identifies them by each method. How far its stiffness scatters, and
+    how far it is off in the mean, says how many realizations it needs. A second simulation, of a
+    joint whose stiffness steps, says how fast a change each method can follow.
 
-    Prints the shortest recording that suffices, and for each method: realizations, how long to record (with those at
-    both ends that lack context), half the width of the 95 % band that they give, bias (which no band counts), and the
-    time in which it follows a step. Where no number suffices, it says why. Writes `plan.png` and `plan.csv` to the
-    folder.
+    Prints the shortest recording that suffices, and for each method: realizations, how long to
+    record (with those at both ends that lack context), half the width of the 95 % band that they
+    give, bias (which no band counts), and the time in which it follows a step. Where no number
+    suffices, it says why. Writes `plan.png` and `plan.csv` to the folder.
 
-    Example: `tvsysid plan --precision 5 --perturbation noise --perturbation prbs --amplitude 0.01 --noise 0.3`
+    Example: `tvsysid plan --precision 5 --perturbation noise --perturbation prbs --amplitude 0.01
+    --noise 0.3`
 
-    Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle pos --torque tq --rate 1000
-    --decimate 100 --period 2`
+    Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle pos --torque
+    tq --rate 1000 --decimate 100 --period 2`
     """
     from dataclasses import replace
 
@@ -140,7 +144,8 @@ def plan(
     else:
         if stated:
             raise InputError(
-                f"--pilot {pilot}: the pilot shows what --{' and --'.join(stated)} would state; leave it out"
+                f"--pilot {pilot}: the pilot shows what --{' and --'.join(stated)} would state; "
+                "leave it out"
             )
         if angle is None or torque is None or rate is None:
             raise InputError("--pilot needs --angle, --torque and --rate, as `tvsysid identify`")
@@ -212,7 +217,8 @@ def _show(found: Plan) -> None:
                 say(f"  * {each.method} does not suffice: {each.why}")
             if each.excess > TOLD:
                 say(
-                    f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as simulated: counted"
+                    f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as "
+                    "simulated: counted"
                 )
     say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
 

@@ -26,8 +26,8 @@ def unnamed_references(
 ) -> Iterator[str]:
     """Yield a sentence for each channel that is not ``known`` and moves the joint as a reference does.
 
-    None is looked for where a method was given one. The file is read anew with each of them, by ``read`` of a list of
-    NAME=CHANNEL.
+    None is looked for where a method was given one. The file is read anew with each of them, by
+    ``read`` of a list of NAME=CHANNEL.
     """
     from tvsysid import preprocess
     from tvsysid.methods.base import inputs_of

@@ -28,7 +28,8 @@ def report(
         bool,
         options.option(
             "",
-            "Write one page of A4 about one person, from folders of `tvsysid identify`: one for each visit, in the "
+            "Write one page of A4 about one person, from folders of `tvsysid identify`: one for "
+            "each visit, in the "
             "order of time. For research use only.",
             "--sheet",
         ),
@@ -36,11 +37,11 @@ def report(
 ) -> None:
     """Write the report, tables and figures of a benchmark or an experiment again, from its results.
 
-    Reads `results.zarr` in the folder, complete or not, and writes `report.html`, the tables and `figures/` beside it.
-    The recordings of an experiment are read and prepared again.
+    Reads `results.zarr` in the folder, complete or not, and writes `report.html`, the tables and
+    `figures/` beside it. The recordings of an experiment are read and prepared again.
 
-    With `--sheet`, reads `models.nc` of each folder instead, and writes `sheet.html` to the last of them: stiffness
-    over time and over visits, with bands, to be printed.
+    With `--sheet`, reads `models.nc` of each folder instead, and writes `sheet.html` to the last of
+    them: stiffness over time and over visits, with bands, to be printed.
 
     Example: `tvsysid report tvsysid-benchmark`
 
@@ -55,7 +56,8 @@ def report(
         return
     if len(folders) > 1:
         raise InputError(
-            f"report: expected one folder, got {len(folders)}; several visits of one person take --sheet"
+            f"report: expected one folder, got {len(folders)}; several visits of one person take "
+            "--sheet"
         )
     _again(folders[0])
 
@@ -79,7 +81,8 @@ def _again(folder: Path) -> None:
     if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
         remark(
             "note",
-            "the recordings are missing or have changed: exclusions.csv, prepared/ and the figures of recording and "
+            "the recordings are missing or have changed: exclusions.csv, prepared/ and the "
+            "figures of recording and "
             "preparation stay as they are, and the page does not show these figures",
         )
         prepared = ()

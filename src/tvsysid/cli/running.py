@@ -51,7 +51,10 @@ def run_in(
     workers: int | None,
     scheduler: str | None,
 ) -> xr.Dataset:
-    """Results of a run with store, workers, executor and progress; if it ends early, the message says how to resume."""
+    """Results of a run with store, workers, executor and progress.
+
+    If it ends early, the message says how to resume.
+    """
     kept = [0, 0]
 
     def count() -> str:
@@ -81,7 +84,10 @@ def run_in(
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | None]]:
-    """Executor of a Dask cluster and the number of its threads; without a scheduler, None for both."""
+    """Executor of a Dask cluster and the number of its threads.
+
+    Without a scheduler, None for both.
+    """
     if scheduler is None:
         yield None, None
         return
@@ -99,7 +105,8 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | No
         threads = sum(client.nthreads().values())
         if not threads:
             raise InputError(
-                f"--scheduler {scheduler}: this cluster has no workers; start some with `dask worker {scheduler}`"
+                f"--scheduler {scheduler}: this cluster has no workers; start some with `dask "
+                f"worker {scheduler}`"
             )
         yield client.get_executor(pure=False), threads
 
@@ -108,7 +115,10 @@ def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str)
     """Print failures, warnings and what is missing; return whether no method failed."""
     there = results.checksums.values.any(axis=-1)
     if not there.all():
-        text = f"{there.sum()} of {there.size} {units} are done so far; the command that started them resumes"
+        text = (
+            f"{there.sum()} of {there.size} {units} are done so far; the command that started "
+            "them resumes"
+        )
         remark("warning", text)
     for problem in met:
         failed = problem["kind"] == "failed"
@@ -121,7 +131,10 @@ def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str)
 
 
 def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
-    """Print the verdicts on the paper's claims; `need` says what the claims without a verdict need."""
+    """Print the verdicts on the paper's claims.
+
+    `need` says what the claims without a verdict need.
+    """
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
     studied = claims[claims.verdict != "not studied"]
     rows = [

@@ -27,9 +27,12 @@ def simulate(
         str,
         option(
             "NAME",
-            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain; `reflex-sine`, "
-            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: closed loop; `loaded`: "
-            "moved by a torque), `scheduled` (stiffness follows EMG), or your own as `module:Object`. Settings may "
+            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant "
+            "gain; `reflex-sine`, "
+            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: "
+            "closed loop; `loaded`: "
+            "moved by a torque), `scheduled` (stiffness follows EMG), or your own as "
+            "`module:Object`. Settings may "
             "follow: `reflex:reflex_gain=4,noise_bandwidth=1`.",
         ),
     ] = "joint",
@@ -37,7 +40,8 @@ def simulate(
         str | None,
         option(
             "NAME",
-            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`. "
+            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as "
+            "`module:Object`. "
             "[that of the system: sine for scheduled, else square]",
         ),
     ] = None,
@@ -45,8 +49,10 @@ def simulate(
         str,
         option(
             "NAME",
-            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), "
-            "`pulses` (to either side, with rests), `multisine` (sines at a few frequencies), or your own as "
+            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary "
+            "sequence), "
+            "`pulses` (to either side, with rests), `multisine` (sines at a few frequencies), or "
+            "your own as "
             "`module:Object`.",
         ),
     ] = "noise",
@@ -59,7 +65,8 @@ def simulate(
         float,
         option(
             "HZ",
-            "Sampling rate. Nothing is filtered: at low rates, what is faster is folded into the torque (at 100 Hz "
+            "Sampling rate. Nothing is filtered: at low rates, what is faster is folded into the "
+            "torque (at 100 Hz "
             "inertia is found 44 % low). Simulate at 1000 Hz, and decimate.",
         ),
     ] = 1000.0,
@@ -68,23 +75,26 @@ def simulate(
         int | None,
         option(
             "N",
-            "Write the ten trials of virtual participant number N instead, to a .mat file that `tvsysid experiment` "
+            "Write the ten trials of virtual participant number N instead, to a .mat file that "
+            "`tvsysid experiment` "
             "reads; only --perturbation applies to it.",
         ),
     ] = None,
 ) -> None:
     """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
-    The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such as `emg`. It also
-    holds the truth: `noiseless_torque` (N·m), that of each pathway if there are several (`torque_reflex`), and
-    `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²) and the system's other true quantities. The
-    behaviour repeats every 2 s. The file of a participant has a column for each trial of 70 s at 1024 Hz, and `target`
-    (N·m), the torque that the participant was asked to produce.
+    The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such
+    as `emg`. It also holds the truth: `noiseless_torque` (N·m), that of each pathway if there are
+    several (`torque_reflex`), and `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²)
+    and the system's other true quantities. The behaviour repeats every 2 s. The file of a
+    participant has a column for each trial of 70 s at 1024 Hz, and `target` (N·m), the torque that
+    the participant was asked to produce.
 
-    Example: `tvsysid simulate joint.mat && tvsysid identify joint.mat --angle angle --torque torque --rate 1000
-    --decimate 100 --period 2`
+    Example: `tvsysid simulate joint.mat && tvsysid identify joint.mat --angle angle --torque torque
+    --rate 1000 --decimate 100 --period 2`
 
-    Example: `tvsysid simulate reflex.mat --system reflex-sine --stiffness sine --perturbation pulses`
+    Example: `tvsysid simulate reflex.mat --system reflex-sine --stiffness sine --perturbation
+    pulses`
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
@@ -108,7 +118,8 @@ def simulate(
             simulated = replace(settings, stiffness=profile)
         except TypeError as error:
             raise InputError(
-                f"--stiffness: {system} is not a dataclass with a field stiffness; leave out --stiffness, and set it "
+                f"--stiffness: {system} is not a dataclass with a field stiffness; leave out "
+                "--stiffness, and set it "
                 f"in {system}"
             ) from error
         period = period if stiffness in PROFILES else getattr(profile, "period", period)
@@ -129,12 +140,14 @@ def simulate(
     at = f"{rate:g} {decimation(rate)}".rstrip()
     channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
-        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
+        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} "
+        "--angle angle "
         f"--torque torque --rate {at} --period {period:g}{channels}"
     )
     if "disturbance" in simulation.recording.channels:
         say(
-            "in closed loop with its reference: add --method kbr:reference=disturbance,weighting=residual"
+            "in closed loop with its reference: add --method "
+            "kbr:reference=disturbance,weighting=residual"
         )
     if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
         say(
@@ -181,6 +194,7 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
         f"wrote {file}: angle, torque, target and the true stiffness, {count} trials of "
         f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; to "
         "analyse it, put this into study.toml:\n"
-        f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = "torque"\n'
+        f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = '
+        f'"torque"\n'
         f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
     )

@@ -1,4 +1,7 @@
-"""Where the program starts and ends: signals, streams, errors, exit codes. Light, so that it is ready at once."""
+"""Where the program starts and ends: signals, streams, errors, exit codes.
+
+Light, so that it is ready at once.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,16 @@ if TYPE_CHECKING:
 INTERRUPTED = (
     130  # exit code after Ctrl-C; 128 and the signal's number after any other that ends a program
 )
-TWICE_S = 1.0  # seconds within which a second signal is the same request: a job's end is often announced twice
+# seconds within which a second signal is the same request: a job's end is often announced twice
+TWICE_S = 1.0
 
 
 def main() -> None:
     """Run the command line.
 
-    An error that the user can correct is one line on standard error, with exit code 2. Ctrl-C and the signal by which a
-    cluster ends a job end the program in order wherever it is; a second one ends it at once.
+    An error that the user can correct is one line on standard error, with exit code 2. Ctrl-C
+    and the signal by which a cluster ends a job end the program in order wherever it is; a
+    second one ends it at once.
     """
     _open_standard_streams()
     stopped: dict[int, float] = {}
@@ -58,10 +63,12 @@ def main() -> None:
     elif code == INTERRUPTED:
         code, text = (
             2,
-            "nobody interrupted it, but the code of a method or system raised KeyboardInterrupt; mend that",
+            "nobody interrupted it, but the code of a method or system raised KeyboardInterrupt; "
+            "mend that",
         )
     _say_end(code, text)
-    # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it ran; and it would
+    # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it
+    # ran; and it would
     # wait for the threads that a method's module leaves behind.
     if stopped or not all(each.daemon for each in threading.enumerate() if each not in before):
         atexit._run_exitfuncs()
@@ -111,7 +118,8 @@ def _run() -> tuple[int, str]:
     except MemoryError:
         return (
             2,
-            "there is not enough memory for this; give a shorter duration, fewer trials or a lower rate",
+            "there is not enough memory for this; give a shorter duration, fewer trials or a "
+            "lower rate",
         )
     except Exception as error:
         text = usage_error(error)
@@ -123,7 +131,8 @@ def _run() -> tuple[int, str]:
     ):  # who reads the first lines only loses nothing
         return (
             2,
-            f"standard output: {output.lost.strerror}; what was not printed is lost, the files are complete",
+            f"standard output: {output.lost.strerror}; what was not printed is lost, the files "
+            "are complete",
         )
     return (1, code) if isinstance(code, str) else (code if isinstance(code, int) else 0, "")
 

@@ -1,4 +1,7 @@
-"""From settings to what is shown of them; what does not change is kept from one change to the next."""
+"""From settings to what is shown of them.
+
+What does not change is kept from one change to the next.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +90,10 @@ class Outcome:
 
 
 async def in_turn(work: Callable[..., T], *given: object) -> T:
-    """What some work returns, in a thread of its own, when nothing else is at work; not begun if cancelled before."""
+    """What some work returns, in a thread of its own, when nothing else is at work.
+
+    Not begun if cancelled before.
+    """
     while ONE_AT_A_TIME.locked():
         await asyncio.sleep(TURN_S)
     return await asyncio.to_thread(work, *given)

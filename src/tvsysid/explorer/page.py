@@ -1,4 +1,7 @@
-"""The page: controls, and what is shown of an outcome. Native elements of a form, which keyboards and readers know."""
+"""The page: controls, and what is shown of an outcome.
+
+Native elements of a form, which keyboards and readers know.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +67,10 @@ class Judged(NamedTuple):
 
 
 def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[str, str]) -> App:
-    """Application for a recording, or a file and its ``channels`` with labels; ``given`` are the controls' values."""
+    """Application for a recording, or a file and its ``channels`` with labels.
+
+    ``given`` are the controls' values.
+    """
     key, typed = method_parts(given["method"])
     every = _methods(key)
     reading = [] if isinstance(source, Recording) else [_reading(given, channels)]
@@ -173,7 +179,10 @@ def _number(name: str, label: str, value: float | None) -> ui.Tag:
 
 
 def _results() -> ui.Tag:
-    """What is shown of an outcome; only the answer and the diagnosis are announced when they change."""
+    """What is shown of an outcome.
+
+    Only the answer and the diagnosis are announced when they change.
+    """
     silent = [ui.output_ui(name) for name in ("picture", "numbers", "again")]
     for each in silent:
         each.attrs["aria-live"] = "off"

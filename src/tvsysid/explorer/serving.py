@@ -32,7 +32,10 @@ GRACE_S = 1  # for pages that are still open when it closes
 
 
 class Exploration:
-    """A page that is open; a notebook shows it. ``url`` is its address on this computer, ``close`` ends it."""
+    """A page that is open; a notebook shows it.
+
+    ``url`` is its address on this computer, ``close`` ends it.
+    """
 
     def __init__(self, app: App, port: int = 0) -> None:
         import uvicorn  # noqa: PLC0415  # optional
@@ -77,11 +80,16 @@ class Exploration:
 
     def _repr_html_(self) -> str:
         source = html.escape(self.url)
-        return f'<iframe src="{source}" title="tvsysid explore" width="100%" height="900" style="border:0"></iframe>'
+        return (
+            f'<iframe src="{source}" title="tvsysid explore" width="100%" height="900" '
+            f'style="border:0"></iframe>'
+        )
 
 
 def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> Exploration:
-    """Open a page on which settings are chosen and their result is seen at once; what ``tvsysid explore`` does.
+    """Open a page on which settings are chosen and their result is seen at once.
+
+    What ``tvsysid explore`` does.
 
     Needs Shiny: ``pip install 'tvsysid[explore]'``. A notebook shows the page below the cell.
 
@@ -92,14 +100,15 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
     port
         Where the page is, on this computer alone; 0 for any port that is free.
     **given
-        What the page begins with: the options of ``tvsysid explore``, by the same names (``angle``, ``torque``,
-        ``rate``, ``period``, ``decimate``, ``method``, ``align_channels``, ...). What is not given is chosen there.
+        What the page begins with: the options of ``tvsysid explore``, by the same names (``angle``,
+        ``torque``, ``rate``, ``period``, ``decimate``, ``method``, ``align_channels``, ...). What
+        is not given is chosen there.
 
     Raises
     ------
     InputError
-        If Shiny is not installed, the file cannot be read, an option is unknown or none that the page can show, or the
-        port is in use.
+        If Shiny is not installed, the file cannot be read, an option is unknown or none that the
+        page can show, or the port is in use.
 
     Examples
     --------

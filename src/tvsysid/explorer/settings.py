@@ -95,7 +95,10 @@ def command(settings: Settings) -> str:
 def python(
     settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating: tuple[str, ...] = ()
 ) -> str:
-    """The same in Python, with ``delay`` (s) and ``mains`` (Hz) removed; ``deviating`` channels lose their mean."""
+    """The same in Python, with ``delay`` (s) and ``mains`` (Hz) removed.
+
+    ``deviating`` channels lose their mean.
+    """
     lines = ["import tvsysid as tv", ""]
     if isinstance(settings.source, Reading):
         words = [repr(str(settings.source.file)), f"sampling_rate={_text(settings.source.rate)}"]
@@ -161,7 +164,9 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
 
 
 def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
-    """Settings of what the controls ``said``, by name; ``source`` has what of a :class:`Reading` has no control.
+    """Settings of what the controls ``said``, by name.
+
+    ``source`` has what of a :class:`Reading` has no control.
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""Figures: each function takes what it draws and returns a figure; none computes more than means and spreads.
+"""Figures: each function takes what it draws and returns a figure.
+
+None computes more than means and spreads.
 
 A ``title`` stands above all of a figure.
 """

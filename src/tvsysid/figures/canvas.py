@@ -1,4 +1,7 @@
-"""A figure that a notebook shows, whatever its backend; apart, because it takes Matplotlib to say what it is."""
+"""A figure that a notebook shows, whatever its backend.
+
+Apart, because it takes Matplotlib to say what it is.
+"""
 
 from __future__ import annotations
 

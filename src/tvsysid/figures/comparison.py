@@ -35,8 +35,10 @@ BARS_OF_PATHWAYS = {
     "reflex pathway_vaf": "VAF reflex\n(%)",
 }
 OVER_TIME = {"stiffness": "stiffness\n(N·m/rad)", "reflex_gain": "reflex gain\n(N·m·s/rad)"}
-OUTLYING = 5.0  # bars are cut off at this multiple of what is usual among the methods: one would hide the others
-GAP = 0.1  # between the bars of two methods, beside the room on either side, as a share of a method's width
+# bars are cut off at this multiple of what is usual among the methods: one would hide the others
+OUTLYING = 5.0
+# between the bars of two methods, beside the room on either side, as a share of a method's width
+GAP = 0.1
 
 
 @style.styled
@@ -50,8 +52,8 @@ def method_comparison(
 ) -> Figure:
     """Estimates and time-varying VAF over time, and bars of every metric; a column for each method.
 
-    For each scenario shown a row of axes for each quantity and one for the VAF, and an axes for each metric that is
-    known.
+    For each scenario shown a row of axes for each quantity and one for the VAF, and an axes for
+    each metric that is known.
 
     Parameters
     ----------
@@ -60,9 +62,10 @@ def method_comparison(
     shown
         Labels of the scenarios that are drawn over time: mean ± 2 standard deviations over trials.
     bars
-        Labels of the scenarios that have a bar in each of the lower axes: value ± its standard error. A bar that is
-        far longer than is usual among the methods is cut off, and its value printed. A VAF, whose axis need not begin
-        at zero, is a dot with ± 2 standard deviations over trials.
+        Labels of the scenarios that have a bar in each of the lower axes: value ± its standard
+        error. A bar that is far longer than is usual among the methods is cut off, and its value
+        printed. A VAF, whose axis need not begin at zero, is a dot with ± 2 standard deviations
+        over trials.
     metrics
         Of the summary, and what their axes are called.
     """
@@ -263,7 +266,8 @@ def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence
     """Dots of a VAF with what is possible of their whiskers: a bar would mislead where the axis is cut."""
     places, ends = _places(*values.shape), np.nan_to_num(reach)
     for row, hue in enumerate(style.hues(methods).values()):
-        # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before 2.4.
+        # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before
+        # 2.4.
         whiskers = np.stack([ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]).tolist()
         axes.errorbar(
             places[row],

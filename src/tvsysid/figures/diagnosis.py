@@ -28,9 +28,10 @@ FARTHEST = 3.0  # multiple of what is usual at which a realization is drawn at t
 def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     """Six pictures of what :func:`tvsysid.diagnose` saw in an ensemble.
 
-    Power of the angle with the band that is needed, power of the torque and of what the joint's model leaves, coherence
-    over time and frequency, stiffness in both halves of the experiment, stiffness and noise of each realization, and
-    correlation of the torque left over with angle and speed over lags.
+    Power of the angle with the band that is needed, power of the torque and of what the joint's
+    model leaves, coherence over time and frequency, stiffness in both halves of the experiment,
+    stiffness and noise of each realization, and correlation of the torque left over with angle
+    and speed over lags.
     """
     figure, grid = panels(2, 3, 10.0, 6.2, title)
     curves = diagnosis.curves
@@ -59,17 +60,23 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
         :, (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
     ]
     sentences = [
-        f"Power of the angle over frequency, 95 % of it below {measures['bandwidth of the angle']}, and the band from "
+        "Power of the angle over frequency, 95 % of it below "
+        f"{measures['bandwidth of the angle']}, and the band from "
         f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}.",
-        "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they explain "
+        "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they "
+        "explain "
         f"{measures['explained torque']}.",
-        f"Coherence of torque and angle over time and frequency, median {float(np.median(inside)):.2f} up to "
+        "Coherence of torque and angle over time and frequency, median "
+        f"{float(np.median(inside)):.2f} up to "
         f"{SHOWN:g} Hz.",
         f"Stiffness over time in the first half of the experiment and in the second ({drift}).",
         f"Stiffness of each realization over what is usual, from {curves.stiffness.min():.2f} to "
-        f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to {curves.noise.max():.2f}.",
-        f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the speed, largest "
-        f"{farthest[1]}; by chance 95 % of them lie below {float(curves.chance):.2f}, the grey band. What is beyond it "
+        f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to "
+        f"{curves.noise.max():.2f}.",
+        f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the "
+        "speed, largest "
+        f"{farthest[1]}; by chance 95 % of them lie below {float(curves.chance):.2f}, the grey "
+        "band. What is beyond it "
         "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
     ]
     return Illustration(
@@ -168,7 +175,10 @@ def _realizations(axes: Axes, curves: Curves) -> None:
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
-    """Two combs side by side; a joint of second order that is moved from outside leaves both within the limits."""
+    """Two combs side by side.
+
+    A joint of second order that is moved from outside leaves both within the limits.
+    """
     step = 1000 * float(curves.lag[1] - curves.lag[0])
     limit = float(curves.chance)
     axes.axhspan(-limit, limit, color=INK, alpha=0.15, linewidth=0, label="chance")

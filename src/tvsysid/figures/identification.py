@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 OVER_TIME = (("time",), ("realization", "time"))
 LETTERS = 44  # of a title above axes of 3.6 inches
 REMARK_LETTERS = 64  # of a line of a remark within these axes
-WIDE = 1.6  # multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines
+# multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines
+WIDE = 1.6
 
 
 @style.styled
@@ -35,13 +36,15 @@ def identified_impedance(
 
     The first of the models is in front, with a thicker line.
 
-    Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its own axis. A quantity
-    of the impedance says so where no method identified it. Estimates of single realizations are averaged.
+    Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its
+    own axis. A quantity of the impedance says so where no method identified it. Estimates of single
+    realizations are averaged.
 
     Parameters
     ----------
     models, vaf
-        By label: the models, and their time-varying VAF in per cent, shape (time,); no axes for it if it is empty.
+        By label: the models, and their time-varying VAF in per cent, shape (time,); no axes for it
+        if it is empty.
     but_over
         Variable over which nothing is drawn, because :func:`scheduled_estimates` does.
     """
@@ -188,7 +191,10 @@ def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
 
 
 def _wide(found: Mapping[str, Found]) -> set[str]:
-    """Methods that reach so much farther than is usual that they would cover what the others found; never the first."""
+    """Methods that reach so much farther than is usual that they would cover what the others found.
+
+    Never the first.
+    """
     if len(found) < 3:
         return set()
     reaches = np.array(
@@ -239,7 +245,10 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
 
 @style.styled
 def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
-    """By how much all settings that were tried are worse than the best; axes for each method, three side by side."""
+    """By how much all settings that were tried are worse than the best.
+
+    Axes for each method, three side by side.
+    """
     columns = min(len(evidence), 3)
     rows = -(-len(evidence) // columns)
     figure, grid = style.panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 4.2 * rows, title)

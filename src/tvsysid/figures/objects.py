@@ -34,9 +34,10 @@ if TYPE_CHECKING:
 def plot(shown: Any, title: str = "") -> Figure:
     """Picture of a recording, ensemble, preparation, diagnosis, model, comparison, evidence, or results of a study.
 
-    What ``shown.plot()`` draws. Results, as of :func:`tvsysid.study.run`, are an ``xarray.Dataset``, which has another
-    ``plot`` of its own: of a simulation study, estimates over time of the scenario in the middle; of an experiment,
-    stiffness of all participants. The functions of :mod:`tvsysid.figures` that draw these take more to choose from.
+    What ``shown.plot()`` draws. Results, as of :func:`tvsysid.study.run`, are an
+    ``xarray.Dataset``, which has another ``plot`` of its own: of a simulation study, estimates over
+    time of the scenario in the middle; of an experiment, stiffness of all participants. The
+    functions of :mod:`tvsysid.figures` that draw these take more to choose from.
 
     Raises
     ------
@@ -64,7 +65,8 @@ def plot(shown: Any, title: str = "") -> Figure:
             else stiffness_of_participants(shown, title)
         )
     raise InputError(
-        "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, evidence, plan or results of "
+        "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, "
+        "evidence, plan or results of "
         f"a study, got {type(shown).__name__}"
     )
 

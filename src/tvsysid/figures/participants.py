@@ -48,14 +48,15 @@ TORQUES: tuple[tuple[str, float, style.Style], ...] = (
 def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
     """Mean stiffness over bootstraps of every participant, a line for each method, above the torque.
 
-    A column for each participant, six of them abreast; a row for each perturbation, and one for the torque if it is
-    known. Vertical scales are common.
+    A column for each participant, six of them abreast; a row for each perturbation, and one for the
+    torque if it is known. Vertical scales are common.
 
     Parameters
     ----------
     results
-        Of an experiment: the estimates, the truth, ``target_torque`` and ``mean_torque``, the last three NaN where not
-        known. Each method is shown with the fewest realizations that it was given.
+        Of an experiment: the estimates, the truth, ``target_torque`` and ``mean_torque``, the last
+        three NaN where not known. Each method is shown with the fewest realizations that it was
+        given.
     """
     participants, perturbations = (
         unique(results.participant.values),
@@ -108,8 +109,9 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
 def participant_in_detail(results: xr.Dataset, participant: str, title: str = "") -> Figure:
     """Stiffness and time-varying VAF of one participant: mean ± 2 standard deviations over bootstraps.
 
-    A column for each method, with the fewest realizations that it was given; a row for each perturbation with the
-    stiffness, and one with the VAF. A grey line is the torque to be followed, with its scale on the right.
+    A column for each method, with the fewest realizations that it was given; a row for each
+    perturbation with the stiffness, and one with the VAF. A grey line is the torque to be followed,
+    with its scale on the right.
 
     Parameters
     ----------
@@ -138,13 +140,14 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
 def stiffness_with_bands(results: xr.Dataset, recording: str, title: str = "") -> Figure:
     """Stiffness of one recording by every method, in one row: mean ± 2 standard deviations over bootstraps.
 
-    A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them. ``InputError`` if there
-    is no recording of this label.
+    A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them.
+    ``InputError`` if there is no recording of this label.
     """
     there = unique(results.recording.values)
     if recording not in there:
         raise InputError(
-            f"stiffness_with_bands: there is no recording {recording!r}; there are {', '.join(there)}"
+            f"stiffness_with_bands: there is no recording {recording!r}; there are "
+            f"{', '.join(there)}"
         )
     return _bands(results, {"": recording}, ("stiffness",), title)
 

@@ -23,7 +23,9 @@ PER_INCH = 11  # letters of the title
 
 @style.styled
 def planned_recording(plan: Plan, title: str = "") -> Figure:
-    """Half width of a 95 % band, bias included, against minutes; a dot where the wish is met, and the rise times.
+    """Half width of a 95 % band, bias included, against minutes.
+
+    A dot where the wish is met, and the rise times.
 
     A panel for each setup, and one with the time in which each method follows a step.
     """

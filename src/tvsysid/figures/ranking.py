@@ -31,9 +31,11 @@ def leaderboard(
     Parameters
     ----------
     table
-        Columns rank, entry, score, score_error, and one for each scenario, with its error in %; in order of score.
+        Columns rank, entry, score, score_error, and one for each scenario, with its error in %; in
+        order of score.
     groups
-        Names of scenarios by what they have in common; they are numbered from 1, as the columns of the picture.
+        Names of scenarios by what they have in common; they are numbered from 1, as the columns of
+        the picture.
     """
     names = [name for group in groups.values() for name in group]
     figure = blank(3.6 + 0.42 * len(names), 1.3 + 0.28 * len(table), title)

@@ -33,13 +33,14 @@ def recorded_channels(
 ) -> Figure:
     """Channels of a file before anything is done with it, one above the other, each over its own time.
 
-    An axes for each channel, with its unit, or "unit not stated", and time in s where the rate is stated.
+    An axes for each channel, with its unit, or "unit not stated", and time in s where the rate is
+    stated.
 
     Parameters
     ----------
     channels
-        By name: what the file states of it, and for each column the positions (in samples) and the values to draw, as
-        of :func:`tvsysid.recordings.outline`.
+        By name: what the file states of it, and for each column the positions (in samples) and the
+        values to draw, as of :func:`tvsysid.recordings.outline`.
     """
     figure, grid = panels(len(channels), 1, 7.0, 1.0 + 1.7 * len(channels), title)
     for axes, (name, (channel, columns)) in zip(grid[:, 0], channels.items(), strict=True):

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
-"""Variables of a study that are drawn over time; of an experiment, also those of :data:`TORQUES`."""
+"""Variables of a study that are drawn over time.
+
+Of an experiment, also those of :data:`TORQUES`.
+"""
 TORQUES = ["target_torque", "mean_torque"]
 BANDS = ["covered", "truth"]  # variables that :func:`tvsysid.figures.coverage_over_time` takes
 SPIKE = 0.3  # how far beyond 98 % of a method's values an axis reaches, as a share of their range
@@ -37,7 +40,10 @@ def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """What the methods estimated, over time and the axes of the study; NaN where there is no estimate."""
+    """What the methods estimated, over time and the axes of the study.
+
+    NaN where there is no estimate.
+    """
     return _of(results.estimate, quantity)
 
 
@@ -123,10 +129,12 @@ def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> st
 
 
 def usual_range(values: Array, always: Array) -> tuple[float, float]:
-    """Limits of an axis that shows what methods have in common, and all of other values, with room; from zero if near.
+    """Limits of an axis that shows what methods have in common, and all of other values, with room.
 
-    A method that is out of its depth has spikes, or is far off; that shall not hide the rest. Values have shape
-    (method, ...), those that are always shown any.
+    From zero if near.
+
+    A method that is out of its depth has spikes, or is far off; that shall not hide the rest.
+    Values have shape (method, ...), those that are always shown any.
     """
     extents = [_without_spikes(known) for each in values if (known := each[np.isfinite(each)]).size]
     ends = [float(each) for each in always[np.isfinite(always)]]

@@ -26,8 +26,9 @@ T = TypeVar("T")
 class Illustration:
     """A figure that is still to be drawn, and what it shows in words.
 
-    ``draw`` gives the figure: a :func:`functools.partial` of a function of this package with what it draws, so that it
-    can be sent to another process. The description, in full sentences, stands for the picture where it cannot be seen;
+    ``draw`` gives the figure: a :func:`functools.partial` of a function of this package with what
+    it draws, so that it can be sent to another process. The description, in full sentences, stands
+    for the picture where it cannot be seen;
     :func:`draw_all` saves the picture with all of these endings.
     """
 
@@ -50,7 +51,9 @@ class Picture:
 
 @contextmanager
 def helpers(workers: int) -> Iterator[Executor | None]:
-    """Processes that help :func:`share_out`, one less than ``workers``; they start while the caller does other things.
+    """Processes that help :func:`share_out`, one less than ``workers``.
+
+    They start while the caller does other things.
 
     A script must be guarded by ``if __name__ == "__main__":``.
     """
@@ -94,8 +97,8 @@ def share_out(
 ) -> dict[str, T]:
     """Results of a function that can be pickled for several arguments by name, in their order.
 
-    Processes of :func:`helpers` begin with the first ones, this process with the last. What a helper that dies leaves
-    undone is done here.
+    Processes of :func:`helpers` begin with the first ones, this process with the last. What a
+    helper that dies leaves undone is done here.
     """
     futures: dict[str, Future[T]] = {}
     if pool is not None and len(jobs) > 1:
@@ -139,10 +142,14 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def drawn(figure: Figure, format: str) -> bytes:
-    """Figure as the content of a file: "svg" (its text stays text), "pdf" or "png"; the same figure, the same bytes."""
+    """Figure as the content of a file: "svg" (its text stays text), "pdf" or "png".
+
+    The same figure, the same bytes.
+    """
     from matplotlib import rc_context  # noqa: PLC0415  # heavy
 
-    # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's date would make each one new.
+    # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's date would make each
+    # one new.
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
     content = BytesIO()
@@ -151,7 +158,8 @@ def drawn(figure: Figure, format: str) -> bytes:
             "ignore", "Glyph .* missing from font", UserWarning
         )  # such as Chinese; an SVG has them
         if (engine := figure.get_layout_engine()) is not None:
-            # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws twice for each of them.
+            # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws
+            # twice for each of them.
             engine.execute(figure)
             figure.set_layout_engine(None)
         figure.savefig(content, format=format, dpi=150, metadata=undated.get(format))

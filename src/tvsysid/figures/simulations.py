@@ -37,7 +37,8 @@ ERRORS = {
 }
 AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
 NOMINAL = 95.0
-SMOOTHED = 0.05  # seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
+# seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
+SMOOTHED = 0.05
 
 
 @styled
@@ -49,14 +50,15 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     Parameters
     ----------
     summary
-        Rows of a study's summary for one stiffness profile and viscosity, with several durations and one
-        signal-to-noise ratio, or the other way round: ``InputError`` if both vary. Data without noise have no place on
-        the axis of ratios and are left out.
+        Rows of a study's summary for one stiffness profile and viscosity, with several durations
+        and one signal-to-noise ratio, or the other way round: ``InputError`` if both vary. Data
+        without noise have no place on the axis of ratios and are left out.
     """
     several = [name for name in AMOUNTS if summary[name].nunique() > 1]
     if len(several) > 1:
         raise InputError(
-            "error_against_amount: durations and signal-to-noise ratios both vary; give the rows of one duration or "
+            "error_against_amount: durations and signal-to-noise ratios both vary; give the rows "
+            "of one duration or "
             "of one ratio"
         )
     amount = several[0] if several else "duration_s"
@@ -102,8 +104,8 @@ def error_against(
 ) -> Figure:
     """Error against something that varies, a line for each method: value ± standard error.
 
-    ``what`` varies and which ``error``, with their units; the rows have columns method, size (of what varies), value
-    and standard_error.
+    ``what`` varies and which ``error``, with their units; the rows have columns method, size (of
+    what varies), value and standard_error.
     """
     looks = lines(unique(rows.method))
     figure, grid = panels(1, 1, 4.6, 3.8, title)
@@ -125,7 +127,10 @@ def error_against(
 
 
 def _scale(axes: Axes, values: Array) -> None:
-    """Logarithmic where values span most of a decade, with plain numbers at its ticks; from zero otherwise."""
+    """Logarithmic where values span most of a decade, with plain numbers at its ticks.
+
+    From zero otherwise.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415  # heavy
 
     known = values[np.isfinite(values)]
@@ -183,7 +188,10 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
 
 
 def _averaged(held: Array, time: Array) -> Array:
-    """Per cent of the bands over a moving window that hold the truth, shape (time,); NaN where no trial has one."""
+    """Per cent of the bands over a moving window that hold the truth, shape (time,).
+
+    NaN where no trial has one.
+    """
     known = np.isfinite(held)
     kernel = np.ones(max(1, round(SMOOTHED / (time[1] - time[0]))))
     hits, bands = (
@@ -200,8 +208,9 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
     Parameters
     ----------
     responses
-        ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over (instant, lag), in
-        N·m/(rad·s); coordinates lag and instant in s, and stiffness over (instant,) in N·m/rad.
+        ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over
+        (instant, lag), in N·m/(rad·s); coordinates lag and instant in s, and stiffness over
+        (instant,) in N·m/rad.
     """
     count = responses.sizes["instant"]
     figure, grid = panels(

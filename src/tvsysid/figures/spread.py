@@ -46,7 +46,9 @@ SPREAD = {
 POSSIBLE = {"vaf": (0.0, 100.0), "bandpassed_vaf": (0.0, 100.0), "mean_bias": (-np.inf, np.inf)}
 """Lowest and highest value that a metric can have; from 0 upwards where nothing is said."""
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
-OUTLYING = 5.0  # an axis ends at this multiple of the upper quartile, so that one participant does not hide the others
+# an axis ends at this multiple of the upper quartile, so that one participant does not hide the
+# others
+OUTLYING = 5.0
 FAINT, FULL = 0.35, 0.85  # opacity of the bars for the least and the most data
 
 
@@ -54,9 +56,9 @@ FAINT, FULL = 0.35, 0.85  # opacity of the bars for the least and the most data
 def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     """VAF of the whole and of the band-passed torque, and the random error, at every amount of data.
 
-    A row for each perturbation, a column for each metric. A bar is the mean over participants, with twice their
-    standard deviation on either side (within what is possible), and a dot is one participant; below a method stand the
-    realizations drawn for its bars.
+    A row for each perturbation, a column for each metric. A bar is the mean over participants, with
+    twice their standard deviation on either side (within what is possible), and a dot is one
+    participant; below a method stand the realizations drawn for its bars.
 
     Parameters
     ----------
@@ -82,9 +84,9 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
 def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
     """How far the mean stiffness over bootstraps is from the truth, where the truth is known.
 
-    Above, the error over time: a column for each method with the fewest realizations that it was given, a row for each
-    perturbation, a thin line for each participant and a thick one for their mean. Below, bars of the bias error and of
-    the mean bias as in :func:`variance_and_spread`.
+    Above, the error over time: a column for each method with the fewest realizations that it was
+    given, a row for each perturbation, a thin line for each participant and a thick one for their
+    mean. Below, bars of the bias error and of the mean bias as in :func:`variance_and_spread`.
 
     Parameters
     ----------

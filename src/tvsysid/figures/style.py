@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
-# Each has a contrast of 3:1 or more on white. The first six differ by 19 or more (CIEDE2000) to all eyes, also without
-# a kind of cone (Machado et al. 2009), the next three by 11, the last by 8; markers tell methods apart as well.
+# Each has a contrast of 3:1 or more on white. The first six differ by 19 or more (CIEDE2000) to all
+# eyes, also without
+# a kind of cone (Machado et al. 2009), the next three by 11, the last by 8; markers tell methods
+# apart as well.
 PALETTE: tuple[str, ...] = (
     "#385997",
     "#AB0D07",
@@ -126,7 +128,8 @@ def _as_written(figure: Figure) -> Figure:
         if isinstance(part, Legend)
         for text in (part.get_title(), *part.get_texts())
     ]
-    # Other ticks have numbers: of these powers of ten are mathematics, and to make them all takes long.
+    # Other ticks have numbers: of these powers of ten are mathematics, and to make them all takes
+    # long.
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         texts.append(axis.label)
         if isinstance(named := axis.get_major_formatter(), FixedFormatter):
@@ -151,7 +154,10 @@ def blank(width: float, height: float, title: str = "") -> Figure:
 def panels(
     rows: int, columns: int, width: float, height: float, title: str = "", **words: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Figure of a size in inches, and its axes of shape (rows, columns); further words as of ``Figure.subplots``."""
+    """Figure of a size in inches, and its axes of shape (rows, columns).
+
+    Further words as of ``Figure.subplots``.
+    """
     figure = blank(width, height, title)
     return figure, figure.subplots(rows, columns, squeeze=False, **words)
 
@@ -159,7 +165,8 @@ def panels(
 def lines(methods: Sequence[str]) -> dict[str, Look]:
     """Look of each method shown: a colour and a marker of its own, and a line style for each of its settings.
 
-    There are more methods than colours: where two that are shown have the same one, the later gets a free one.
+    There are more methods than colours: where two that are shown have the same one, the later
+    gets a free one.
     """
     known = tuple(METHODS)  # what else is installed must not change their colours
     classes = {
@@ -197,9 +204,12 @@ def curve_with_band(
     opacity: float = 0.25,
     **look: Any,
 ) -> None:
-    """Curve over time above its band (lower and upper end) of a lighter shade; a word where there is no value.
+    """Curve over time above its band (lower and upper end) of a lighter shade.
 
-    Of a band with the opacity ``EDGES``, which would cover what others found, the edges alone are drawn.
+    A word where there is no value.
+
+    Of a band with the opacity ``EDGES``, which would cover what others found, the edges alone
+    are drawn.
     """
     if not np.isfinite(values).any():
         remark(axes, "no estimate")

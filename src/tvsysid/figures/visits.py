@@ -19,7 +19,10 @@ WIDTH, HEIGHT = 9.0, 2.9  # inches: a third of a page of A4
 
 
 class Visit(NamedTuple):
-    """Stiffness of one visit over time, with the limits of its 95 % band; NaN where there is none."""
+    """Stiffness of one visit over time, with the limits of its 95 % band.
+
+    NaN where there is none.
+    """
 
     label: str
     time: Array
@@ -40,7 +43,10 @@ class Visit(NamedTuple):
 
 @style.styled
 def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
-    """Stiffness over time with its 95 % band, a line for each visit; beside it means and extremes over the visits."""
+    """Stiffness over time with its 95 % band, a line for each visit.
+
+    Beside it means and extremes over the visits.
+    """
     if len(visits) == 1:
         figure, grid = style.panels(1, 1, WIDTH, HEIGHT, title)
     else:

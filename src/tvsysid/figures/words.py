@@ -47,7 +47,8 @@ def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
         "duration_s"
     ]
     if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
-        # Settings alone that differ tell variants of one system apart; and one that has none from all others.
+        # Settings alone that differ tell variants of one system apart; and one that has none from
+        # all others.
         settings = [
             re.split(r",(?![^(]*\))", str(scenario["system"]).partition(":")[2])
             for scenario in scenarios
@@ -66,7 +67,10 @@ def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
 
 
 def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
-    """Scenario, given by its traits, in words; viscosity is mentioned only where it varies with stiffness."""
+    """Scenario, given by its traits, in words.
+
+    Viscosity is mentioned only where it varies with stiffness.
+    """
     words = {name: trait(name, scenario[name]) for name in names}
     if words.get("system") == "joint":
         del words["system"]

@@ -23,7 +23,8 @@ LONGEST_NAME = 80  # letters of a quantity, pathway or axis
 class Identifies(Protocol):
     """What every method is: an object with one verb.
 
-    It may also have ``inputs``, ``contiguous`` and ``skip(ensemble)``, as :class:`tvsysid.methods.Method` has.
+    It may also have ``inputs``, ``contiguous`` and ``skip(ensemble)``, as
+    :class:`tvsysid.methods.Method` has.
     """
 
     def identify(self, ensemble: Ensemble) -> object:
@@ -36,8 +37,10 @@ def deviating_channels(methods: Iterable[object]) -> tuple[str, ...]:
     found = dict.fromkeys(item.name for item in every if item.kind != "scheduling")
     if both := [item.name for item in every if item.kind == "scheduling" and item.name in found]:
         raise InputError(
-            f"the channel {both[0]!r} is a scheduling variable, which keeps its mean, for one method, and for another "
-            "an input or reference, which loses it; identify by one of them at a time, or read it under two names"
+            f"the channel {both[0]!r} is a scheduling variable, which keeps its mean, for one "
+            "method, and for another "
+            "an input or reference, which loses it; identify by one of them at a time, or read it "
+            "under two names"
         )
     return tuple(found)
 
@@ -45,13 +48,14 @@ def deviating_channels(methods: Iterable[object]) -> tuple[str, ...]:
 def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> Model:
     """Identify realizations, mean subtracted, by any object with ``identify(ensemble)``.
 
-    Gives what the method returned if that is a model of the package; else one with its estimates. ``label`` is the
-    method and its settings in words; its ``repr`` by default.
+    Gives what the method returned if that is a model of the package; else one with its estimates.
+    ``label`` is the method and its settings in words; its ``repr`` by default.
 
     Raises
     ------
     InputError
-        If the method cannot serve the ensemble, or what it returns is no model. The method's own errors pass.
+        If the method cannot serve the ensemble, or what it returns is no model. The method's own
+        errors pass.
     """
     label = repr(method) if label is None else label
     if reason := reason_to_skip(method, ensemble):
@@ -98,7 +102,8 @@ def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]
     own = method.method if isinstance(method, Tuned) else method
     if not isinstance(own, Method):
         raise InputError(
-            "its settings cannot be chosen from data; leave out tune (--tune), and write key:tuned=true for those "
+            "its settings cannot be chosen from data; leave out tune (--tune), and write "
+            "key:tuned=true for those "
             "methods whose settings can"
         )
     return (
@@ -122,7 +127,8 @@ def _checked_torques(torques: object, ensemble: Ensemble, label: str) -> dict[st
     """Return the torque of each pathway, if its shape and its numbers are right."""
     if not isinstance(torques, Mapping) or not torques:
         raise InputError(
-            f"{label}: pathways(ensemble) must be a mapping of the torque of each pathway by its name, got "
+            f"{label}: pathways(ensemble) must be a mapping of the torque of each pathway by its "
+            "name, got "
             f"{type(torques).__name__ if torques else 'none'}"
         )
     whole = f"{label}: predict(ensemble) must be of shape (realization, time), here"
@@ -138,7 +144,8 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
     for names in (("stiffness", "estimates"), ("predict", "pathways")):
         if not any(hasattr(found, name) for name in names):
             raise InputError(
-                f"{label}: identify returned an object of type {type(found).__name__} without {' or '.join(names)}"
+                f"{label}: identify returned an object of type {type(found).__name__} without "
+                f"{' or '.join(names)}"
             )
     own = getattr(found, "estimates", None)
     given = own if isinstance(own, Mapping) else _plain_attributes(found, label, ensemble.samples)
@@ -161,7 +168,10 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
 
 
 def _plain_attributes(found: object, label: str, count: int) -> dict[str, Array]:
-    """Stiffness, viscosity and inertia given as attributes, each (time,); the last two may be single numbers."""
+    """Stiffness, viscosity and inertia given as attributes, each (time,).
+
+    The last two may be single numbers.
+    """
     given = {}
     for name in IMPEDANCE:
         value = plain_array(f"{label}: the model's {name}", getattr(found, name, np.nan))
@@ -201,7 +211,8 @@ def checked_name(name: object, label: str) -> str:
         or "/" in text
     ):
         raise InputError(
-            f"{label}: expected names of 1 to {LONGEST_NAME} letters, the first a letter of the alphabet, and no "
+            f"{label}: expected names of 1 to {LONGEST_NAME} letters, the first a letter of the "
+            "alphabet, and no "
             f"slash; got {text[: LONGEST_NAME + 1]!r}"
         )
     return text
@@ -227,17 +238,20 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
             "time",
         ):
             raise InputError(
-                f"{label}: {name} is over {', '.join(estimate.axes)}; expected realization before time, first of all"
+                f"{label}: {name} is over {', '.join(estimate.axes)}; expected realization before "
+                "time, first of all"
             )
         unknown = [axis for axis in estimate.axes if axis not in lengths]
         if unknown:
             raise InputError(
-                f"{label}: {name} has the axis {unknown[0]!r}, for which the model has no coordinates; expected "
+                f"{label}: {name} has the axis {unknown[0]!r}, for which the model has no "
+                "coordinates; expected "
                 f"coordinates={{{unknown[0]!r}: values}} beside its estimates"
             )
         expected = tuple(lengths[axis] for axis in estimate.axes)
         if estimate.values.shape != expected:
             raise InputError(
-                f"{label}: {name} over {', '.join(estimate.axes)} must be of shape {expected}, it is "
+                f"{label}: {name} over {', '.join(estimate.axes)} must be of shape {expected}, it "
+                "is "
                 f"{estimate.values.shape}"
             )

@@ -48,7 +48,8 @@ MOST_VALUES = 100_000  # of a variable of a method's own
 NOTHING = 1e-12  # share of the largest value that is rounding
 Kind = Literal["input", "reference", "scheduling"]
 
-RINGING = 15.0  # variance inflation of stiffness by velocity and acceleration above which it is undetermined
+# variance inflation of stiffness by velocity and acceleration above which it is undetermined
+RINGING = 15.0
 SELDOM = 0.01  # share of the samples up to which that does not matter
 ONE_LINE = 0.995  # share of the angle's power about one frequency from which on it has no other
 
@@ -57,9 +58,10 @@ ONE_LINE = 0.995  # share of the angle's power about one frequency from which on
 class Input:
     """A signal that a method needs beside angle and torque: a channel, and the unit in which the method takes it.
 
-    Of the kinds, ``"input"`` acts on the joint, as EMG that drives a reflex; ``"reference"`` is the disturbance that
-    the experimenter applied, in closed loop; both lose their mean with the angle. ``"scheduling"`` is a measured
-    variable that the joint's properties depend on; it keeps its mean.
+    Of the kinds, ``"input"`` acts on the joint, as EMG that drives a reflex; ``"reference"`` is
+    the disturbance that the experimenter applied, in closed loop; both lose their mean with the
+    angle. ``"scheduling"`` is a measured variable that the joint's properties depend on; it
+    keeps its mean.
     """
 
     name: str
@@ -84,8 +86,8 @@ class Choice(NamedTuple, Generic[Chosen]):
 class Method(ABC):
     """Settings of a method, in seconds and hertz, and one verb.
 
-    A class of your own needs no base class: anything with ``identify(ensemble)`` that returns a model is a method. This
-    one adds the checks, the warnings and the timing.
+    A class of your own needs no base class: anything with ``identify(ensemble)`` that returns a
+    model is a method. This one adds the checks, the warnings and the timing.
     """
 
     key: ClassVar[str]
@@ -110,7 +112,8 @@ class Method(ABC):
     uses_recorded_angle: ClassVar[bool] = (
         False  # whether it uses the angle at the rate at which it was recorded
     )
-    # The only kinds of perturbation and of simulated joint that it serves, by names and settings as a study takes them;
+    # The only kinds of perturbation and of simulated joint that it serves, by names and settings as
+    # a study takes them;
     # any, where these are empty.
     perturbation: ClassVar[str] = ""
     system: ClassVar[str] = ""
@@ -118,8 +121,8 @@ class Method(ABC):
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
 
-        The model is immutable; its ``time, stiffness, viscosity, inertia`` are of shape (time,), with NaN where not
-        identified.
+        The model is immutable; its ``time, stiffness, viscosity, inertia`` are of shape (time,),
+        with NaN where not identified.
 
         Raises
         ------
@@ -165,15 +168,18 @@ class Method(ABC):
         return None
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
-        """Choose settings by realizations to be identified from, or others alike; their mean subtracted.
+        """Choose settings by realizations to be identified from, or others alike.
 
-        Returns the ``method``, of the same class, with the settings chosen, and the ``evidence``: what was tried, and
-        how each did. The same seed gives the same settings.
+        Their mean subtracted.
+
+        Returns the ``method``, of the same class, with the settings chosen, and the ``evidence``:
+        what was tried, and how each did. The same seed gives the same settings.
 
         Raises
         ------
         InputError
-            If the ensemble is none, or has too few realizations or samples, or for a seed that is none.
+            If the ensemble is none, or has too few realizations or samples, or for a seed that is
+            none.
         """
         _check_ensemble(self, "tuned", ensemble)
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -202,7 +208,10 @@ class SkippedError(InputError):
 
 
 def said_by(method: object, attribute: str, expected: str, *kinds: type) -> Any:
-    """What a method says of itself in an attribute, of one of these kinds; an empty one of the first if nothing."""
+    """What a method says of itself in an attribute, of one of these kinds.
+
+    An empty one of the first if nothing.
+    """
     try:
         said = getattr(method, attribute, None)
         said = kinds[0]() if said is None else said
@@ -250,7 +259,10 @@ def inputs_of(method: object) -> tuple[Input, ...]:
 
 
 def special(method: object, what: Literal["perturbation", "system"]) -> str:
-    """Name of the only kind of perturbation or system that a method says it serves; empty if it serves any."""
+    """Name of the only kind of perturbation or system that a method says it serves.
+
+    Empty if it serves any.
+    """
     return str(said_by(method, what, f"the name of a {what}, with settings if need be", str))
 
 
@@ -261,20 +273,25 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
         there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
         return (
-            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…; "
+            f"it needs the channel {needed}, the ensemble has {there}; read it as a further "
+            "channel (--channel NAME=…; "
             "for an experiment under [reading.channels])"
         )
     skip = getattr(method, "skip", None)
     reason = skip(ensemble) if callable(skip) else None
     if reason and not isinstance(reason, str):
         raise InputError(
-            f"{type(method).__name__}: skip must return a reason in words, or None; got {type(reason)}"
+            f"{type(method).__name__}: skip must return a reason in words, or None; got "
+            f"{type(reason)}"
         )
     return reason or None
 
 
 def aligned(ensemble: Ensemble) -> dict[str, float]:
-    """Delay between the channels that was corrected before, in s, for a model's diagnostics; nothing if none was."""
+    """Delay between the channels that was corrected before, in s, for a model's diagnostics.
+
+    Nothing if none was.
+    """
     return {"delay_removed": ensemble.delay_removed} if ensemble.delay_removed else {}
 
 
@@ -288,7 +305,8 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
         values = np.abs(ensemble.signal(name))
         if values[:, ensemble.core].max() <= NOTHING * values.max():
             raise InputError(
-                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, or is this the right "
+                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, "
+                "or is this the right "
                 "channel?"
             )
     if reason := reason_to_skip(method, ensemble):
@@ -305,7 +323,8 @@ def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
     lags = whole_samples(max_lag, ensemble)
     if lags < 1:
         raise InputError(
-            f"{name}: max_lag {max_lag:g} s is less than one sample at {ensemble.sampling_rate:g} Hz; "
+            f"{name}: max_lag {max_lag:g} s is less than one sample at {ensemble.sampling_rate:g} "
+            "Hz; "
             f"give at least {1 / ensemble.sampling_rate:g} s"
         )
     check_window(f"{name}: lags of ±{max_lag:g} s", 2 * lags + 1, ensemble)
@@ -319,7 +338,8 @@ def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
         or samples > ensemble.angle.shape[1]
     ):
         raise InputError(
-            f"{what} need {samples} samples, a realization has {ensemble.samples} with {ensemble.context} of "
+            f"{what} need {samples} samples, a realization has {ensemble.samples} with "
+            f"{ensemble.context} of "
             "context on either side; give shorter ones, or longer realizations or context"
         )
 
@@ -330,7 +350,10 @@ def missing_edge(reach: int, ensemble: Ensemble) -> int:
 
 
 def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDArray[Number]:
-    """Array with rows of NaN added at the ends of its first axis; as many late ones as early ones by default."""
+    """Array with rows of NaN added at the ends of its first axis.
+
+    As many late ones as early ones by default.
+    """
     late = early if late is None else late
     if early == late == 0:
         return values
@@ -354,7 +377,8 @@ def check_whole(method: object, least: int, **settings: object) -> None:
     for name, value in settings.items():
         if type(value) is not int or value < least:
             raise InputError(
-                f"{type(method).__name__}: {name} must be a whole number from {least} on, got {value!r}"
+                f"{type(method).__name__}: {name} must be a whole number from {least} on, got "
+                f"{value!r}"
             )
 
 
@@ -366,7 +390,9 @@ def check_choice(method: object, name: str, allowed: object) -> None:
         raise InputError(f"{type(method).__name__}: {name} must be one of {listed}; got {value!r}")
 
 
-AGREES = 95.0  # second-order agreement in per cent below which a joint is not of second order; simulated ones reach 99
+# second-order agreement in per cent below which a joint is not of second order; simulated ones
+# reach 99
+AGREES = 95.0
 CERTAIN = 2.0  # standard errors by which it must lie lower
 EXCITED_ABOVE = 1.0  # Hz above which viscosity and inertia show beside a joint's stiffness at all
 
@@ -379,7 +405,8 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
         return
     if changing:
         yield (
-            "stiffness or viscosity change over a realization (p < 0.0001), and this method takes the joint as "
+            "stiffness or viscosity change over a realization (p < 0.0001), and this method takes "
+            "the joint as "
             "constant: what it finds is some mean; use one that follows changes"
         )
 
@@ -396,34 +423,41 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
-            "is the torque's sign reversed? (read it with --torque-sign -1, in Python torque_sign=-1) Or does noise "
+            "is the torque's sign reversed? (read it with --torque-sign -1, in Python "
+            "torque_sign=-1) Or does noise "
             "alone move the angle, as where the perturbation is the same in every realization?"
         )
     if len(known) and abs(usual := float(np.median(known))) > FAULTS["torque-unit"].limit:
         yield (
-            f"the stiffness is {usual:.4g} N·m/rad in the median, stiffer than any joint: are the angle in rad and the "
+            f"the stiffness is {usual:.4g} N·m/rad in the median, stiffer than any joint: are the "
+            "angle in rad and the "
             "torque in N·m, and not swapped?"
         )
     shared = model.diagnostics.details.get("second_order_agreement", math.nan)
     error = model.diagnostics.details.get("second_order_agreement_error", 0.0)
     if shared + CERTAIN * error < AGREES:
         yield (
-            f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
+            f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that "
+            "answers to the angle: "
             "the joint is not of second order, so viscosity and inertia mean nothing; look at the "
             "impulse response (eirf, sds; in models.nc, in Python model.impulse_response)"
         )
     left = mean_left(ensemble.torque[:, ensemble.core])
     if left.found and not method.takes_deviations:
         yield (
-            f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than chance would leave: it is "
-            "no answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
+            f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than "
+            "chance would leave: it is "
+            "no answer to the perturbation and biases the stiffness; use "
+            "tvsysid.preprocess.subtract_mean first"
         )
     if len(ensemble) > 1:
         still = still_samples(ensemble.angle[:, ensemble.core])
         if len(still):
             yield (
-                f"the angle is still in all realizations at {len(still)} of {ensemble.samples} samples, the first at "
-                f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
+                f"the angle is still in all realizations at {len(still)} of {ensemble.samples} "
+                "samples, the first at "
+                f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the "
+                "values mean nothing"
             )
     low, high = method._needed_band()
     below, above = spectrum.shares((0.0, low), (high, math.inf))
@@ -434,19 +468,23 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
             else ("above", high, above, "viscosity and inertia")
         )
         yield (
-            f"only {100 * part:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
+            f"only {100 * part:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the "
+            "method needs it: "
             f"{fault} cannot be told from the noise; use a perturbation with power there"
         )
     if is_line:
         yield (
-            f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia cannot "
+            f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia "
+            "cannot "
             "be told apart; perturb at several frequencies, none of them a multiple of 1/period"
         )
     elif not (method.time_invariant or method.perturbation):
         ringing = float(np.mean(angle_inflation(ensemble.angle, ensemble.sampling_rate) > RINGING))
         if ringing > SELDOM:
             yield (
-                f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: its acceleration "
-                "follows from angle and velocity, so stiffness there comes from other times or from noise, and no band "
+                f"at {100 * ringing:.0f} % of the samples the angle moves like a free "
+                "oscillation: its acceleration "
+                "follows from angle and velocity, so stiffness there comes from other times or "
+                "from noise, and no band "
                 "counts that; perturb without rests, at more frequencies"
             )

@@ -23,9 +23,10 @@ class BasisCascade(in_turn.InTurn):
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} \sum_j \lambda_{\tau j} \Lambda_j(t)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} \sum_j \mu_{\tau j} \Lambda_j(t)\, f(t - \tau)
 
-    The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``) from the torque less the reflex's, the
-    reflex with the same basis and prior from the torque less the intrinsic one, and so on until the torque explained
-    grows by less than 0.001 points. f is a static function of the velocity, or EMG.
+    The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``) from the torque less
+    the reflex's, the reflex with the same basis and prior from the torque less the intrinsic one,
+    and so on until the torque explained grows by less than 0.001 points. f is a static function of
+    the velocity, or EMG.
 
     Parameters
     ----------
@@ -36,17 +37,19 @@ class BasisCascade(in_turn.InTurn):
     basis
         Basis functions of normalised time; see :class:`BasisIRF`.
     prior
-        On the coefficients of either pathway: ``"ridge"``, one precision for all, chosen by evidence, as the authors
-        have it; ``"ard"``, one for each, which takes some seconds; ``"none"``.
+        On the coefficients of either pathway: ``"ridge"``, one precision for all, chosen by
+        evidence, as the authors have it; ``"ard"``, one for each, which takes some seconds;
+        ``"none"``.
     nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5 and the same at all times,
-        as the authors have it, which costs accuracy with little data.
+        f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5 and
+        the same at all times, as the authors have it, which costs accuracy with little data.
     emg
-        Channel, rectified, that drives the reflex instead of the velocity; the delay is then 0 unless given.
+        Channel, rectified, that drives the reflex instead of the velocity; the delay is then 0
+        unless given.
     slow_order
-        Order of the polynomial in each realization that takes slow voluntary torque out, in turn with the pathways; the
-        authors have 3 with the velocity and 6 with EMG. None takes out nothing. It takes some of the reflex, too; less
-        with ``prior="none"``.
+        Order of the polynomial in each realization that takes slow voluntary torque out, in turn
+        with the pathways; the authors have 3 with the velocity and 6 with EMG. None takes out
+        nothing. It takes some of the reflex, too; less with ``prior="none"``.
 
     Notes
     -----
@@ -55,21 +58,24 @@ class BasisCascade(in_turn.InTurn):
     torque by its unit). A response is that of the torque at a time: its gain comes later than that of the stretch, by
     the mean lag of the muscle.
 
-    Slow torque is no answer and not predicted; with it, the fit explains ``vaf_with_slow`` per cent in the diagnostics.
-    Of three simulated records of 150 s at 10 dB whose stiffness (100 N·m/rad) and gain (8) follow sines, with a drift
-    of twice the torque's RMS, the total error of stiffness in N·m/rad and the mean error of the gain in N·m·s/rad are
-    30 and -4.2 with no polynomial, 6.0 and -1.5 with order 3 (4.3 and -0.5 with ``prior="none"``), 10, -3.3 with 6.
-    Without a drift they are 1.9 and -0.2, 4.6 and -1.1 (3.6 and -0.3), 8.6 and -2.7: use it where torque drifts.
+    Slow torque is no answer and not predicted; with it, the fit explains ``vaf_with_slow`` per cent
+    in the diagnostics. Of three simulated records of 150 s at 10 dB whose stiffness (100 N·m/rad)
+    and gain (8) follow sines, with a drift of twice the torque's RMS, the total error of stiffness
+    in N·m/rad and the mean error of the gain in N·m·s/rad are 30 and -4.2 with no polynomial, 6.0
+    and -1.5 with order 3 (4.3 and -0.5 with ``prior="none"``), 10, -3.3 with 6. Without a drift
+    they are 1.9 and -0.2, 4.6 and -1.1 (3.6 and -0.3), 8.6 and -2.7: use it where torque drifts.
 
-    One part of the papers' algorithm is not here. With the velocity, they take a muscle of second order whose
-    coefficients change, by refined instrumental variables; the response of :math:`\mu` is theirs with EMG, and assumes
-    less. Tried in its place on three records without a drift, such a muscle found the gain without visible bias (rather
-    than 0.75 N·m·s/rad, for it is then that of the stretch) but with a random error of 0.7 (0.13), and the stiffness
-    with a total error of 2.8 N·m/rad rather than 1.7; with the polynomial of order 3, of 12 rather than 5. On a real
-    ankle in walking it explained 95.1 % of the torque rather than 95.8, by a gain that was negative on average.
+    One part of the papers' algorithm is not here. With the velocity, they take a muscle of second
+    order whose coefficients change, by refined instrumental variables; the response of :math:`\mu`
+    is theirs with EMG, and assumes less. Tried in its place on three records without a drift, such
+    a muscle found the gain without visible bias (rather than 0.75 N·m·s/rad, for it is then that of
+    the stretch) but with a random error of 0.7 (0.13), and the stiffness with a total error of 2.8
+    N·m/rad rather than 1.7; with the polynomial of order 3, of 12 rather than 5. On a real ankle in
+    walking it explained 95.1 % of the torque rather than 95.8, by a gain that was negative on
+    average.
 
-    Realizations that do not have the memory recorded before them are left out. No bands are stated; neither pathway's
-    own would count what the other is not known by.
+    Realizations that do not have the memory recorded before them are left out. No bands are stated;
+    neither pathway's own would count what the other is not known by.
 
     References
     ----------
@@ -94,7 +100,8 @@ class BasisCascade(in_turn.InTurn):
         "The reflex answers a static function of the velocity, or EMG.",
     )
     differs: ClassVar[str] = (
-        "It changes as its basis functions can; the pathways are identified in turn, so that each may keep a part"
+        "It changes as its basis functions can; the pathways are identified in turn, so that each "
+        "may keep a part"
         " of the other's torque."
     )
     cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018")

@@ -28,26 +28,27 @@ class BasisIRF(base.Method):
     .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad
               y(t) = \sum_j \left[ c_j \Lambda_j(t)\, \theta + d_j \Lambda_j(t)\, \dot\theta \right] + I\,\ddot\theta
 
-    (equation 8 of van de Ruit et al. 2021; Guarin & Kearney 2017, 2018). The paper takes stiffness from the second,
-    parametric, model.
+    (equation 8 of van de Ruit et al. 2021; Guarin & Kearney 2017, 2018). The paper takes stiffness
+    from the second, parametric, model.
 
     Parameters
     ----------
     max_lag
         Lags to either side in s, of the impulse response.
     basis
-        Basis functions of normalised time; see :mod:`tvsysid.numerics.bases`, or any callable from (time,) to
-        (time, function).
+        Basis functions of normalised time; see :mod:`tvsysid.numerics.bases`, or any callable from
+        (time,) to (time, function).
     model
-        ``"parametric"``: stiffness and viscosity by the basis, constant inertia. ``"irf"``: impulse response by the
-        basis, stiffness its area.
+        ``"parametric"``: stiffness and viscosity by the basis, constant inertia. ``"irf"``: impulse
+        response by the basis, stiffness its area.
     prior
-        ``"ard"``: one precision for each coefficient (relevance vector machine); ``"ridge"``: one for all, the
-        signals being scaled to unit RMS; ``"none"``: least squares.
+        ``"ard"``: one precision for each coefficient (relevance vector machine); ``"ridge"``: one
+        for all, the signals being scaled to unit RMS; ``"none"``: least squares.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
-        moves too; of the parametric model. What it predicts of the angle is the instrument
-        (:mod:`tvsysid.methods.shared.instrument`), and the coefficients are given their prior by a fit to it.
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
+        noise of the torque moves too; of the parametric model. What it predicts of the angle is the
+        instrument (:mod:`tvsysid.methods.shared.instrument`), and the coefficients are given their
+        prior by a fit to it.
 
     Notes
     -----
@@ -56,14 +57,15 @@ class BasisIRF(base.Method):
     (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
     built.
 
-    The bands are those of the posterior, which takes the noise as white, times a factor for its colour
-    (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the parametric model). They take noise
-    and angle as equally strong at all times, and do not count what the basis cannot follow; where ``"ard"`` prunes a
-    coefficient, they count it as known to be zero. With a reference they count the noise's autocorrelation itself.
+    The bands are those of the posterior, which takes the noise as white, times a factor for its
+    colour (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the
+    parametric model). They take noise and angle as equally strong at all times, and do not count
+    what the basis cannot follow; where ``"ard"`` prunes a coefficient, they count it as known to be
+    zero. With a reference they count the noise's autocorrelation itself.
 
-    Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
-    angle's mean correlations. The diagnostics' ``second_order_agreement`` says how well that, or the parametric model,
-    explains the torque that answers to the angle.
+    Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response,
+    weighted by the angle's mean correlations. The diagnostics' ``second_order_agreement`` says
+    how well that, or the parametric model, explains the torque that answers to the angle.
     """
 
     max_lag: float = 0.12
@@ -80,7 +82,8 @@ class BasisIRF(base.Method):
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
     differs: ClassVar[str] = (
-        "It changes as its basis functions can: what changes faster comes out slower, with ripples about a switch."
+        "It changes as its basis functions can: what changes faster comes out slower, with "
+        "ripples about a switch."
     )
     cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018", "vanderuit2021")
 
@@ -93,7 +96,8 @@ class BasisIRF(base.Method):
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
             if self.model != "parametric":
                 raise InputError(
-                    "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
+                    "BasisIRF: with a reference, model must be 'parametric', of which the fit is "
+                    "known"
                 )
 
     def _identify(self, ensemble: Ensemble) -> Model:
@@ -191,7 +195,10 @@ class BasisIRF(base.Method):
     def _posterior(
         self, system: System, ensemble: Ensemble, share: float = 1.0
     ) -> shared.Posterior:
-        """Coefficients as if only a share of the samples were there; all of them are, but weigh less."""
+        """Coefficients as if only a share of the samples were there.
+
+        All of them are, but weigh less.
+        """
         count = len(ensemble) * share
         moments = (system.gram * count, system.cross * count, system.square * count)
         return shared.PRIORS[self.prior](*moments, round(count * system.times))
@@ -222,7 +229,8 @@ class BasisIRF(base.Method):
         filters, colour = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate), None
         if products is not None:
             colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
-        # The posterior counts all samples; where their mean was subtracted, there is less noise in them.
+        # The posterior counts all samples; where their mean was subtracted, there is less noise in
+        # them.
         freedom = left.size * shared.independent_realizations(ensemble) / len(ensemble) - effective
         return shared.PosteriorErrors(
             expansions,
@@ -277,7 +285,8 @@ class BasisIRF(base.Method):
 class System(NamedTuple):
     """Normal equations of coefficients whose columns have unit RMS: averaged over realizations, summed over ``times``.
 
-    The torque's is ``square``; times ``scale``, coefficients are those of the columns in their own units.
+    The torque's is ``square``; times ``scale``, coefficients are those of the columns in their
+    own units.
     """
 
     gram: Array
@@ -324,8 +333,9 @@ def _instrumental(
     .. math:: (Z^T X + \sigma^2 P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
               M = (1 + C\, Z^T (X - Z) / \sigma^2)^{-1}
 
-    whatever the prior. The covariance is :math:`A^{-1} Z^T R Z A^{-T}` with :math:`A^{-1} = M C / \sigma^2` and R that
-    of the noise, of any colour, which the angle itself leaves. What the prior pruned stays 0.
+    whatever the prior. The covariance is :math:`A^{-1} Z^T R Z A^{-T}` with :math:`A^{-1} = M C
+    / \sigma^2` and R that of the noise, of any colour, which the angle itself leaves. What the
+    prior pruned stays 0.
     """
     missing = (ensemble.samples - len(expansions[0])) // 2
     at = slice(missing, ensemble.samples - missing)

@@ -19,7 +19,10 @@ NEEDS = {
 
 
 class Description(NamedTuple):
-    """What there is to say about a method: what it is for, needs and reports; settings as ``name = default``."""
+    """What there is to say about a method: what it is for, needs and reports.
+
+    Settings as ``name = default``.
+    """
 
     title: str
     purpose: str
@@ -30,7 +33,9 @@ class Description(NamedTuple):
 
 
 def describe(text: str) -> Description:
-    """Title, assumptions and settings of a method, as far as it states them; text and errors as for :func:`parse`.
+    """Title, assumptions and settings of a method, as far as it states them.
+
+    Text and errors as for :func:`parse`.
 
     Examples
     --------

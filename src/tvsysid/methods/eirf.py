@@ -31,20 +31,20 @@ class EnsembleIRF(Method):
     .. math:: y_r(i) = \Delta t \sum_{j=-n}^{n} h(i, j)\, u_r(i - j), \qquad
               \varphi(i) = \Delta t\, \Phi(i)\, h(i)
 
-    (equations 2 and 5 of van de Ruit et al. 2021). Nothing is assumed of how the joint changes in time; many
-    realizations are needed.
+    (equations 2 and 5 of van de Ruit et al. 2021). Nothing is assumed of how the joint changes in
+    time; many realizations are needed.
 
     Parameters
     ----------
     max_lag
         Lags to either side in s.
     solver
-        ``"mdl"``: correlations, pseudo-inverse truncated by minimum description length (Lortie & Kearney 2001);
-        ``"full"``: correlations, full rank; ``"lstsq"``: singular value decomposition of the lagged inputs themselves
-        (MacNeil et al. 1992).
+        ``"mdl"``: correlations, pseudo-inverse truncated by minimum description length (Lortie &
+        Kearney 2001); ``"full"``: correlations, full rank; ``"lstsq"``: singular value
+        decomposition of the lagged inputs themselves (MacNeil et al. 1992).
     order
-        In which order ``"mdl"`` takes singular values: ``"natural"``, from the largest on, or ``"output"``, by the
-        share of the output that they explain.
+        In which order ``"mdl"`` takes singular values: ``"natural"``, from the largest on, or
+        ``"output"``, by the share of the output that they explain.
 
     Notes
     -----
@@ -52,14 +52,16 @@ class EnsembleIRF(Method):
     code does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
     mean where the mean torque was subtracted, as it should be.
 
-    Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those of a second-order
-    fit to it, weighted by its inverse covariance (:func:`tvsysid.impedance.second_order_readout`); the diagnostics'
-    ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains, and
+    Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those
+    of a second-order fit to it, weighted by its inverse covariance
+    (:func:`tvsysid.impedance.second_order_readout`); the diagnostics' ``second_order_agreement``
+    says how much of the torque that answers to the angle the fit explains, and
     ``second_order_agreement_error`` is its standard error.
 
-    The bands are those of least squares at each time by itself: realizations are seconds apart, so that noise of any
-    colour is white across them. The noise's strength is what all directions of the input leave, whichever of them the
-    truncation takes. The bands do not count what it leaves out. With no more realizations than lags there is none.
+    The bands are those of least squares at each time by itself: realizations are seconds apart,
+    so that noise of any colour is white across them. The noise's strength is what all directions
+    of the input leave, whichever of them the truncation takes. The bands do not count what it
+    leaves out. With no more realizations than lags there is none.
     """
 
     max_lag: float = 0.12
@@ -74,7 +76,8 @@ class EnsembleIRF(Method):
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )
     differs: ClassVar[str] = (
-        "Every time is estimated by itself, with as many unknowns as lags: of few realizations its random error "
+        "Every time is estimated by itself, with as many unknowns as lags: of few realizations "
+        "its random error "
         "is the largest by far, and it explains noise as well."
     )
     cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
@@ -119,7 +122,8 @@ class EnsembleIRF(Method):
         if shared.independent_realizations(ensemble) > unknowns:
             return shared.window_errors(ensemble, windows)
         why = (
-            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be separated from the "
+            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot "
+            "be separated from the "
             "joint's response; record more, or shorten max_lag"
         )
         return shared.no_errors(ensemble.samples, why)
@@ -142,6 +146,7 @@ class EnsembleIRF(Method):
                 else ("less than twice", "the random error is large")
             )
             yield (
-                f"{len(ensemble)} realizations are {few} the {unknowns} lags: {fault}; record more, shorten max_lag, "
+                f"{len(ensemble)} realizations are {few} the {unknowns} lags: {fault}; record "
+                "more, shorten max_lag, "
                 "or use sds or birf"
             )

@@ -28,9 +28,10 @@ class EnsembleCascade(in_turn.InTurn):
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} h(t, \tau)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} p(t, \tau)\, f(t - \tau)
 
-    The intrinsic pathway is identified by :class:`ShortDataSegments` (:class:`EnsembleIRF` without a window) from the
-    torque less the reflex's, the reflex by the same truncated pseudo-inverse from the torque less the intrinsic one,
-    and so on until the torque explained grows by less than 0.001 points. f is a static function of the velocity.
+    The intrinsic pathway is identified by :class:`ShortDataSegments` (:class:`EnsembleIRF` without
+    a window) from the torque less the reflex's, the reflex by the same truncated pseudo-inverse
+    from the torque less the intrinsic one, and so on until the torque explained grows by less than
+    0.001 points. f is a static function of the velocity.
 
     Parameters
     ----------
@@ -39,8 +40,8 @@ class EnsembleCascade(in_turn.InTurn):
     delay, memory
         First and last lag of the reflex's response in s.
     window
-        Time in s over which the joint is taken as constant, as in :class:`ShortDataSegments`. 0, as the paper has it,
-        takes each time by itself, and needs 500 to 800 realizations.
+        Time in s over which the joint is taken as constant, as in :class:`ShortDataSegments`. 0, as
+        the paper has it, takes each time by itself, and needs 500 to 800 realizations.
     nonlinearity
         f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5.
 
@@ -72,7 +73,8 @@ class EnsembleCascade(in_turn.InTurn):
         "Many realizations are needed: without a window, 500 to 800.",
     )
     differs: ClassVar[str] = (
-        "It is a mean over its window, with a large random error of few realizations; the pathways are identified"
+        "It is a mean over its window, with a large random error of few realizations; the "
+        "pathways are identified"
         " in turn."
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2011",)
@@ -101,8 +103,10 @@ class EnsembleCascade(in_turn.InTurn):
         samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1
         if samples * len(ensemble) < ENOUGH:
             yield (
-                f"a window holds {samples * len(ensemble)} samples of all realizations, where the literature asks for "
-                f"{ENOUGH} to 800 to know a reflex: the random error is large; record more, lengthen window, or use "
+                f"a window holds {samples * len(ensemble)} samples of all realizations, where the "
+                "literature asks for "
+                f"{ENOUGH} to 800 to know a reflex: the random error is large; record more, "
+                "lengthen window, or use "
                 "bpc or cascade"
             )
 

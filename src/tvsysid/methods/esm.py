@@ -24,8 +24,10 @@ Stiffness = Literal["dc", "fit"]
 FEWEST = 10  # realizations below which averaged spectra say little
 FEWEST_AT_REST = 2  # independent realizations below which those leave nothing of the noise at 0 Hz
 MAX_LEAKAGE = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
-OVERSAMPLED = 1e-6  # share of the angle's power in the band's upper half below which it counts as sampled too fast
-EXCITED = 1e-6  # share of the strongest frequency's input power from which on a frequency counts as excited
+# share of the angle's power in the band's upper half below which it counts as sampled too fast
+OVERSAMPLED = 1e-6
+# share of the strongest frequency's input power from which on a frequency counts as excited
+EXCITED = 1e-6
 WINDOWS = (
     0.12,
     0.16,
@@ -46,43 +48,48 @@ class EnsembleSpectral(base.Method):
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}
 
-    (equation 12 of van de Ruit et al. 2021). Segments are Hann-windowed, in angle and torque; their mean is not
-    subtracted, for that would take away the very component from which stiffness is read.
+    (equation 12 of van de Ruit et al. 2021). Segments are Hann-windowed, in angle and torque; their
+    mean is not subtracted, for that would take away the very component from which stiffness is
+    read.
 
     Parameters
     ----------
     window
         Duration of a segment in s, over which the joint is taken as constant.
     stiffness
-        ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the neighbouring frequencies
-        biases it by some -2 to -3 N·m/rad on an ankle, which no band of the random error covers; by half near a lightly
-        damped resonance, which a warning says. ``"fit"``: from the second-order
-        fit that viscosity and inertia always come from; it has no such bias, and 40 % (filtered noise) to 75 % (PRBS)
-        of the random error.
+        ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the
+        neighbouring frequencies biases it by some -2 to -3 N·m/rad on an ankle, which no band of
+        the random error covers; by half near a lightly damped resonance, which a warning says.
+        ``"fit"``: from the second-order fit that viscosity and inertia always come from; it has no
+        such bias, and 40 % (filtered noise) to 75 % (PRBS) of the random error.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
-        moves too; ``stiffness="fit"``. The cross-spectra are then those with the angle that the reference predicts
-        (:mod:`tvsysid.methods.shared.instrument`), in the response too, which is NaN at frequencies where the reference
-        does not move the angle. Torque is predicted by the second-order fit.
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
+        noise of the torque moves too; ``stiffness="fit"``. The cross-spectra are then those with
+        the angle that the reference predicts (:mod:`tvsysid.methods.shared.instrument`), in the
+        response too, which is NaN at frequencies where the reference does not move the angle.
+        Torque is predicted by the second-order fit.
 
     Notes
     -----
     An even number of samples N is taken from t - N/2 to t + N/2 - 1, under a Hann window that peaks at t and vanishes
     at its first sample, so that the estimate is centred on t.
 
-    The second-order fit does not start from H, from which the window takes inertia and viscosity (fitted to H, they
-    come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are true). It takes the cross-spectra of
-    the same segments with the velocity and the acceleration, which are differentiated before they are windowed:
+    The second-order fit does not start from H, from which the window takes inertia and viscosity
+    (fitted to H, they come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are
+    true). It takes the cross-spectra of the same segments with the velocity and the acceleration,
+    which are differentiated before they are windowed:
 
     .. math:: S_{y u^{(m)}}(f) = k\, S_{u u^{(m)}}(f) + b\, S_{\dot u u^{(m)}}(f) + I\, S_{\ddot u u^{(m)}}(f), \qquad
               m = 0, 1, 2
 
-    which holds at every frequency without leakage, and solves them by least squares over all frequencies. The
-    diagnostics' ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains.
-    Where the derivatives lack samples (12 to either side), segments are cut short.
+    which holds at every frequency without leakage, and solves them by least squares over all
+    frequencies. The diagnostics' ``second_order_agreement`` says how much of the torque that
+    answers to the angle the fit explains. Where the derivatives lack samples (12 to either side),
+    segments are cut short.
 
-    The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the realizations alone, and
-    needs no assumption on colour or strength. They do not count what the window smooths.
+    The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the
+    realizations alone, and needs no assumption on colour or strength. They do not count what the
+    window smooths.
     """
 
     window: float = 0.30
@@ -97,7 +104,8 @@ class EnsembleSpectral(base.Method):
         "and the resolution in frequency.",
     )
     differs: ClassVar[str] = (
-        "It is a mean over its window, the longest of those here, and takes stiffness at 0 Hz some 2 to 3 N·m/rad"
+        "It is a mean over its window, the longest of those here, and takes stiffness at 0 Hz "
+        "some 2 to 3 N·m/rad"
         " too low: changes come out slower, extremes nearer the mean."
     )
     cites: ClassVar[tuple[str, ...]] = ("vanderuit2021",)
@@ -109,8 +117,10 @@ class EnsembleSpectral(base.Method):
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
             if self.stiffness != "fit":
                 raise InputError(
-                    f"EnsembleSpectral: with a reference, stiffness must be 'fit' (esm:stiffness=fit,reference="
-                    f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came before the window"
+                    "EnsembleSpectral: with a reference, stiffness must be 'fit' "
+                    "(esm:stiffness=fit,reference="
+                    f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came "
+                    "before the window"
                 )
 
     def _identify(self, ensemble: Ensemble) -> FrequencyResponseModel:
@@ -198,12 +208,14 @@ class EnsembleSpectral(base.Method):
         (fast,) = spectrum.shares((rate / 4, math.inf))
         if fast < OVERSAMPLED:
             yield (
-                f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "
+                f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the "
+                "response there is noise, "
                 f"and so is the prediction of torque; decimate to {rate / 2:.4g} Hz"
             )
         if len(ensemble) < FEWEST:
             yield (
-                f"spectra are averaged over only {len(ensemble)} realizations: the response is hardly determined; "
+                f"spectra are averaged over only {len(ensemble)} realizations: the response is "
+                "hardly determined; "
                 "record more, or use kbr"
             )
 
@@ -238,9 +250,9 @@ class Segments(NamedTuple):
     frequency, without leakage. Least squares sum over frequency; by Parseval's theorem that is a sum over samples with
     the squared window as weights.
 
-    ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end (``edges``) where the
-    derivatives lack samples, so that segments are cut short; ``power`` is the squared window (sample,). There are so
-    many independent ``realizations``.
+    ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end
+    (``edges``) where the derivatives lack samples, so that segments are cut short; ``power`` is
+    the squared window (sample,). There are so many independent ``realizations``.
     """
 
     moments: Array
@@ -275,7 +287,10 @@ class Segments(NamedTuple):
 def _segment_fit(
     ensemble: Ensemble, products: Array, power: Array, begin: int, end: int
 ) -> tuple[Segments, Array, float]:
-    """Segments from one sample to another, context counted; their impedance (time, 3) and its agreement in per cent."""
+    """Segments from one sample to another, context counted.
+
+    Their impedance (time, 3) and its agreement in per cent.
+    """
     rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
     reach = shared.HALF_WIDTH
     first, last = max(reach, begin), min(samples - reach, end)  # where the derivatives are known
@@ -306,7 +321,8 @@ def _segment_fit(
         ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products
     )
     covariance = shared.angle_covariance(ensemble, products, 2 * min(centre, longest))
-    # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
+    # The response itself would not do for a comparison, because leakage takes more from it than
+    # higher dynamics.
     agreement = shared.agreement_of(fit, left, angle, covariance)
     edges = first - begin, end - last
     return (
@@ -351,8 +367,10 @@ def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
     if not low < level - MAX_LEAKAGE * abs(level):
         return ()
     return (
-        f"the response at 0 Hz is {low:.3g} N·m/rad on average, that of a second-order fit to all frequencies "
-        f"{level:.3g}: inertia leaks into 0 Hz, as the angle moves mostly near a resonance; use esm:stiffness=fit",
+        f"the response at 0 Hz is {low:.3g} N·m/rad on average, that of a second-order fit to all "
+        "frequencies "
+        f"{level:.3g}: inertia leaks into 0 Hz, as the angle moves mostly near a resonance; use "
+        "esm:stiffness=fit",
     )
 
 
@@ -362,9 +380,9 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     .. math:: \mathrm{var} = \frac{\sum_r U_r^2 E_r^2 / (1 - h_r)}{(\sum_r U_r^2)^2}, \qquad
               E_r = Y_r - k U_r, \quad h_r = \frac{U_r^2}{\sum_s U_s^2} + \frac{R - R'}{R}
 
-    with R' ``independent`` ones of R realizations: one less where their mean was subtracted, for then an intercept was
-    fitted too. It needs no equal variances: leakage makes the error larger in segments in which the angle moves
-    (White 1980; MacKinnon & White 1985).
+    with R' ``independent`` ones of R realizations: one less where their mean was subtracted, for
+    then an intercept was fitted too. It needs no equal variances: leakage makes the error larger
+    in segments in which the angle moves (White 1980; MacKinnon & White 1985).
     """
     window = shared.hann(angle.shape[1] - len(stiffness) + 1)
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
@@ -388,8 +406,9 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 class SegmentErrors:
     """Standard errors of the second-order fit to segments, and at 0 Hz.
 
-    ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it; ``missing`` how many
-    times at either end have no segment; ``counted`` how many realizations there are, in words.
+    ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it;
+    ``missing`` how many times at either end have no segment; ``counted`` how many realizations
+    there are, in words.
     """
 
     segments: Segments
@@ -406,7 +425,8 @@ class SegmentErrors:
             variances[:, 0], freedom[:, 0] = self.at_rest, max(realizations - 1, 1)
             if realizations < FEWEST_AT_REST:
                 absent = (
-                    f"{self.counted} tell nothing of the noise at 0 Hz: there is one number of each; record more, or "
+                    f"{self.counted} tell nothing of the noise at 0 Hz: there is one number of "
+                    "each; record more, or "
                     "set stiffness to 'fit'"
                 )
                 variances[:, 0] = np.nan

@@ -27,12 +27,14 @@ CLEAR, LASTING_S = (
     3.5,
     0.25,
 )  # standard deviations of the window after an impulse, and for how long then is looked
-SMOOTH_S = 0.03  # standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
+# standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
+SMOOTH_S = 0.03
 REACH = 4.0  # standard deviations to which the window extends
 BAND = (1.0, 20.0)  # Hz in which the ridge is looked for
 ROUNDS = 3  # in which the frequency is found
 HARMONICS = 3  # with which stiffness and viscosity change where the inertia is fitted
-FEWEST = 3  # impulses from which on their spread tells the error, and samples after one that are looked at
+# impulses from which on their spread tells the error, and samples after one that are looked at
+FEWEST = 3
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,11 @@ class ModalDecomposition(base.Method):
     .. math:: k = I\,(\omega^2 + s^2 + \dot s), \qquad b = 2 I s, \qquad
               s = -\frac{d \ln A}{dt} - \frac{1}{2}\frac{d \ln \omega}{dt}
 
-    with the frequency ω (rad/s) and the amplitude A of the wave that is fitted within a Gaussian window about each
-    time, beside its mirror image at -ω and a constant. Each impulse gives 0.25 s, from 3.5 ``window`` after it on, as
-    far as no other impulse is near. Each time has the mean over the impulses that reach it; the bands are those of
-    their spread, where three or more do, and of the inertia.
+    with the frequency ω (rad/s) and the amplitude A of the wave that is fitted within a Gaussian
+    window about each time, beside its mirror image at -ω and a constant. Each impulse gives 0.25 s,
+    from 3.5 ``window`` after it on, as far as no other impulse is near. Each time has the mean over
+    the impulses that reach it; the bands are those of their spread, where three or more do, and of
+    the inertia.
 
     Parameters
     ----------
@@ -76,7 +79,8 @@ class ModalDecomposition(base.Method):
         "Behaviour is the same in all realizations.",
     )
     differs: ClassVar[str] = (
-        "It is read from how the joint rings after each impulse, and means nothing where that dies away within a cycle."
+        "It is read from how the joint rings after each impulse, and means nothing where that "
+        "dies away within a cycle."
     )
     cites: ClassVar[tuple[str, ...]] = ("piovesan2012",)
     uses_recorded_angle: ClassVar[bool] = True
@@ -100,8 +104,10 @@ class ModalDecomposition(base.Method):
         share, busy = float(np.sum(ordered[near] ** 2) / np.sum(ordered**2)), float(near.mean())
         if share < IMPULSIVE or busy > BUSY:
             return (
-                f"the torque is no impulses with rests between them: its peaks take {100 * busy:.0f} % of the time (at "
-                f"most {100 * BUSY:g} %) and {100 * share:.0f} % of the power (at least {100 * IMPULSIVE:g} %); it "
+                "the torque is no impulses with rests between them: its peaks take "
+                f"{100 * busy:.0f} % of the time (at "
+                f"most {100 * BUSY:g} %) and {100 * share:.0f} % of the power (at least "
+                f"{100 * IMPULSIVE:g} %); it "
                 "serves a joint that rings freely after impulses of torque"
             )
         stiffness, viscosity, inertia, _ = self._mean_impedance(ensemble)
@@ -112,16 +118,19 @@ class ModalDecomposition(base.Method):
         )
         if not damping <= MOST_DAMPED:
             return (
-                f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} N·m/rad, "
-                f"{viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MOST_DAMPED:g} or less is needed"
+                f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} "
+                "N·m/rad, "
+                f"{viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MOST_DAMPED:g} or less is "
+                "needed"
             )
         return None
 
     def _mean_impedance(self, ensemble: Ensemble) -> tuple[float, float, float, float]:
         """Mean stiffness, viscosity and inertia by least squares, and the share of inertia by which that may be off.
 
-        Angle and torque are smoothed alike, which leaves noise and the impulses' edges out. Stiffness and viscosity
-        have a few harmonics. The error is that of realizations as independent samples.
+        Angle and torque are smoothed alike, which leaves noise and the impulses' edges out.
+        Stiffness and viscosity have a few harmonics. The error is that of realizations as
+        independent samples.
         """
         rate, features = (
             ensemble.sampling_rate,
@@ -221,8 +230,9 @@ def track(
 ) -> Array:
     """Stiffness and viscosity at these consecutive samples of an angle, shape (time, 2), from how it rings about them.
 
-    In a window about each time a wave that decays about so fast (1/s), its mirror image at the negative frequency and a
-    constant are fitted; the wave's phase and size over time tell frequency and decay.
+    In a window about each time a wave that decays about so fast (1/s), its mirror image at the
+    negative frequency and a constant are fitted; the wave's phase and size over time tell
+    frequency and decay.
     """
     reach = round(REACH * width * rate)
     lags = np.arange(-reach, reach + 1) / rate

@@ -26,20 +26,21 @@ class ParallelCascade(base.Method):
 
     .. math:: y(t) = \Delta t \sum_{j=-n}^{n} h_j\, \theta(t - j) + \Delta t \sum_{i=0}^{m} p_i\, f(\dot\theta(t - i))
 
-    The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the torque less the intrinsic
-    one, and so on until the torque explained grows by less than 0.05 points, or ten times. What separates the two is
-    that the intrinsic lags end where the reflex's delay does.
+    The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the
+    torque less the intrinsic one, and so on until the torque explained grows by less than 0.05
+    points, or ten times. What separates the two is that the intrinsic lags end where the reflex's
+    delay does.
 
     Parameters
     ----------
     max_lag
         Lags of the intrinsic response to either side in s; no more than the reflex's delay.
     memory
-        Lags of the reflex's response in s. The authors' 1 s needs as much context, or realizations that follow each
-        other.
+        Lags of the reflex's response in s. The authors' 1 s needs as much context, or realizations
+        that follow each other.
     nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"hk"`` and ``"sls"``, a polynomial of degree 8, by
-        the iteration of Hunter & Korenberg (1986) or separable least squares.
+        f: ``"rectifier"``, the velocity of stretch, rectified; ``"hk"`` and ``"sls"``, a polynomial
+        of degree 8, by the iteration of Hunter & Korenberg (1986) or separable least squares.
 
     Notes
     -----
@@ -47,16 +48,18 @@ class ParallelCascade(base.Method):
     (of a least-squares fit with one slope for either direction), so that ``reflex_gain``, the area under the reflex's
     response, is slope times area, in N·m·s/rad; polynomials are 0 where the velocity is.
 
-    Both responses are truncated by description length, the directions that explain most first. Everything is constant
-    over time in the model: where the joint changes, this is an average. Velocity and rectifier are those of the angle
-    as it was recorded; the authors take the decimated velocity, which gives up to 15 % more stiffness where
-    the perturbation is made of pulses. Taking turns leaves stiffness too high, by 2 to 3 % of a joint with a strong
-    reflex, since the first turn gives the intrinsic pathway all that it can explain. No bands are stated;
+    Both responses are truncated by description length, the directions that explain most first.
+    Everything is constant over time in the model: where the joint changes, this is an average.
+    Velocity and rectifier are those of the angle as it was recorded; the authors take the decimated
+    velocity, which gives up to 15 % more stiffness where the perturbation is made of pulses. Taking
+    turns leaves stiffness too high, by 2 to 3 % of a joint with a strong reflex, since the first
+    turn gives the intrinsic pathway all that it can explain. No bands are stated;
     :func:`tvsysid.uncertainty.bootstrap` gives them.
 
-    ``"hk"`` minimises nothing: further rounds move stiffness, by up to 13 % on real ankles, and explain no more of the
-    torque. Here they end where the fit does not improve; stiffness is then within 12 % of the authors' code, which
-    stops sooner. After a single round in each turn it is within 5 %, but without noise 90 N·m/rad of 100, not 96.
+    ``"hk"`` minimises nothing: further rounds move stiffness, by up to 13 % on real ankles, and
+    explain no more of the torque. Here they end where the fit does not improve; stiffness is then
+    within 12 % of the authors' code, which stops sooner. After a single round in each turn it is
+    within 5 %, but without noise 90 N·m/rad of 100, not 96.
 
     References
     ----------
@@ -72,11 +75,13 @@ class ParallelCascade(base.Method):
     title: ClassVar[str] = "Parallel cascade"
     assumptions: ClassVar[tuple[str, ...]] = (
         "The joint does not change in time.",
-        "The intrinsic response ends before the reflex's delay does; nothing else is assumed of either's dynamics.",
+        "The intrinsic response ends before the reflex's delay does; nothing else is assumed of "
+        "either's dynamics.",
         "The reflex answers a static function of the velocity.",
     )
     differs: ClassVar[str] = (
-        "It is one constant, some mean where the joint changes; the pathways are identified in turn, so that each"
+        "It is one constant, some mean where the joint changes; the pathways are identified in "
+        "turn, so that each"
         " may keep a part of the other's torque."
     )
     cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
@@ -97,8 +102,10 @@ class ParallelCascade(base.Method):
         if known >= FEWEST * (before + 1):
             return None
         return (
-            f"only {known} samples have {self.memory:g} s recorded before them, as long as the reflex's response; "
-            "shorten memory, record more, or cut with more context (--context) or realizations that follow each other"
+            f"only {known} samples have {self.memory:g} s recorded before them, as long as the "
+            "reflex's response; "
+            "shorten memory, record more, or cut with more context (--context) or realizations "
+            "that follow each other"
         )
 
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:

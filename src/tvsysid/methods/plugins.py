@@ -1,7 +1,8 @@
 """Methods by name: the package's own, those of installed packages, and ``module:Object`` of a user's own.
 
-Settings typed as text get the types of their fields, whoever wrote the method. Systems, profiles and perturbations of a
-user's own are found in the same way, and scenarios, which packages offer as they do methods.
+Settings typed as text get the types of their fields, whoever wrote the method. Systems, profiles
+and perturbations of a user's own are found in the same way, and scenarios, which packages offer
+as they do methods.
 """
 
 from __future__ import annotations
@@ -96,7 +97,8 @@ VERBS = {  # what an object of each kind must have, and how it is written
 def names() -> tuple[str, ...]:
     """Keys of all methods: the package's own, then those that installed packages offer.
 
-    Nothing is loaded. A method that a package offers under one of the package's own keys is ignored; see
+    Nothing is loaded. A method that a package offers under one of the package's own keys is
+    ignored; see
     :func:`clashes`.
 
     Examples
@@ -109,7 +111,10 @@ def names() -> tuple[str, ...]:
 
 def clashes() -> tuple[str, ...]:
     """What installed packages offer under one of the package's own keys, in a sentence each."""
-    sentence = "{!r} is offered by the installed package {} too; the package's own is used. Name the other {}"
+    sentence = (
+        "{!r} is offered by the installed package {} too; the package's own is used. Name "
+        "the other {}"
+    )
     return tuple(
         sentence.format(key, *_origin(point))
         for key, point in installed().items()
@@ -118,7 +123,10 @@ def clashes() -> tuple[str, ...]:
 
 
 def installed(what: str = "method") -> dict[str, EntryPoint]:
-    """Methods, or what else is in ``GROUPS``, of installed packages by name, sorted; none of them is loaded."""
+    """Methods, or what else is in ``GROUPS``, of installed packages by name, sorted.
+
+    None of them is loaded.
+    """
     found: dict[str, EntryPoint] = {}
     for distribution in distributions():
         with suppress(
@@ -152,10 +160,13 @@ def _origin(point: EntryPoint) -> tuple[str, str]:
 
 
 def create(key: str, **settings: Any) -> Identifies:
-    """Method of this key, one of :func:`names` or ``module:Class``, with settings by name; the paper's otherwise.
+    """Method of this key, one of :func:`names` or ``module:Class``, with settings by name.
 
-    ``kbr`` also takes ``preset``, ``"simulation"`` or ``"experiment"``. With ``tuned=True`` a method of the package
-    chooses its settings from the data, beginning with these: see :class:`Tuned`.
+    The paper's otherwise.
+
+    ``kbr`` also takes ``preset``, ``"simulation"`` or ``"experiment"``. With ``tuned=True`` a
+    method of the package chooses its settings from the data, beginning with these: see
+    :class:`Tuned`.
 
     Raises
     ------
@@ -174,8 +185,9 @@ def create(key: str, **settings: Any) -> Identifies:
 def parse(text: str) -> Identifies:
     """Method from a word as typed on the command line: ``key`` or ``key:setting=value,setting=value``.
 
-    A method of one's own is ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The
-    package's own keys come first, then modules, then the names that installed packages offer.
+    A method of one's own is ``"mypackage.mymodule:MyMethod"`` or
+    ``"mypackage.mymodule:MyMethod:order=3"``. The package's own keys come first, then modules, then
+    the names that installed packages offer.
 
     Raises
     ------
@@ -200,10 +212,12 @@ def parse(text: str) -> Identifies:
 
 
 def from_text(text: str, what: str, usual: Any = None) -> Any:
-    """Object from ``module:Object`` or ``module:Class:setting=value``, as :func:`parse`; an instance, if it is a class.
+    """Object from ``module:Object`` or ``module:Class:setting=value``, as :func:`parse`.
 
-    ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`. Settings may change a ``usual``
-    dataclass, whatever its name.
+    An instance, if it is a class.
+
+    ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`. Settings may
+    change a ``usual`` dataclass, whatever its name.
     """
     if not text.isprintable():
         raise InputError(
@@ -234,7 +248,8 @@ def found_as(value: object, known: Mapping[str, object], what: str) -> Any:
     key, _, rest = value.partition(":")
     if not rest or (key not in known and "=" in rest.partition(":")[0]):
         raise InputError(
-            f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object"
+            f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as "
+            "module:Object"
         )
     return from_text(value, what, known.get(key))
 
@@ -242,15 +257,16 @@ def found_as(value: object, known: Mapping[str, object], what: str) -> Any:
 def load(name: str, what: str = "object") -> Any:
     """Class or object ``package.module:Object``, as it is; imports its module.
 
-    ``what`` it is to be is for messages. Raises :class:`tvsysid.InputError` if there is no such module, if it fails
-    while it is imported, or if it has no such name.
+    ``what`` it is to be is for messages. Raises :class:`tvsysid.InputError` if there is no such
+    module, if it fails while it is imported, or if it has no such name.
     """
     where, _, path = name.partition(":")
     label = f"{what} {name!r}"
     if where.endswith(".py") or "/" in where or "\\" in where:
         stem = Path(where.replace("\\", "/")).name.removesuffix(".py")
         raise InputError(
-            f"{label}: expected the name of a module, got a file; go to its folder and give {stem}:{path}"
+            f"{label}: expected the name of a module, got a file; go to its folder and give "
+            f"{stem}:{path}"
         )
     if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
         raise InputError(
@@ -267,7 +283,8 @@ def load(name: str, what: str = "object") -> Any:
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
         if absent is not None and f"{where}.".startswith(f"{absent}."):
             raise InputError(
-                f"{label}: there is no module {absent!r}; the current folder and the installed packages were searched. "
+                f"{label}: there is no module {absent!r}; the current folder and the installed "
+                "packages were searched. "
                 "Go to the folder that holds it, or install its package"
             ) from error
         raise InputError(
@@ -356,7 +373,8 @@ def _made(key: str, target: object, settings: Mapping[str, Any], what: str) -> A
     if not isinstance(target, type):
         if settings:
             raise InputError(
-                f"{label}: it is an object that is there already, and takes no settings, got {', '.join(settings)}; "
+                f"{label}: it is an object that is there already, and takes no settings, got "
+                f"{', '.join(settings)}; "
                 f"name its class {kind} instead"
             )
         return target

@@ -27,7 +27,9 @@ WINDOWS = (
     0.30,
     0.40,
 )  # s, of which a tuned one is the best
-FEWEST = 3  # samples for each lag below which a window has no band: with fewer, 95 % bands held the truth in 78 to 90 %
+# samples for each lag below which a window has no band: with fewer, 95 % bands held the truth in 78
+# to 90 %
+FEWEST = 3
 FEWEST_REALIZATIONS = (
     2  # independent ones below which there is none: in one, the noise is hardly known (80 to 86 %)
 )
@@ -40,7 +42,8 @@ class ShortDataSegments(Method):
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2} u_r(i - k)\, y_r(i), \qquad
               L = (N + 1) R
 
-    (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012), with the autocorrelations alike; solved as in
+    (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012), with the autocorrelations
+    alike; solved as in
     :class:`EnsembleIRF`, the description length counting all L samples.
 
     Parameters
@@ -48,13 +51,14 @@ class ShortDataSegments(Method):
     max_lag
         Lags to either side in s.
     window
-        Time N Δt over which the joint is taken as constant, in s. An instantaneous change is spread over it: the rise
-        from 10 to 90 % takes 80 % of it.
+        Time N Δt over which the joint is taken as constant, in s. An instantaneous change is spread
+        over it: the rise from 10 to 90 % takes 80 % of it.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
-        moves too. Its lags from -max_lag to 0.3 s are then the instruments of two-stage least squares
-        (:mod:`tvsysid.methods.shared.two_stage`), and the response is truncated at a hundredth of its best determined
-        direction. The random error is two to three times that of esm and birf with a reference.
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
+        noise of the torque moves too. Its lags from -max_lag to 0.3 s are then the instruments of
+        two-stage least squares (:mod:`tvsysid.methods.shared.two_stage`), and the response is
+        truncated at a hundredth of its best determined direction. The random error is two to three
+        times that of esm and birf with a reference.
 
     Notes
     -----
@@ -62,10 +66,11 @@ class ShortDataSegments(Method):
     of samples actually averaged is counted. Stiffness is the area under the impulse response (equation 20); viscosity
     and inertia are those of a second-order fit to it, as in :class:`EnsembleIRF`.
 
-    The bands count that the noise of neighbouring samples in a window is correlated, by the autocorrelation of the
-    residual, which is taken to be the same at all times; the noise's strength may change. They do not count what the
-    window smooths: about a switch, the truth lies outside. Windows that hold fewer than three samples for each lag, or
-    only one realization, have none.
+    The bands count that the noise of neighbouring samples in a window is correlated, by the
+    autocorrelation of the residual, which is taken to be the same at all times; the noise's
+    strength may change. They do not count what the window smooths: about a switch, the truth
+    lies outside. Windows that hold fewer than three samples for each lag, or only one
+    realization, have none.
     """
 
     max_lag: float = 0.12
@@ -80,7 +85,8 @@ class ShortDataSegments(Method):
         "Nothing is assumed of the dynamics.",
     )
     differs: ClassVar[str] = (
-        "It is a mean over its window: what changes faster comes out slower, a switch as a ramp as long as the window."
+        "It is a mean over its window: what changes faster comes out slower, a switch as a ramp "
+        "as long as the window."
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2012", "vanderuit2021")
 
@@ -94,7 +100,8 @@ class ShortDataSegments(Method):
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:
             raise InputError(
-                f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
+                f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
+                "longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
         if self.reference is not None:
@@ -127,7 +134,8 @@ class ShortDataSegments(Method):
         samples = (2 * whole_samples(self.window / 2, ensemble) + 1) * len(ensemble)
         if samples < 4 * unknowns:
             yield (
-                f"a window holds {samples} samples of all realizations for {unknowns} lags: the fit is hardly "
+                f"a window holds {samples} samples of all realizations for {unknowns} lags: the "
+                "fit is hardly "
                 "determined; record more, or lengthen window"
             )
 
@@ -147,8 +155,9 @@ class ShortDataSegments(Method):
 class SegmentErrors:
     """Standard errors at the times whose windows hold samples enough to tell them.
 
-    From the angle's ``products`` along the diagonals (sample, distance) and the autocorrelation of the ``noise``
-    (distance,). A realization has so many ``times``; ``counted`` says in words how many realizations there are.
+    From the angle's ``products`` along the diagonals (sample, distance) and the autocorrelation
+    of the ``noise`` (distance,). A realization has so many ``times``; ``counted`` says in words
+    how many realizations there are.
     """
 
     windows: shared.Windows
@@ -165,8 +174,10 @@ class SegmentErrors:
         )
         if not enough.any():
             why = (
-                f"windows over {self.counted} hold {windows.independent.max():.0f} independent samples for {unknowns} "
-                f"lags, where {FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed to tell the noise "
+                f"windows over {self.counted} hold {windows.independent.max():.0f} independent "
+                f"samples for {unknowns} "
+                f"lags, where {FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed "
+                "to tell the noise "
                 "from what the joint does; record more, shorten max_lag, or lengthen window"
             )
             return shared.no_errors(self.times, why)

@@ -28,7 +28,8 @@ LIKELY, SURE = (
     1e-4,
 )  # probabilities of as much noise below which a skirt is fitted, and warned of
 NOISELESS = 1e-5  # share of the torque's variance below which what is left is rounding and filters
-ON_GRID = 0.02  # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
+# of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
+ON_GRID = 0.02
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
 
 
@@ -39,18 +40,19 @@ class SkirtDecomposition(base.Method):
     .. math:: y(t) = \sum_k \mathrm{Re}\{G_k(t)\, U_k\, e^{j\omega_k t}\}, \qquad
               G_k(t) = \sum_{h=-H}^{H} g_{kh}\, e^{2\pi j h t / p} = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
 
-    The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to them, weighted by
-    their covariance. What a line U is comes from the angle itself, so that filters that angle and torque pass alike do
-    not matter.
+    The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to
+    them, weighted by their covariance. What a line U is comes from the angle itself, so that
+    filters that angle and torque pass alike do not matter.
 
     Parameters
     ----------
     frequencies
         Lines in Hz; by default they are looked for in the angle.
     harmonics
-        H of the period p, the duration of a realization, of which the impedance's change is a sum. Skirts may not
-        overlap: lines must be more than 2 H / p apart. If None, up to the highest harmonic whose skirts the torque
-        shows; ``harmonics`` among the diagnostics' details is the number chosen. A warning says where skirts are left.
+        H of the period p, the duration of a realization, of which the impedance's change is a sum.
+        Skirts may not overlap: lines must be more than 2 H / p apart. If None, up to the highest
+        harmonic whose skirts the torque shows; ``harmonics`` among the diagnostics' details is the
+        number chosen. A warning says where skirts are left.
 
     Notes
     -----
@@ -72,7 +74,8 @@ class SkirtDecomposition(base.Method):
     title: ClassVar[str] = "Skirt decomposition"
     assumptions: ClassVar[tuple[str, ...]] = (
         "The angle is imposed, and a multisine whose lines are far apart.",
-        "Impedance changes over a realization as a sum of a few harmonics, alike in all realizations.",
+        "Impedance changes over a realization as a sum of a few harmonics, alike in all "
+        "realizations.",
         "The joint is of second order, its inertia constant.",
     )
     differs: ClassVar[str] = (
@@ -97,8 +100,10 @@ class SkirtDecomposition(base.Method):
             share = 1 - float(np.sum((angle - waves.real.sum(axis=0)) ** 2) / np.sum(angle**2))
         if share < LINES:
             return (
-                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of it, and "
-                f"{100 * LINES:g} % are needed; perturb with some sines of fixed frequencies and impose the angle"
+                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of "
+                "it, and "
+                f"{100 * LINES:g} % are needed; perturb with some sines of fixed frequencies and "
+                "impose the angle"
             )
         if lines.size < 2:
             return (
@@ -106,8 +111,10 @@ class SkirtDecomposition(base.Method):
             )
         if (self.harmonics or 0) > _most_harmonics(lines, ensemble):
             return (
-                f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a change of "
-                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice as far apart or "
+                f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a "
+                "change of "
+                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice "
+                "as far apart or "
                 "further; give fewer harmonics"
             )
         return None
@@ -140,8 +147,10 @@ class SkirtDecomposition(base.Method):
                 else "lines that do not agree with each other"
             )
             warned = (
-                f"the torque has {found}, where the impedance that is fitted changes by {chosen} harmonics, which no "
-                "band counts: it changes faster, or is not of second order; give more harmonics, or use kbr",
+                f"the torque has {found}, where the impedance that is fitted changes by {chosen} "
+                "harmonics, which no "
+                "band counts: it changes faster, or is not of second order; give more harmonics, "
+                "or use kbr",
             )
         count, covariance = features.shape[1], posterior.covariance
         expansions = (features, features, np.ones((ensemble.samples, 1)))
@@ -207,7 +216,8 @@ class SkirtDecomposition(base.Method):
 class Skirts(NamedTuple):
     """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom.
 
-    The torque that they leave, (realization, time), and its ``density`` about each line (line,), 1 of white noise.
+    The torque that they leave, (realization, time), and its ``density`` about each line (line,),
+    1 of white noise.
     """
 
     mean: Array
@@ -256,7 +266,8 @@ def _chance(
 ) -> float:
     """Return the probability that noise alone leaves such skirts of a harmonic of the period.
 
-    Where these meet skirts of up to the harmonic ``chosen``, which are fitted, nothing is left to see.
+    Where these meet skirts of up to the harmonic ``chosen``, which are fitted, nothing is left
+    to see.
     """
     sides = np.array([[1.0], [-1.0]])
     beside = np.abs(lines + sides * harmonic / ensemble.duration)

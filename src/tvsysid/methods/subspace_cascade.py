@@ -51,10 +51,11 @@ class SubspaceCascade(Method):
                      + \sum_{\tau \ge 0} p(\tau)\, f(t - d - \tau)\, \Delta t, \qquad
               f = \sum_j \omega_j T_j(\dot\theta)
 
-    The reflex answers after the delay d, and only then; the intrinsic response is no longer than that. The reflex is a
-    static nonlinearity of the velocity, a sum of Chebyshev polynomials, before a linear system of low order. MOESP with
-    past inputs gives this system's poles. The intrinsic response is that of the torque to the lagged angles after all
-    that a system with these poles could do is taken out. Numerator and polynomial are fitted to what it leaves.
+    The reflex answers after the delay d, and only then; the intrinsic response is no longer than
+    that. The reflex is a static nonlinearity of the velocity, a sum of Chebyshev polynomials,
+    before a linear system of low order. MOESP with past inputs gives this system's poles. The
+    intrinsic response is that of the torque to the lagged angles after all that a system with these
+    poles could do is taken out. Numerator and polynomial are fitted to what it leaves.
 
     Parameters
     ----------
@@ -63,12 +64,14 @@ class SubspaceCascade(Method):
     terms
         Polynomials of the velocity, of degree 1 on.
     order
-        Poles of the reflex's linear part; None takes as many as the largest gap of the singular values says.
+        Poles of the reflex's linear part; None takes as many as the largest gap of the singular
+        values says.
     horizon
         Length of the Hankel matrices in s.
     window
-        None takes the joint as constant. In s, intrinsic response and reflex gain are those of a window about each
-        time, from all realizations; the reflex's poles and its nonlinearity are those of all data.
+        None takes the joint as constant. In s, intrinsic response and reflex gain are those of a
+        window about each time, from all realizations; the reflex's poles and its nonlinearity are
+        those of all data.
 
     Notes
     -----
@@ -77,21 +80,24 @@ class SubspaceCascade(Method):
     in between, all is interpolated. They take samples only before which the velocity is known as long as the poles
     last.
 
-    Directions of the inputs are counted as far as they are beyond rounding. Poles outside the unit circle are reflected
-    into it. A reflex that is not there has poles all the same: those of the noise.
+    Directions of the inputs are counted as far as they are beyond rounding. Poles outside the unit
+    circle are reflected into it. A reflex that is not there has poles all the same: those of the
+    noise.
 
-    Stiffness is the area under the intrinsic response; viscosity and inertia are those of a second-order fit to it, as
-    in :class:`EnsembleIRF`. With so few lags inertia comes out 5 % too large where a PRBS moves the joint.
+    Stiffness is the area under the intrinsic response; viscosity and inertia are those of a
+    second-order fit to it, as in :class:`EnsembleIRF`. With so few lags inertia comes out 5 % too
+    large where a PRBS moves the joint.
 
-    The ``reflex_gain``, in N·m·s/rad, is the slope of the nonlinearity for stretch times the area under the reflex
-    response. The slope is that of the least-squares fit of two straight lines, over the velocities that there were, in
-    the direction in which it is steeper. The nonlinearity is scaled so that it is 1; at rest it is 0. A gain that
-    changes appears with its torque, some 0.1 s after the stretch. A torque's offset belongs to no pathway.
+    The ``reflex_gain``, in N·m·s/rad, is the slope of the nonlinearity for stretch times the area
+    under the reflex response. The slope is that of the least-squares fit of two straight lines,
+    over the velocities that there were, in the direction in which it is steeper. The nonlinearity
+    is scaled so that it is 1; at rest it is 0. A gain that changes appears with its torque, some
+    0.1 s after the stretch. A torque's offset belongs to no pathway.
 
-    The bands of stiffness, viscosity and inertia are those of the projection's least squares, with noise of the
-    residual's colour. They take the poles as known: 95 % bands of stiffness held the truth in 87 to 90 % of simulated
-    records of 60 s. The reflex gain comes from an alternation and has none; :func:`tvsysid.uncertainty.bootstrap` gives
-    its spread over realizations.
+    The bands of stiffness, viscosity and inertia are those of the projection's least squares, with
+    noise of the residual's colour. They take the poles as known: 95 % bands of stiffness held the
+    truth in 87 to 90 % of simulated records of 60 s. The reflex gain comes from an alternation and
+    has none; :func:`tvsysid.uncertainty.bootstrap` gives its spread over realizations.
 
     References
     ----------
@@ -112,7 +118,8 @@ class SubspaceCascade(Method):
     pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
     title: ClassVar[str] = "Structural decomposition by subspaces (SDSS)"
     assumptions: ClassVar[tuple[str, ...]] = (
-        "Two pathways: an intrinsic one that answers within the delay, and a reflex to velocity that answers after it.",
+        "Two pathways: an intrinsic one that answers within the delay, and a reflex to velocity "
+        "that answers after it.",
         "The reflex is a static nonlinearity before a linear system of low order.",
         "The joint does not change, or changes little within the window.",
     )
@@ -139,8 +146,10 @@ class SubspaceCascade(Method):
         rate, depth = ensemble.sampling_rate, whole_samples(self.horizon, ensemble)
         if not (self.order or 1) < depth <= LARGEST_HORIZON:
             return (
-                f"its horizon of {self.horizon:g} s has {depth} samples at {rate:g} Hz; expected more than the "
-                f"{self.order or 1} of the order and {LARGEST_HORIZON} at most; change the horizon, or decimate to "
+                f"its horizon of {self.horizon:g} s has {depth} samples at {rate:g} Hz; expected "
+                "more than the "
+                f"{self.order or 1} of the order and {LARGEST_HORIZON} at most; change the "
+                "horizon, or decimate to "
                 "some 100 Hz"
             )
         edges = 2 * missing_edge(whole_samples(self.delay, ensemble), ensemble)
@@ -149,14 +158,18 @@ class SubspaceCascade(Method):
         needed = (2 * self.terms + 2 * whole_samples(self.delay, ensemble) + 1) * depth + 1
         if rows <= needed:
             return (
-                f"it needs stretches of record longer than two horizons ({2 * self.horizon:g} s), with "
-                f"{needed / rate:.3g} s together beyond that; got {len(lengths)} of up to {max(lengths) / rate:.3g} s, "
-                f"with {rows / rate:.3g} s; give longer or more realizations, fewer terms or a shorter horizon"
+                f"it needs stretches of record longer than two horizons ({2 * self.horizon:g} s), "
+                "with "
+                f"{needed / rate:.3g} s together beyond that; got {len(lengths)} of up to "
+                f"{max(lengths) / rate:.3g} s, "
+                f"with {rows / rate:.3g} s; give longer or more realizations, fewer terms or a "
+                "shorter horizon"
             )
         held = len(ensemble) * whole_samples(self.window or ensemble.duration, ensemble)
         if held < self._fewest():
             return (
-                f"a window of {self.window:g} s holds {held} samples of {len(ensemble)} realizations, it needs "
+                f"a window of {self.window:g} s holds {held} samples of {len(ensemble)} "
+                "realizations, it needs "
                 f"{self._fewest()}; give a longer window, more realizations or fewer terms"
             )
         return None
@@ -258,8 +271,10 @@ class SubspaceCascade(Method):
         known = [fit for fit in fits if fit is not None]
         if not known:
             raise InputError(
-                "SubspaceCascade: in no window the velocity is known as long before as the reflex lasts, some "
-                f"{MEMORY:g} s; give realizations that follow each other, more context, or window=None"
+                "SubspaceCascade: in no window the velocity is known as long before as the reflex "
+                "lasts, some "
+                f"{MEMORY:g} s; give realizations that follow each other, more context, or "
+                "window=None"
             )
         lasts = max(
             lasting(fit.reflex.impulse_response(whole_samples(MEMORY, ensemble))) for fit in known
@@ -318,8 +333,8 @@ class SubspaceCascade(Method):
 class Fit(NamedTuple):
     """Intrinsic ``response`` (lag,) in N·m/rad/s, ``impedance`` (3,) with standard ``errors``, and the ``reflex``.
 
-    ``shares`` are the torque's power that a second-order fit explains, what lagged angles explain beyond it, and what
-    they would by chance.
+    ``shares`` are the torque's power that a second-order fit explains, what lagged angles
+    explain beyond it, and what they would by chance.
     """
 
     response: Array
@@ -341,8 +356,9 @@ def fit(
 ) -> Fit:
     """Both pathways of samples in which the joint is constant: so many in each stretch, one after the other.
 
-    ``left`` are the projected ``rows``, which give the intrinsic response. The reflex, with these ``weights`` or its
-    own and the poles of ``dynamics``, is fitted to what that response leaves of ``later``.
+    ``left`` are the projected ``rows``, which give the intrinsic response. The reflex, with
+    these ``weights`` or its own and the poles of ``dynamics``, is fitted to what that response
+    leaves of ``later``.
     """
     response, count = left.response, len(left.output)
     rest = later._replace(output=later.output - later.signals @ response)
@@ -374,8 +390,8 @@ def fit(
 class Line(NamedTuple):
     """Realizations that follow each other, with the context about them, as one ``piece``.
 
-    Its sample ``first`` is the first of so many ``realizations`` of so many ``samples``; below 0 where lags reach
-    beyond the context.
+    Its sample ``first`` is the first of so many ``realizations`` of so many ``samples``; below 0
+    where lags reach beyond the context.
     """
 
     piece: subspace.Piece
@@ -385,7 +401,10 @@ class Line(NamedTuple):
 
     @classmethod
     def of(cls, ensemble: Ensemble, inputs: Array, run: NDArray[np.int64], lags: int) -> Line:
-        """From a run of realizations; the inputs (realization, time, input) come a delay of so many lags later."""
+        """From a run of realizations.
+
+        The inputs (realization, time, input) come a delay of so many lags later.
+        """
         level = 0.0 if ensemble.mean_subtracted else 1.0
         core, before, after = (
             ensemble.core,
@@ -415,7 +434,10 @@ class Line(NamedTuple):
         )
 
     def windows(self, centre: int, half: int, past: int) -> list[slice]:
-        """Samples about one of each realization's; none of the first, before which the inputs are not known."""
+        """Samples about one of each realization's.
+
+        None of the first, before which the inputs are not known.
+        """
         starts = self.first + centre + self.samples * np.arange(self.realizations)
         bounds = [
             (max(past, int(at) - half), min(len(self.piece.output), int(at) + half + 1))

@@ -43,8 +43,8 @@ __all__ += ["weighted_mean"]
 class Metric:
     """A row of the catalogue.
 
-    Its ``best`` value is that of a perfect identification; of a coverage, that of a perfect band of 95 %. What
-    ``needs_truth`` can be had for simulated data only.
+    Its ``best`` value is that of a perfect identification; of a coverage, that of a perfect band
+    of 95 %. What ``needs_truth`` can be had for simulated data only.
     """
 
     title: str

@@ -1,6 +1,9 @@
-"""Errors of what was estimated in repeated trials, against the truth or about their own mean; coverage of bands.
+"""Errors of what was estimated in repeated trials, against the truth or about their own mean.
 
-Each takes weights of the trials, one set or many, so that its bootstrap over trials is the same code.
+Coverage of bands.
+
+Each takes weights of the trials, one set or many, so that its bootstrap over trials is the same
+code.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ def _against(estimates: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
 def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """Mean over trials, the first axis; shape (...), or (draw, ...) for many sets of weights.
 
-    Weights may have any sum, and the shape (trial,), or (draw, trial) for many sets; None weighs all alike.
+    Weights may have any sum, and the shape (trial,), or (draw, trial) for many sets; None weighs
+    all alike.
 
     Examples
     --------
@@ -92,10 +96,12 @@ def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None
 
     .. math:: \sqrt{\frac1T \sum_i \left(\overline{\hat K}(i) - K(i)\right)^2}
 
-    Equation 22 of van de Ruit et al. 2021. With M trials its square contains the random error's square over M.
+    Equation 22 of van de Ruit et al. 2021. With M trials its square contains the random error's
+    square over M.
 
-    From estimates (trial, time) and truth (time,), in their unit; NaN if no time has an estimate in every trial. The
-    weights are those of :func:`weighted_mean`; for many sets of them there is one value each.
+    From estimates (trial, time) and truth (time,), in their unit; NaN if no time has an estimate in
+    every trial. The weights are those of :func:`weighted_mean`; for many sets of them there is one
+    value each.
 
     Examples
     --------
@@ -113,9 +119,9 @@ def debiased_bias_error(
 
     .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
 
-    The mean of M trials has their variance over M, and the random error, which divides by M, is that variance times
-    (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN for a single trial, which does not tell, and
-    where no time has an estimate in every trial.
+    The mean of M trials has their variance over M, and the random error, which divides by M, is
+    that variance times (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN
+    for a single trial, which does not tell, and where no time has an estimate in every trial.
     """
     trials = len(_trials(estimates)[0])
     if trials < 2:
@@ -125,7 +131,9 @@ def debiased_bias_error(
 
 
 def mean_bias(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    """Mean over time of the mean estimate's error, with its sign. Arguments and result are those of :func:`bias_error`.
+    """Mean over time of the mean estimate's error, with its sign.
+
+    Arguments and result are those of :func:`bias_error`.
 
     Examples
     --------
@@ -156,7 +164,9 @@ def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Valu
 
 
 def total_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    r"""Root mean square, over time and trials, of the error; its square is that of bias plus that of random error.
+    r"""Root mean square, over time and trials, of the error.
+
+    Its square is that of bias plus that of random error.
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - K(i)\right)^2}
 
@@ -182,11 +192,13 @@ def rise_time(
 ) -> Value:
     """Time from where the mean estimate first exceeds one level to where it first exceeds another.
 
-    Searched only so many seconds (``within``) about the known upward ``switch``, and the lower crossing is the last one
-    before the upper, for noise makes early crossings that mean nothing (van de Ruit et al. 2021, section 3.3).
+    Searched only so many seconds (``within``) about the known upward ``switch``, and the lower
+    crossing is the last one before the upper, for noise makes early crossings that mean nothing
+    (van de Ruit et al. 2021, section 3.3).
 
-    From times in s (time,) and estimates (trial, time), in s; NaN if a level is not crossed there. The levels are 10
-    and 90 % of the step; weights are those of :func:`weighted_mean`, and for many sets there is one value each.
+    From times in s (time,) and estimates (trial, time), in s; NaN if a level is not crossed there.
+    The levels are 10 and 90 % of the step; weights are those of :func:`weighted_mean`, and for many
+    sets there is one value each.
 
     Examples
     --------
@@ -198,7 +210,8 @@ def rise_time(
     times = np.asarray(time, dtype=np.float64)
     if times.shape != values.shape[1:]:
         raise InputError(
-            f"time: expected one value for each of {values.shape[1]} estimates, got shape {times.shape}"
+            f"time: expected one value for each of {values.shape[1]} estimates, got shape "
+            f"{times.shape}"
         )
     near = np.abs(times - switch) <= within + 1e-9
     times, mean = times[near], weighted_mean(values[:, near], weights)
@@ -217,9 +230,10 @@ def coverage(
 ) -> Value:
     """Share in per cent of trials and times at which a band holds the truth, its edges included.
 
-    The band's edges have the shape (trial, time), the truth (time,). Where either edge is NaN there is no band, and the
-    time is left out in that trial; NaN where there is no band at all. Best is the band's own level: more says that it
-    is too wide. The weights are those of :func:`weighted_mean`.
+    The band's edges have the shape (trial, time), the truth (time,). Where either edge is NaN there
+    is no band, and the time is left out in that trial; NaN where there is no band at all. Best is
+    the band's own level: more says that it is too wide. The weights are those of
+    :func:`weighted_mean`.
 
     Raises
     ------
@@ -235,7 +249,8 @@ def coverage(
     true = np.asarray(truth, dtype=np.float64)
     if low.ndim != 2 or low.shape != high.shape or low.size == 0 or true.shape != low.shape[1:]:
         raise InputError(
-            "coverage: expected lower and upper of axes (trial, time) and a truth for each time, got shapes "
+            "coverage: expected lower and upper of axes (trial, time) and a truth for each time, "
+            "got shapes "
             f"{low.shape}, {high.shape} and {true.shape}"
         )
     known = np.isfinite(low) & np.isfinite(high)
@@ -245,8 +260,8 @@ def coverage(
 def share_covered(covered: ArrayLike, weights: ArrayLike | None = None) -> Value:
     """Coverage where it is known already whether each band holds the truth.
 
-    ``covered`` (trial, time) is 1 where it does, 0 where not, NaN where there is no band; weights and result are those
-    of :func:`coverage`.
+    ``covered`` (trial, time) is 1 where it does, 0 where not, NaN where there is no band; weights
+    and result are those of :func:`coverage`.
 
     Examples
     --------

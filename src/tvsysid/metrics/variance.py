@@ -15,7 +15,8 @@ def _pair(torque: ArrayLike, predicted: ArrayLike) -> tuple[Array, Array]:
     measured, model = np.asarray(torque, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
     if measured.ndim != 2 or measured.shape != model.shape or measured.size == 0:
         raise InputError(
-            "torque and predicted: expected two arrays of axes (realization, time) of the same shape, "
+            "torque and predicted: expected two arrays of axes (realization, time) of the same "
+            "shape, "
             f"got {measured.shape} and {model.shape}"
         )
     return measured, model
@@ -37,10 +38,12 @@ def vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math:: \max\left(0, 1 - \frac{\sum_i (y_r(i) - \hat y_r(i))^2}{\sum_i y_r(i)^2}\right) \cdot 100\,\%
 
-    Equation 25 of van de Ruit et al. 2021. The sums are not centred: subtract the mean over realizations before.
+    Equation 25 of van de Ruit et al. 2021. The sums are not centred: subtract the mean over
+    realizations before.
 
-    Measured (or noiseless simulated) and predicted torque have the shape (realization, time); samples where the latter
-    is NaN are left out. In per cent, shape (realization,); NaN where no sample is left, or the torque is zero.
+    Measured (or noiseless simulated) and predicted torque have the shape (realization, time);
+    samples where the latter is NaN are left out. In per cent, shape (realization,); NaN where no
+    sample is left, or the torque is zero.
 
     Examples
     --------
@@ -55,7 +58,8 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math:: \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right) \cdot 100\,\%
 
-    Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction. Torques are those of
+    Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction.
+    Torques are those of
     :func:`vaf`.
     """
     return _accounted(*_pair(torque, predicted), axis=0)
@@ -69,17 +73,20 @@ def bandpassed_vaf(
 ) -> Array:
     """Variance accounted for in each realization, after a band-pass that takes away most of the inertia's part.
 
-    A third-order Butterworth filter is run over both torques forwards and backwards, so that nothing is shifted. Ends
-    are continued by even reflection for a cycle of the band's lower edge, which comes closest to filtering the
-    whole record: within 0.5 percentage points for a realization of 2 s, where odd reflection is off by 4.
+    A third-order Butterworth filter is run over both torques forwards and backwards, so that
+    nothing is shifted. Ends are continued by even reflection for a cycle of the band's lower edge,
+    which comes closest to filtering the whole record: within 0.5 percentage points for a
+    realization of 2 s, where odd reflection is off by 4.
 
-    Torques are those of :func:`vaf`, rate and band in Hz; times at which any realization has no prediction are left
-    out. In per cent, shape (realization,); NaN where no more than 18 samples are left to filter.
+    Torques are those of :func:`vaf`, rate and band in Hz; times at which any realization has no
+    prediction are left out. In per cent, shape (realization,); NaN where no more than 18 samples
+    are left to filter.
     """
     measured, model = _pair(torque, predicted)
     if not 0 < band[0] < band[1] < sampling_rate / 2:
         raise InputError(
-            f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, got {band!r}"
+            f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, "
+            f"got {band!r}"
         )
     known = np.asarray(np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0))
     count = int(np.count_nonzero(known))

@@ -23,9 +23,10 @@ def critical_value(level: float, freedom: Array) -> Array:
 def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
     r"""Multiple of the standard deviation within which all times of an estimate lie with this probability.
 
-    The smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as independent: the level
-    at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun & Loader 1994) uses that an estimate which is
-    smooth in time hardly takes other values at the next sample: the chance to leave the band is at most
+    The smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as
+    independent: the level at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun &
+    Loader 1994) uses that an estimate which is smooth in time hardly takes other values at the next
+    sample: the chance to leave the band is at most
 
     .. math:: P(|t_\nu| > c) + \frac{\kappa}{\pi}\left(1 + \frac{c^2}{\nu}\right)^{-\nu/2}
 
@@ -43,7 +44,8 @@ def arc_length(features: Array, covariance: Array) -> float:
 
     .. math:: \kappa = \sum_i \arccos \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}
 
-    with l the ``features`` (time, coefficient) that the coefficients are multiplied by, and C their covariance.
+    with l the ``features`` (time, coefficient) that the coefficients are multiplied by, and C
+    their covariance.
     """
     mixed = features @ covariance
     own = np.einsum("tc,tc->t", mixed, features)
@@ -91,7 +93,10 @@ def mean_known(values: Array) -> Array:
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation over the first axis, NaN left out; NaN of nothing, and the latter of one value."""
+    """Mean and standard deviation over the first axis, NaN left out.
+
+    NaN of nothing, and the latter of one value.
+    """
     known = np.isfinite(values)
     count = known.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,8 +1,9 @@
 """Basis functions of normalised time, with which time variation is described.
 
-A basis is any callable from normalised time, shape (time,), to values, shape (time, function). Its attribute
-``periodic`` (False where there is none) says what normalised time is: from 0 at the first to 1 at the last
-sample for a clamped basis; sample / samples, so that 1 is the next period's 0, for a periodic one.
+A basis is any callable from normalised time, shape (time,), to values, shape (time, function).
+Its attribute ``periodic`` (False where there is none) says what normalised time is: from 0 at
+the first to 1 at the last sample for a clamped basis; sample / samples, so that 1 is the next
+period's 0, for a periodic one.
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ Basis = Callable[[Array], Array]
 
 
 def evaluate(basis: Basis, samples: int) -> Array:
-    """Values (time, function) of a basis over a realization of so many samples; raises if it gives none such."""
+    """Values (time, function) of a basis over a realization of so many samples.
+
+    Raises if it gives none such.
+    """
     periodic = bool(getattr(basis, "periodic", False))
     values = np.asarray(
         basis(np.linspace(0.0, 1.0, samples, endpoint=not periodic)), dtype=np.float64
@@ -36,7 +40,8 @@ def evaluate(basis: Basis, samples: int) -> Array:
         or not np.isfinite(values).all()
     ):
         raise InputError(
-            f"basis {basis!r}: expected finite values of shape ({samples}, functions) for {samples} times, "
+            f"basis {basis!r}: expected finite values of shape ({samples}, functions) for "
+            f"{samples} times, "
             f"got shape {values.shape}"
         )
     return values
@@ -64,7 +69,8 @@ def check_basis(method: object, basis: object) -> None:
     """Raise for a setting that cannot be a basis."""
     if not callable(basis):
         raise InputError(
-            f"{type(method).__name__}: basis must be a callable from normalised time to values, got {basis!r}; "
+            f"{type(method).__name__}: basis must be a callable from normalised time to values, "
+            f"got {basis!r}; "
             "for example CubicBSplines(10)"
         )
 
@@ -72,7 +78,8 @@ def check_basis(method: object, basis: object) -> None:
 def _check_count(basis: object, functions: int, least: int = 1) -> None:
     if not isinstance(functions, (int, np.integer)) or functions < least:
         raise InputError(
-            f"{type(basis).__name__}: functions must be a whole number of at least {least}, got {functions!r}"
+            f"{type(basis).__name__}: functions must be a whole number of at least {least}, got "
+            f"{functions!r}"
         )
 
 
@@ -80,7 +87,8 @@ def _check_count(basis: object, functions: int, least: int = 1) -> None:
 class CubicBSplines:
     """Cubic B-splines on equal intervals, four functions at least.
 
-    Of a ``periodic`` basis the last interval joins the first; otherwise the knots are clamped at both ends.
+    Of a ``periodic`` basis the last interval joins the first; otherwise the knots are clamped at
+    both ends.
 
     Examples
     --------
@@ -111,8 +119,8 @@ class CubicBSplines:
 class GaussianBumps:
     """Gaussian bumps at equal distances; what the Kearney lab's toolbox uses.
 
-    The ``width`` is their standard deviation in normalised time. Bumps that are ``periodic`` wrap round; otherwise the
-    outer ones lie on the ends.
+    The ``width`` is their standard deviation in normalised time. Bumps that are ``periodic``
+    wrap round; otherwise the outer ones lie on the ends.
     """
 
     functions: int = 10
@@ -236,6 +244,7 @@ def basis_from_text(text: str) -> Basis:
         raise
     except (SyntaxError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"expected a basis such as CubicBSplines(functions=10), of {', '.join(known)}; got {text!r}"
+            f"expected a basis such as CubicBSplines(functions=10), of {', '.join(known)}; got "
+            f"{text!r}"
         ) from error
     return made

@@ -1,6 +1,7 @@
 """Bayesian linear regression from sufficient statistics, priors chosen by maximum evidence.
 
-``gram`` is :math:`G = X^T X`, ``cross`` :math:`c = X^T y`, ``square`` :math:`y^T y`, ``samples`` the length N of y.
+``gram`` is :math:`G = X^T X`, ``cross`` :math:`c = X^T y`, ``square`` :math:`y^T y`, ``samples``
+the length N of y.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from tvsysid.numerics import Array
 class Posterior(NamedTuple):
     """What is known of the coefficients after the data.
 
-    ``effective`` is the number of parameters that the data determine, ``log_evidence`` NaN without a prior.
+    ``effective`` is the number of parameters that the data determine, ``log_evidence`` NaN
+    without a prior.
     """
 
     mean: Array
@@ -33,7 +35,9 @@ class Posterior(NamedTuple):
 Regression = Callable[[Array, Array, float, int], Posterior]
 
 SMALLEST_RESIDUAL = 1e-12  # share of the output's power below which a residual is rounding
-TOLERANCE = 1e-7  # change of the log evidence for each sample at which iterations stop; the same whatever the units are
+# change of the log evidence for each sample at which iterations stop; the same whatever the units
+# are
+TOLERANCE = 1e-7
 
 
 def least_squares(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
@@ -49,15 +53,17 @@ def least_squares(gram: Array, cross: Array, square: float, samples: int) -> Pos
 
 
 def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
-    r"""One precision for all coefficients, by evidence maximisation (MacKay's fixed point; Bishop 2006, section 3.5).
+    r"""One precision for all coefficients, by evidence maximisation (MacKay's fixed point.
+
+    Bishop 2006, section 3.5).
 
     .. math:: w \sim N(0, \alpha^{-1} I), \quad y \sim N(Xw, \beta^{-1} I), \quad
               \gamma = \sum_k \frac{\beta s_k}{\alpha + \beta s_k}, \quad
               \alpha \leftarrow \frac{\gamma}{m^T m}, \quad
               \beta \leftarrow \frac{N - \gamma}{\|y - Xm\|^2}
 
-    with s the eigenvalues of G, found once. The coefficients must be of one unit, or the columns scaled so that one
-    prior suits them all.
+    with s the eigenvalues of G, found once. The coefficients must be of one unit, or the columns
+    scaled so that one prior suits them all.
     """
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
@@ -99,9 +105,9 @@ def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posteri
               \alpha_i \leftarrow \frac{\gamma_i}{m_i^2}, \quad
               \beta \leftarrow \frac{N - \sum_i \gamma_i}{\|y - Xm\|^2}
 
-    (Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section 7.2). Starts from the least-squares
-    solution, so that it is deterministic and needs few iterations. Scaling a column scales its coefficient and changes
-    nothing else.
+    (Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section 7.2). Starts from
+    the least-squares solution, so that it is deterministic and needs few iterations. Scaling a
+    column scales its coefficient and changes nothing else.
     """
     scale = _column_scale(gram, samples)
     unit = math.sqrt(square / samples) or 1.0  # the output's RMS

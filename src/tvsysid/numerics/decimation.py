@@ -10,7 +10,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tvsysid.numerics import Array
 
 TAPS = 31
-SHARP = 20  # taps for each of the factor, of a filter that passes hardly anything from 1.2 times the new Nyquist on
+# taps for each of the factor, of a filter that passes hardly anything from 1.2 times the new
+# Nyquist on
+SHARP = 20
 
 
 @lru_cache(maxsize=16)
@@ -23,7 +25,9 @@ def decimation_weights(factor: float, taps: int = TAPS) -> Array:
 
 
 def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
-    """Every factor-th sample (..., time) of the zero-delay convolution of x with the low-pass; odd reflection at ends.
+    """Every factor-th sample (..., time) of the zero-delay convolution of x with the low-pass.
+
+    Odd reflection at ends.
 
     The first sample stays the first; there must be as many as taps, whose number is odd.
     """

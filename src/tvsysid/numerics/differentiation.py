@@ -9,10 +9,15 @@ import numpy as np
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import convolve_lags
 
-HALF_WIDTH = 12  # samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency
+# samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency
+HALF_WIDTH = 12
 
-FEW = 8  # signals up to which one after the other is differentiated more quickly than all in one matrix product
-BAND = 0.8  # share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's stop band
+# signals up to which one after the other is differentiated more quickly than all in one matrix
+# product
+FEW = 8
+# share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's
+# stop band
+BAND = 0.8
 
 
 @cache
@@ -21,9 +26,9 @@ def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Arra
 
     .. math:: \frac{d^m u}{dt^m}(i) \approx f_s^m \sum_{j=-n}^{n} d_m(j)\, u(i - j)
 
-    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the ``band`` from
-    0 to that share of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at
-    100 Hz they bias the inertia of a joint by 75 %.
+    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m`
+    over the ``band`` from 0 to that share of the Nyquist frequency. Differences of neighbouring
+    samples are exact only at low frequency: at 100 Hz they bias the inertia of a joint by 75 %.
     """
     omega = (np.arange(1, 32 * half_width) - 0.5) / (32 * half_width) * band * np.pi
     lags = np.arange(1, half_width + 1)

@@ -1,10 +1,13 @@
-r"""Linear regression with a known Gaussian prior, from sufficient statistics; the noise variance is estimated.
+r"""Linear regression with a known Gaussian prior, from sufficient statistics.
+
+The noise variance is estimated.
 
 .. math:: y = X w + T f + e, \qquad \min_{w, f} \|e\|^2 / \sigma^2 + w^T P w + q f^T f
 
-``precision`` is the diagonal of P, 0 for a column without prior; ``weak`` is q, the prior precision of each nuisance
-term. The cost is the negative log of a posterior density without the usual halves: y holds the parts of complex
-numbers, whose variance :math:`\sigma^2`, ``noise``, is twice that of a number of y.
+``precision`` is the diagonal of P, 0 for a column without prior; ``weak`` is q, the prior
+precision of each nuisance term. The cost is the negative log of a posterior density without the
+usual halves: y holds the parts of complex numbers, whose variance :math:`\sigma^2`, ``noise``,
+is twice that of a number of y.
 """
 
 from __future__ import annotations
@@ -18,15 +21,18 @@ from scipy.linalg import blas, lapack
 
 from tvsysid.numerics import Array
 
-STANDS = 1e-4  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
+# relative change of the noise variance from which on another step, some 1e-4 of it, needs no new
+# factors
+STANDS = 1e-4
 ITERATIONS = 30  # noise variances tried at most
 
 
 class Statistics(NamedTuple):
     """What is needed of the data: products of X, y and T, the nuisance terms, which are orthogonal.
 
-    ``gram`` XᵀX, of which only the lower triangle counts, Fortran-ordered; ``cross`` Xᵀy; ``square`` yᵀy; ``number``,
-    the length of y, or what it is worth; ``mixed`` XᵀT; ``shared`` Tᵀy; ``powers``, the diagonal of TᵀT.
+    ``gram`` XᵀX, of which only the lower triangle counts, Fortran-ordered; ``cross`` Xᵀy;
+    ``square`` yᵀy; ``number``, the length of y, or what it is worth; ``mixed`` XᵀT; ``shared``
+    Tᵀy; ``powers``, the diagonal of TᵀT.
     """
 
     gram: Array
@@ -91,7 +97,10 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
 
 
 class InstrumentalFit(NamedTuple):
-    r"""As :class:`Fit`; the ``covariance`` is :math:`\tfrac12\sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}`."""
+    r"""As :class:`Fit`.
+
+    The ``covariance`` is :math:`\tfrac12\sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}`.
+    """
 
     mean: Array
     noise_variance: float
@@ -105,8 +114,8 @@ def instrumental(both: Statistics, precision: Array, weak: float) -> Instrumenta
 
     .. math:: A\, \hat w = Z^T y - Z^T T S^{-1} T^T y, \qquad A = Z^T X - Z^T T S^{-1} T^T X + \sigma^2 P
 
-    with S as in :func:`fit`, and the noise variance of the residual y - X w. The columns of ``both`` are those of X,
-    then as many of Z.
+    with S as in :func:`fit`, and the noise variance of the residual y - X w. The columns of
+    ``both`` are those of X, then as many of Z.
     """
     count, (both, scale) = len(precision), _scaled(both)
     of_x, of_z = scale[:count], scale[count:]
@@ -151,8 +160,9 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
     .. math:: y \sim N\left(F b,\ \tfrac12 D\right), \qquad
               D = \sigma^2 I + Z W Z^T + T T^T / q
 
-    with Z the columns that have a prior, W their prior variances, and F the f columns that have none, whose weights b
-    are integrated out with unit density (restricted likelihood). With Q, :math:`D^{-1}` projected on what they leave,
+    with Z the columns that have a prior, W their prior variances, and F the f columns that have
+    none, whose weights b are integrated out with unit density (restricted likelihood). With Q,
+    :math:`D^{-1}` projected on what they leave,
 
     .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D| - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
 
@@ -190,16 +200,18 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
 def unit_information(statistics: Statistics, noise: float) -> float:
     r"""Log density of a unit-information prior of columns F at its mean, which is what the data say of them.
 
-    A restricted likelihood, in which the weights of F have unit density, is measured in their units, and cannot be
-    compared with one of other columns. Under a prior that tells as much of b as one of the N numbers does under white
-    noise of the variance :math:`\sigma_0^2`, one for all models that are compared, it can:
+    A restricted likelihood, in which the weights of F have unit density, is measured in their
+    units, and cannot be compared with one of other columns. Under a prior that tells as much of b
+    as one of the N numbers does under white noise of the variance :math:`\sigma_0^2`, one for all
+    models that are compared, it can:
 
     .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F, \qquad
               \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
 
-    As it is nearly flat where the likelihood is not small, the likelihood under it is the restricted one times this
-    density, to about f / (2 N) where columns with a prior cannot take the place of F. What it costs to fit a constant
-    is then half log N, as in Schwarz's criterion (Kass & Wasserman 1995). There are no nuisance terms.
+    As it is nearly flat where the likelihood is not small, the likelihood under it is the
+    restricted one times this density, to about f / (2 N) where columns with a prior cannot take
+    the place of F. What it costs to fit a constant is then half log N, as in Schwarz's criterion
+    (Kass & Wasserman 1995). There are no nuisance terms.
     """
     gram = np.tril(statistics.gram) + np.tril(statistics.gram, -1).T
     power = math.log(math.pi * statistics.number * noise)
@@ -216,7 +228,10 @@ def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
 
 
 def of_share(statistics: Statistics, share: float) -> Statistics:
-    """What a share of the numbers would tell, alike: for numbers that are not independent. Without nuisance terms."""
+    """What a share of the numbers would tell, alike: for numbers that are not independent.
+
+    Without nuisance terms.
+    """
     gram, cross, square, number, *nuisance = statistics
     return Statistics(share * gram, share * cross, share * square, share * number, *nuisance)
 
@@ -224,9 +239,10 @@ def of_share(statistics: Statistics, share: float) -> Statistics:
 def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
     r"""Statistics from which the nuisance terms were eliminated, once for all noise variances near :math:`\sigma_0^2`.
 
-    Their prior variance is taken to be :math:`\sigma^2 / (q \sigma_0^2)`, so that what they leave of the data does not
-    depend on the noise variance. That is little, as a rule: what the terms can explain is then lost whatever the noise.
-    The log evidence is less than that of the whole by the log of a constant.
+    Their prior variance is taken to be :math:`\sigma^2 / (q \sigma_0^2)`, so that what they
+    leave of the data does not depend on the noise variance. That is little, as a rule: what the
+    terms can explain is then lost whatever the noise. The log evidence is less than that of the
+    whole by the log of a constant.
     """
     gram, cross, square, number, mixed, shared, powers = statistics
     shrink = 1 / (powers + noise * weak)
@@ -239,7 +255,10 @@ def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Stati
 
 
 class _Solution(NamedTuple):
-    """Weights; the inverse of the system's Cholesky factor, and its columns' squares; what is left, and determined."""
+    """Weights; the inverse of the system's Cholesky factor, and its columns' squares.
+
+    What is left, and determined.
+    """
 
     mean: Array
     inverse_factor: Array

@@ -17,8 +17,10 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 
 STEPS = 50  # of the search for a static function, at most
-GAIN = 1e-5  # share of the output's power below which a better fit ends Hunter and Korenberg's iteration
-GRADIENT = 1e-7  # cosine between a slope and what is left, of the output's size, that counts as a gradient of zero
+# share of the output's power below which a better fit ends Hunter and Korenberg's iteration
+GAIN = 1e-5
+# cosine between a slope and what is left, of the output's size, that counts as a gradient of zero
+GRADIENT = 1e-7
 RIDGE = 1e-10  # share of the signals' power
 TURNS = 10  # of either pathway, at most
 LEAST_GAIN = 5e-4  # share of the output's power by which a turn must improve the fit
@@ -32,8 +34,8 @@ Rows = tuple[
 class LaggedProducts(NamedTuple):
     """Sums over samples of products of lagged signals with each other and with an output.
 
-    ``gram`` (signal, lag, signal, lag), ``cross`` (signal, lag), ``square`` and ``samples`` of the output; the lags
-    begin with 0.
+    ``gram`` (signal, lag, signal, lag), ``cross`` (signal, lag), ``square`` and ``samples`` of
+    the output; the lags begin with 0.
     """
 
     gram: Array
@@ -81,8 +83,9 @@ def lagged_gram(signals: Array, before: int) -> Array:
 
     .. math:: G_{ki,lj} = \sum_{r,t} u_{kr}(t - i)\, u_{lr}(t - j), \qquad 0 \le i, j \le before
 
-    One sample later in both lags, a sum gains what comes in at the beginning and loses what goes out at the end, so
-    that all follow from those with lag 0; no matrix of lagged signals is built.
+    One sample later in both lags, a sum gains what comes in at the beginning and loses what goes
+    out at the end, so that all follow from those with lag 0; no matrix of lagged signals is
+    built.
     """
     count, _, length = signals.shape
     times = length - before
@@ -121,9 +124,9 @@ def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Arr
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
 
-    For any c the best g is known, so that the search is over c alone, of length 1: Levenberg and Marquardt's steps in
-    the tangent space of the unit sphere, until the gradient is zero. A slight ridge keeps what is minimised smooth;
-    only the response that is returned is truncated.
+    For any c the best g is known, so that the search is over c alone, of length 1: Levenberg and
+    Marquardt's steps in the tangent space of the unit sphere, until the gradient is zero. A
+    slight ridge keeps what is minimised smooth; only the response that is returned is truncated.
     """
     coefficients, damping = start / np.linalg.norm(start), 1e-2
     diagonal = np.einsum("kiki->", products.gram) / products.cross.size
@@ -170,9 +173,10 @@ def hunter_korenberg(
 ) -> tuple[Array, Array]:
     """Coefficients (signal,) and response (lag,) by the iteration of Hunter & Korenberg (1986).
 
-    A two-sided filter that undoes the response, half as long to either side, gives from the output what the static
-    function must have given; the signals are fitted to that, and the response to their sum. Ends where the fit does
-    not become better. In the ``rows``, signals are as long as the output.
+    A two-sided filter that undoes the response, half as long to either side, gives from the
+    output what the static function must have given; the signals are fitted to that, and the
+    response to their sum. Ends where the fit does not become better. In the ``rows``, signals
+    are as long as the output.
     """
     reach = min(
         (products.gram.shape[1] - 1) // 2, *((output.shape[1] - 1) // 4 for _, output in rows)
@@ -205,9 +209,10 @@ def _windows(values: Array, length: int) -> Array:
 class Cascade(NamedTuple):
     """Two pathways that were identified in turn.
 
-    ``intrinsic`` weights (lag,) and the moments that they were solved from, ``gram`` (lag, lag) and ``cross`` (lag,);
-    ``coefficients`` (signal,) of the static function, ``reflex`` weights (lag,) of what follows it; the share of the
-    output's power that is ``explained``, of so many ``samples``, after so many ``turns``; number of ``parameters``.
+    ``intrinsic`` weights (lag,) and the moments that they were solved from, ``gram`` (lag, lag)
+    and ``cross`` (lag,); ``coefficients`` (signal,) of the static function, ``reflex`` weights
+    (lag,) of what follows it; the share of the output's power that is ``explained``, of so many
+    ``samples``, after so many ``turns``; number of ``parameters``.
     """
 
     intrinsic: Solution
@@ -226,9 +231,10 @@ def parallel_cascade(
 ) -> Cascade:
     """Identify two parallel pathways in turn, each from the output that the other leaves.
 
-    The first of the signals is the input of the one, so many samples ``lags`` ahead: its response reaches as far to
-    either side. The other signals are those of which the static function of the other pathway is a sum; the search for
-    their coefficients begins with ``start``, and a ``"rectifier"`` is one signal and needs none.
+    The first of the signals is the input of the one, so many samples ``lags`` ahead: its
+    response reaches as far to either side. The other signals are those of which the static
+    function of the other pathway is a sum; the search for their coefficients begins with
+    ``start``, and a ``"rectifier"`` is one signal and needs none.
     """
     products = reduce(LaggedProducts.plus, (lagged_products(*each) for each in rows))
     near = slice(2 * lags + 1)

@@ -2,9 +2,10 @@ r"""The part of an angle that a reference predicts: an instrument where noise mo
 
 .. math:: \hat u_r(t) = \sum_{p=0}^{2H} \sum_{\tau} c_{p\tau}\, F_p(t)\, d_r(t - \tau)
 
-with d the reference, F the Fourier series of a realization, and lags from -0.04 s (as far as a decimator's filter
-reaches) to 0.3 s. A function of the reference alone, whatever its coefficients, has nothing of the noise; how well it
-predicts the angle decides about the random error only.
+with d the reference, F the Fourier series of a realization, and lags from -0.04 s (as far as a
+decimator's filter reaches) to 0.3 s. A function of the reference alone, whatever its
+coefficients, has nothing of the noise; how well it predicts the angle decides about the random
+error only.
 """
 
 from __future__ import annotations
@@ -47,9 +48,10 @@ def predicted(
 ) -> Array:
     """Angle (realization, time) that a reference predicts, at all samples of the angle.
 
-    The reference has as many more samples at either end as the lags need (:func:`lag_samples`). The coefficients are
-    those of the ``core`` of the realizations in other ``groups`` (realization,) than its own, so that nothing of a
-    realization's noise enters its prediction, but for the size of the ridge: that of greatest evidence, for all.
+    The reference has as many more samples at either end as the lags need (:func:`lag_samples`).
+    The coefficients are those of the ``core`` of the realizations in other ``groups``
+    (realization,) than its own, so that nothing of a realization's noise enters its prediction,
+    but for the size of the ridge: that of greatest evidence, for all.
     """
     early, late = lag_samples(rate)
     period = core.stop - core.start

@@ -11,7 +11,9 @@ from tvsysid.numerics import Array
 
 
 def laguerre_filters(count: int, lags: int, time_constant: float) -> Array:
-    r"""Impulse responses (filter, lag) of Laguerre filters from lag 0 on; they decay over a time constant in samples.
+    r"""Impulse responses (filter, lag) of Laguerre filters from lag 0 on.
+
+    They decay over a time constant in samples.
 
     .. math:: L_i(z) = \frac{\sqrt{1 - a^2}}{1 - a z^{-1}} \left(\frac{z^{-1} - a}{1 - a z^{-1}}\right)^i, \qquad
               a = e^{-1/\tau}

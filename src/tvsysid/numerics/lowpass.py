@@ -18,10 +18,12 @@ def lag_weights(lag: float) -> tuple[Array, float]:
 
     .. math:: v(i) = q\, v(i - 1) + \sum_{j=-n}^{n} c_j u(i - j), \qquad q = e^{-1/a}
 
-    The pole is exact. The weights minimise the relative error of the frequency response up to 0.8 of the Nyquist
-    frequency, as those of :func:`tvsysid.numerics.differentiation.derivative_weights`; at 0 Hz it has none. To hold the
-    input over each sample, or to join samples by straight lines, is exact for a signal of that kind, not for a
-    band-limited one: at a fifth of the sampling rate the second weakens it by 13 %, where this filter errs by 0.004 %.
+    The pole is exact. The weights minimise the relative error of the frequency response up to
+    0.8 of the Nyquist frequency, as those of
+    :func:`tvsysid.numerics.differentiation.derivative_weights`; at 0 Hz it has none. To hold the
+    input over each sample, or to join samples by straight lines, is exact for a signal of that
+    kind, not for a band-limited one: at a fifth of the sampling rate the second weakens it by 13
+    %, where this filter errs by 0.004 %.
     """
     pole = math.exp(-1 / lag)
     size = 32 * HALF_WIDTH
@@ -43,10 +45,13 @@ def lag_weights(lag: float) -> tuple[Array, float]:
 
 
 def low_pass(u: Array, lag: float, sampling_rate: float) -> Array:
-    r"""Signal (time,) behind a first-order lag of a seconds: :math:`v + a \dot v = u`; for a = 0 as it is.
+    r"""Signal (time,) behind a first-order lag of a seconds: :math:`v + a \dot v = u`.
 
-    Before its first sample the signal is continued as point-symmetric, over the width of the filter's weights, and
-    before that as constant, where v has come to rest; after its last sample likewise. What that is wrong by fades as
+    For a = 0 as it is.
+
+    Before its first sample the signal is continued as point-symmetric, over the width of the
+    filter's weights, and before that as constant, where v has come to rest; after its last sample
+    likewise. What that is wrong by fades as
     :math:`e^{-t/a}` from the first sample on, and is none beyond the weights' half width from the last.
     """
     if lag == 0:

@@ -1,8 +1,9 @@
 """Second moments over realizations, from which every ensemble method starts.
 
-With realizations in the rows of ``u`` (realization, time), all second moments over realizations are entries of
-one matrix, ``G = uᵀu / R``: the matrix of lagged correlations at a time is a window on its diagonal. One product
-therefore serves all times, and long realizations are done in blocks, so that memory grows with their length only.
+With realizations in the rows of ``u`` (realization, time), all second moments over realizations
+are entries of one matrix, ``G = uᵀu / R``: the matrix of lagged correlations at a time is a
+window on its diagonal. One product therefore serves all times, and long realizations are done in
+blocks, so that memory grows with their length only.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from numpy.lib.stride_tricks import as_strided, sliding_window_view
 
 from tvsysid.numerics import Array
 
-BLOCK = 32  # samples a block: larger ones waste products far from the diagonal, smaller ones waste calls
+# samples a block: larger ones waste products far from the diagonal, smaller ones waste calls
+BLOCK = 32
 
 
 CHUNK = 2**22  # values of correlation matrices held at once (32 MiB)
@@ -49,8 +51,9 @@ def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
 def window_matrices(later: Array, earlier: Array) -> Array:
     """Second moments in a window that slides along two signals (window centre, sample, sample), as a read-only view.
 
-    ``later`` and ``earlier`` are the moments along the diagonals (:func:`diagonal_moments`) of the first signal with
-    the second and of the second with the first, as far as the window is long.
+    ``later`` and ``earlier`` are the moments along the diagonals (:func:`diagonal_moments`) of
+    the first signal with the second and of the second with the first, as far as the window is
+    long.
     """
     reach = later.shape[1] - 1
     strip = np.zeros(
@@ -93,8 +96,8 @@ def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, 
 
     .. math:: \Phi(i) = \frac1R \sum_r x_r(i) x_r(i)^T, \qquad \varphi(i) = \frac1R \sum_r x_r(i)\, y_r(i)
 
-    (equations 4 and 6 of van de Ruit et al. 2021, in matrix form). Row 0 of all four belongs to sample n; there are
-    time - 2 n.
+    (equations 4 and 6 of van de Ruit et al. 2021, in matrix form). Row 0 of all four belongs to
+    sample n; there are time - 2 n.
     """
     phi_uu = window_moments(u, u, lags, lags)[:, ::-1, ::-1]
     inner = y[:, lags : y.shape[1] - lags]
@@ -128,15 +131,17 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
     .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
               z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
 
-    ``products`` are the input's :func:`diagonal_moments` up to 2 n + 2 h samples later; ``weights`` are a, shape
-    (time - 2 n - 2 h, quantity, 2 n + 1), row 0 of which belongs to sample n + h; ``correlation`` is :math:`\rho` from
-    lag 0 to 2 h. All windows follow from running sums at each distance, so that the cost hardly depends on the window.
+    ``products`` are the input's :func:`diagonal_moments` up to 2 n + 2 h samples later;
+    ``weights`` are a, shape (time - 2 n - 2 h, quantity, 2 n + 1), row 0 of which belongs to
+    sample n + h; ``correlation`` is :math:`\rho` from lag 0 to 2 h. All windows follow from
+    running sums at each distance, so that the cost hardly depends on the window.
     """
     times, quantities, length = weights.shape
     reach = len(correlation) - 1
     half, farthest = reach // 2, length - 1 + reach
     samples = len(products)
-    # Row farthest + f, column p + 1: running sum of u(p) u(p + f), shifted along so that it covers products up to p.
+    # Row farthest + f, column p + 1: running sum of u(p) u(p + f), shifted along so that it covers
+    # products up to p.
     sums = np.zeros((2 * farthest + 1, samples + 1))
     for offset in range(farthest + 1):
         known = products[: samples - offset, offset]
@@ -164,8 +169,8 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
 def sliding_sum(x: Array, before: int, after: int) -> Array:
     """Sum of x over a window along its first axis, ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i.
 
-    Done by doubling, so that the cost grows with the logarithm of the window and nothing is subtracted (which would
-    lose digits).
+    Done by doubling, so that the cost grows with the logarithm of the window and nothing is
+    subtracted (which would lose digits).
     """
     length, total, span = before + after + 1, None, 1
     padded = np.zeros((len(x) + length - 1, *x.shape[1:]))
@@ -187,8 +192,8 @@ def convolve_lags(u: Array, response: Array) -> Array:
 
     .. math:: y_r(i) = \sum_{j=-n}^{m} w(i, j)\, u_r(i - j)
 
-    ``response`` holds the weights w (impulse response times the sample time), shape (time - n - m, n + m + 1); row 0
-    belongs to sample m of the input.
+    ``response`` holds the weights w (impulse response times the sample time), shape (time - n -
+    m, n + m + 1); row 0 belongs to sample m of the input.
     """
     times, length = response.shape
     out = np.empty((len(u), times))

@@ -19,9 +19,10 @@ def autocovariance(x: Array, lags: int) -> Array:
 
     .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d), \qquad 0 \le d \le lags
 
-    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise whatever the data: its
-    Toeplitz matrices have no negative eigenvalue, and every filter of it has a power. The mean over pairs comes closer
-    to that of the process at long distances, but may give a short realization's acceleration a negative power.
+    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise
+    whatever the data: its Toeplitz matrices have no negative eigenvalue, and every filter of it
+    has a power. The mean over pairs comes closer to that of the process at long distances, but
+    may give a short realization's acceleration a negative power.
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
@@ -36,8 +37,9 @@ def autocovariance(x: Array, lags: int) -> Array:
 def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
     """Autocorrelation of noise (realization, time), from lag 0 on, as far as it is well known.
 
-    Noise and lags are tapered by Hann windows, so that slow noise does not leak into faster one's power. White noise of
-    a ``floor`` times the power is added: no frequency is taken to be free of noise.
+    Noise and lags are tapered by Hann windows, so that slow noise does not leak into faster
+    one's power. White noise of a ``floor`` times the power is added: no frequency is taken to be
+    free of noise.
     """
     times = noise.shape[1]
     lags = min(times - 1, noise.size // SAMPLES)
@@ -80,14 +82,16 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 
     .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
 
-    for ``filters`` F (regressor, lag) and the angle's :func:`angle_products`, over the N samples at which the filters
-    lie within the angle. As with :func:`autocovariance`, sums of them weighted by some noise's autocorrelation have no
-    negative eigenvalue. They do not follow from the angle's own autocovariance, where what a realization's ends take
-    from a slow angle is as much as its whole acceleration.
+    for ``filters`` F (regressor, lag) and the angle's :func:`angle_products`, over the N samples
+    at which the filters lie within the angle. As with :func:`autocovariance`, sums of them
+    weighted by some noise's autocorrelation have no negative eigenvalue. They do not follow from
+    the angle's own autocovariance, where what a realization's ends take from a slow angle is as
+    much as its whole acceleration.
     """
     width = filters.shape[1]
     count, lags = len(products) - width + 1, products.shape[1] - width
-    # Sums of u(p) u(p + f) over the N - d samples p at which both filters lie within the angle, from running sums.
+    # Sums of u(p) u(p + f) over the N - d samples p at which both filters lie within the angle,
+    # from running sums.
     running = np.zeros((len(products) + 1, products.shape[1]))
     np.cumsum(products, axis=0, out=running[1:])
     later, lag = np.arange(lags + 1)[:, None, None], np.arange(width)[::-1]
@@ -104,14 +108,17 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 def regressor_correlation(covariances: Array) -> Array:
     r"""How alike M regressors are that lie so many samples apart: :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0.
 
-    A least-squares fit takes products of the noise with itself at this distance away in this proportion.
+    A least-squares fit takes products of the noise with itself at this distance away in this
+    proportion.
     """
     scaled, inverse = _scaled(covariances)
     return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))
 
 
 def power_in_band(correlation: Array, low: float, high: float) -> float:
-    r"""Mean spectral density from low to high cycles per sample; 1 for white noise of the same variance.
+    r"""Mean spectral density from low to high cycles per sample.
+
+    1 for white noise of the same variance.
 
     .. math:: 1 + 2 \sum_{d > 0} \rho(d)\, \frac{1}{f_2 - f_1} \int_{f_1}^{f_2} \cos(2 \pi f d)\, df
     """
@@ -153,7 +160,8 @@ def colour_factors(covariances: Array, noise: Array) -> Array:
     .. math:: f_m = \frac{(S_0^{-1} \tilde S S_0^{-1})_{mm}}{(S_0^{-1})_{mm}}, \qquad
               \tilde S = S_0 + \sum_{d > 0} \rho(d) \left(S_d + S_d^T\right)
 
-    with S the :func:`regressor_covariances` and ``noise`` the autocorrelation :math:`\rho` from lag 0 on.
+    with S the :func:`regressor_covariances` and ``noise`` the autocorrelation :math:`\rho` from
+    lag 0 on.
     """
     scaled, inverse = _scaled(covariances)
     half = np.einsum("d,djk->jk", noise, scaled) - scaled[0] / 2

@@ -16,9 +16,10 @@ Order = Literal["natural", "output"]
 class Solution(NamedTuple):
     """Least squares at each time: ``weights = inverse @ phi_uy``, the impulse response times the sample time.
 
-    ``rank`` singular values are in them. Without truncation there would be ``usable`` ones, those above rounding, which
-    explain the power ``explained`` of the output: what they leave is noise whichever of them were taken. Shapes are
-    (time, lag), (time,), (time, lag, lag), and (time,) twice.
+    ``rank`` singular values are in them. Without truncation there would be ``usable`` ones,
+    those above rounding, which explain the power ``explained`` of the output: what they leave is
+    noise whichever of them were taken. Shapes are (time, lag), (time,), (time, lag, lag), and
+    (time,) twice.
     """
 
     weights: Array
@@ -37,8 +38,8 @@ def truncated(
 ) -> Solution:
     r"""Truncated pseudo-inverse whose rank minimises the description length at each time (Lortie & Kearney 2001).
 
-    With :math:`\Phi = U S U^T`, singular value k explains :math:`v_k = (u_k^T \varphi)^2 / s_k` of the output's power,
-    and the rank d is the one that minimises
+    With :math:`\Phi = U S U^T`, singular value k explains :math:`v_k = (u_k^T \varphi)^2 / s_k` of
+    the output's power, and the rank d is the one that minimises
 
     .. math:: MDL(d) = \left(1 + \frac{d \ln L}{L}\right) \left(\sigma_y^2 - \sum_{k \le d} v_k\right)
 
@@ -99,7 +100,8 @@ def _solution(
 def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
     """Least squares on the lagged inputs themselves at each time, by singular value decomposition, of minimum norm.
 
-    (MacNeil, Kearney & Hunter 1992.) u and y are (realization, time); the ``block`` of times at once bounds the memory.
+    (MacNeil, Kearney & Hunter 1992.) u and y are (realization, time); the ``block`` of times at
+    once bounds the memory.
     """
     windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
     parts = []

@@ -16,7 +16,8 @@ from tvsysid.numerics.moments import diagonal_moments
 
 ComplexArray = NDArray[np.complex128]
 
-TRANSFORMS = 30.0  # time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)
+# time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)
+TRANSFORMS = 30.0
 SEGMENTS = 2**18  # samples of segments that are transformed at once, so that they stay in the cache
 
 
@@ -35,12 +36,14 @@ def short_time_spectra(
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
 
-    (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of the windowed segments
-    of N = ``length`` samples; no mean is subtracted. Row 0 belongs to sample N // 2; for an even N the segment about t
-    is t - N/2 ... t + N/2 - 1. For short segments of many realizations they are the Fourier transforms of the segments'
-    correlations at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise every
-    segment is transformed, which costs as :math:`R N \log N`. Both give the same to rounding; the quicker is taken.
-    ``products`` are the input's moments along the diagonals, if they are known.
+    (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of
+    the windowed segments of N = ``length`` samples; no mean is subtracted. Row 0 belongs to
+    sample N // 2; for an even N the segment about t is t - N/2 ... t + N/2 - 1. For short
+    segments of many realizations they are the Fourier transforms of the segments' correlations
+    at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise
+    every segment is transformed, which costs as :math:`R N \log N`. Both give the same to
+    rounding; the quicker is taken. ``products`` are the input's moments along the diagonals, if
+    they are known.
     """
     quicker_apart = length**2 > TRANSFORMS * len(u) * math.log2(max(length, 2))
     return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length, products)
@@ -111,7 +114,10 @@ def hann(length: int) -> Array:
 
 
 def power_spectrum(x: Array) -> Array:
-    """Power of x (realization, time) at each frequency of a realization, summed over them; under a Hann window."""
+    """Power of x (realization, time) at each frequency of a realization, summed over them.
+
+    Under a Hann window.
+    """
     centred = x - x.mean(axis=1, keepdims=True)
     spectrum = rfft(centred * hann(x.shape[1]), axis=1)
     return np.asarray(

@@ -17,8 +17,8 @@ HALF_WIDTH = 8  # samples to either side of the derivative at lower rates
 def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
     """Velocity in rad/s at the recorded rate (realization, time * sample) of an angle (realization, time, sample).
 
-    ``sampling_rate`` is that of the axis of time. From 500 Hz on it is the slope of a parabola through five samples,
-    which leaves an encoder's noise out; below, the band-limited derivative of
+    ``sampling_rate`` is that of the axis of time. From 500 Hz on it is the slope of a parabola
+    through five samples, which leaves an encoder's noise out; below, the band-limited derivative of
     :mod:`tvsysid.numerics.differentiation`. Before its first and after its last sample the angle is taken as constant.
     """
     rate = recorded_angle.shape[-1] * sampling_rate
@@ -32,13 +32,15 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
 
     .. math:: f = s \max(s v - c, 0)
 
-    rectified first, at the recorded rate, then decimated as the torque was. The other way round, what is rectified is
-    the ringing of the decimation filter: a pulse's reflex gain comes out a fifth too small.
+    rectified first, at the recorded rate, then decimated as the torque was. The other way round,
+    what is rectified is the ringing of the decimation filter: a pulse's reflex gain comes out a
+    fifth too small.
 
     Parameters
     ----------
     velocity
-        At the recorded rate, in rad/s, shape (realization, time * ratio); see :func:`recorded_velocity`.
+        At the recorded rate, in rad/s, shape (realization, time * ratio); see
+        :func:`recorded_velocity`.
     ratio
         Of the recorded to the lower rate.
     threshold, direction
@@ -48,7 +50,10 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
 
 
 def decimated(values: Array, ratio: int) -> Array:
-    """Values (realization, time * ratio) decimated as the torque is; where too few for the filter, means of groups."""
+    """Values (realization, time * ratio) decimated as the torque is.
+
+    Where too few for the filter, means of groups.
+    """
     if values.shape[-1] < TAPS:
         return np.asarray(values.reshape(len(values), -1, ratio).mean(axis=-1))
     return keep_every(values, ratio)

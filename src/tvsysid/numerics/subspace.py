@@ -1,7 +1,8 @@
 """Subspace identification of a joint with two pathways: a short linear one beside a Hammerstein system of low order.
 
-Arrays only. Data come in *pieces*, each a stretch of record without a gap; a whole record is one piece. What an earlier
-input of a piece still does is estimated as the free response of its initial state.
+Arrays only. Data come in *pieces*, each a stretch of record without a gap; a whole record is one
+piece. What an earlier input of a piece still does is estimated as the free response of its
+initial state.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ ROUNDS = 1000  # of the alternation at most
 class Piece(NamedTuple):
     """Stretch of record without a gap.
 
-    The ``output`` (time,), the signal that the short linear path takes, ``lagged`` (time + 2 lags,), from so many lags
-    before the first output to as many after the last, and the ``inputs`` (time, input) of the Hammerstein system.
+    The ``output`` (time,), the signal that the short linear path takes, ``lagged`` (time + 2
+    lags,), from so many lags before the first output to as many after the last, and the
+    ``inputs`` (time, input) of the Hammerstein system.
     """
 
     output: Array
@@ -68,8 +70,8 @@ class Dynamics(NamedTuple):
 class Rows(NamedTuple):
     """Rows of a least-squares problem, of some pieces or some of their samples.
 
-    ``answers`` (row, (order + 1) input) of all systems with certain poles to all inputs, ``signals`` (row, lag) and
-    ``output`` (row,).
+    ``answers`` (row, (order + 1) input) of all systems with certain poles to all inputs,
+    ``signals`` (row, lag) and ``output`` (row,).
     """
 
     answers: Array
@@ -117,12 +119,13 @@ def dynamics(
 ) -> Dynamics:
     r"""Poles of the system from inputs to output, by past-input MOESP.
 
-    With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon`` samples, the part of the
-    outputs that follows from past inputs and not from future ones spans the columns of the extended observability
-    matrix :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A.
+    With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon``
+    samples, the part of the outputs that follows from past inputs and not from future ones spans
+    the columns of the extended observability matrix :math:`[C; CA; CA^2; \dots]`, whose shift
+    invariance gives A.
 
-    ``order`` is the number of poles; None takes that after which the singular values fall most. The ``lagged`` signals
-    are among the inputs where the short path is still in the output.
+    ``order`` is the number of poles; None takes that after which the singular values fall most.
+    The ``lagged`` signals are among the inputs where the short path is still in the output.
     """
     left, singular, _ = np.linalg.svd(_from_past(pieces, horizon, lagged), full_matrices=False)
     if order is None:
@@ -161,8 +164,8 @@ def project(rows: Rows) -> Rows:
 
     .. math:: \hat h = (U^T M U)^{-1} U^T M\, y, \qquad M = 1 - \Phi \Phi^+
 
-    are the least squares of what is left, the response of the short path whatever numerator and weights the system has:
-    U are the lagged signals, :math:`\Phi` the answers.
+    are the least squares of what is left, the response of the short path whatever numerator and
+    weights the system has: U are the lagged signals, :math:`\Phi` the answers.
     """
     answers = _basis(rows.answers)
     return rows._replace(
@@ -174,9 +177,9 @@ def project(rows: Rows) -> Rows:
 def weights_of(rows: Rows, found: Dynamics) -> Array:
     """Weights (input,) of the Hammerstein system with these poles that fits the output of the rows, of unit norm.
 
-    Numerator and weights take turns, each by least squares, from the matrix of rank one that is nearest to the
-    coefficients of all inputs through all systems, until the error does not fall any more. The first weight that is not
-    zero is positive.
+    Numerator and weights take turns, each by least squares, from the matrix of rank one that is
+    nearest to the coefficients of all inputs through all systems, until the error does not fall
+    any more. The first weight that is not zero is positive.
     """
     basis = _basis(rows.answers)
     target, product = basis.T @ rows.output, basis.T @ rows.answers
@@ -209,8 +212,9 @@ def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
 def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     """Future outputs (sample, direction) along what past inputs add to the directions of future ones.
 
-    With [future inputs, past inputs, future outputs] = QR, it is the block of R for past inputs and future outputs. R
-    is the Cholesky factor of the columns' products. A slight ridge serves inputs that are nearly collinear.
+    With [future inputs, past inputs, future outputs] = QR, it is the block of R for past inputs
+    and future outputs. R is the Cholesky factor of the columns' products. A slight ridge serves
+    inputs that are nearly collinear.
     """
     further = 2 * pieces[0].lags * lagged  # samples that the lagged signal has more than the others
     signals = [

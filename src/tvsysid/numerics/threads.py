@@ -14,7 +14,8 @@ _controller = cache(ThreadpoolController)
 def single_thread() -> Iterator[None]:
     """Limit BLAS to one thread.
 
-    Threads wait for each other where matrices are small, and the last bits of a result depend on their number.
+    Threads wait for each other where matrices are small, and the last bits of a result depend on
+    their number.
     """
     with _controller().limit(limits=1):
         yield

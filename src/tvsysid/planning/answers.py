@@ -43,11 +43,12 @@ TRIALS = 40  # by which a plan is verified
 class Answer(NamedTuple):
     """What one method needs in one setup, or why no number of realizations suffices.
 
-    ``seconds`` are to be recorded for ``realizations``, with those at both ends that lack context.
-    ``half_width`` is half of the 95 % band (N·m/rad) that ``realizations`` give, and ``bias`` (N·m/rad) the root mean
-    square over time of what no band counts; where none suffice, those of the most that were simulated. ``rise_time``
-    is the time in s from 10 to 90 % of a step. In the pilot, the method scatters ``excess`` times as much as in
-    simulated realizations, which is counted.
+    ``seconds`` are to be recorded for ``realizations``, with those at both ends that lack
+    context. ``half_width`` is half of the 95 % band (N·m/rad) that ``realizations`` give, and
+    ``bias`` (N·m/rad) the root mean square over time of what no band counts; where none suffice,
+    those of the most that were simulated. ``rise_time`` is the time in s from 10 to 90 % of a
+    step. In the pilot, the method scatters ``excess`` times as much as in simulated
+    realizations, which is counted.
     """
 
     setup: str
@@ -80,9 +81,12 @@ class Verified(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown, Frozen):
-    """How much must be recorded, in one or several setups, by one or several methods; made by :func:`tvsysid.plan`.
+    """How much must be recorded, in one or several setups, by one or several methods.
 
-    ``curves`` are errors against realizations, by (setup, method); ``answers`` has one for each of these.
+    Made by :func:`tvsysid.plan`.
+
+    ``curves`` are errors against realizations, by (setup, method); ``answers`` has one for each
+    of these.
     """
 
     precision: float
@@ -117,7 +121,8 @@ class Plan(Shown, Frozen):
             else ""
         )
         return (
-            f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of {period:g} s; "
+            f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of "
+            f"{period:g} s; "
             f"record {best.duration}{more}."
         )
 
@@ -155,9 +160,9 @@ class Plan(Shown, Frozen):
     ) -> list[Verified]:
         """Simulate each answer anew, so many times: random error of the stiffness as predicted, and as reached.
 
-        Of what was planned from a pilot, more of the same is simulated, so that this verifies the law and not what was
-        taken from the pilot (the simulated scatter is multiplied by the same excess). Answers without a number of
-        realizations are left out.
+        Of what was planned from a pilot, more of the same is simulated, so that this verifies the
+        law and not what was taken from the pilot (the simulated scatter is multiplied by the same
+        excess). Answers without a number of realizations are left out.
 
         Raises
         ------
@@ -204,20 +209,23 @@ def plan(
 ) -> Plan:
     r"""How many realizations it takes to know stiffness to ± ``precision`` N·m/rad at 95 %.
 
-    Ensembles of 5, 10, 20, … realizations are simulated, some of each size, and identified by each method. The
-    random error of its stiffness, and its bias, then follow for any number of realizations; what is needed is where
+    Ensembles of 5, 10, 20, … realizations are simulated, some of each size, and identified by each
+    method. The random error of its stiffness, and its bias, then follow for any number of
+    realizations; what is needed is where
 
     .. math:: 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
 
     Parameters
     ----------
     setup
-        A pilot's ensemble (:class:`tvsysid.planning.Pilot`), a stated :class:`tvsysid.planning.Protocol`, or several
-        setups to be compared, as with other perturbations and amplitudes.
+        A pilot's ensemble (:class:`tvsysid.planning.Pilot`), a stated
+        :class:`tvsysid.planning.Protocol`, or several setups to be compared, as with other
+        perturbations and amplitudes.
     precision
         In N·m/rad; the bias counts with the random error.
     resolution
-        Time in s in which an estimate may rise from 10 to 90 % of a step, at most; None if it does not matter.
+        Time in s in which an estimate may rise from 10 to 90 % of a step, at most; None if it does
+        not matter.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), or objects with ``identify``.
     draws
@@ -230,7 +238,8 @@ def plan(
     Raises
     ------
     InputError
-        For a wish that is not positive, too few draws, unknown methods, or a period that is too long to simulate.
+        For a wish that is not positive, too few draws, unknown methods, or a period that is too
+        long to simulate.
 
     Notes
     -----
@@ -243,7 +252,8 @@ def plan(
     >>> import tvsysid as tv
     >>> setup = tv.planning.Protocol(perturbation="prbs", amplitude=0.01)
     >>> print(tv.plan(setup, precision=8, methods=["birf"], draws=6))
-    To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of 2 s; record ...
+    To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of
+    2 s; record ...
     """
     positive("precision", precision)
     if resolution is not None:
@@ -307,7 +317,8 @@ def _setups(given: Ensemble | Setup | Sequence[Setup]) -> dict[str, Setup]:
     for each in several:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
-                f"plan: expected a pilot's Ensemble, a Protocol or a Pilot, got {type(each).__name__}; segment a "
+                "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
+                f"{type(each).__name__}; segment a "
                 "Recording first"
             )
         made = Pilot.of(each) if isinstance(each, Ensemble) else each
@@ -321,7 +332,8 @@ def _most(setup: Setup) -> int:
     most = min(MOST, int(LONGEST / setup.period))
     if most < 10:
         raise InputError(
-            f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the most"
+            f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the "
+            "most"
         )
     return most
 

@@ -24,7 +24,8 @@ LEAST, RECORDS = (
     5,
     6,
 )  # realizations of the smallest ensembles; records from which ensembles are cut
-SURE = 0.1  # relative standard error of a random error, with which no more ensembles of that size are simulated
+# relative standard error of a random error, with which no more ensembles of that size are simulated
+SURE = 0.1
 NEAR = 2.5  # octaves of realizations over which a bias is averaged
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
 STEEP = (
@@ -50,8 +51,9 @@ class Errors(NamedTuple):
 class Curve:
     """Errors of one method in ensembles of some numbers of ``realizations``, from so many ``draws`` of each.
 
-    All of shape (size,); sizes at which the method cannot identify, or breaks down, are left out. ``why`` it cannot.
-    A pilot's realizations scatter ``excess`` times as much as simulated ones, which :meth:`at` counts.
+    All of shape (size,); sizes at which the method cannot identify, or breaks down, are left
+    out. ``why`` it cannot. A pilot's realizations scatter ``excess`` times as much as simulated
+    ones, which :meth:`at` counts.
     """
 
     realizations: Array
@@ -65,8 +67,9 @@ class Curve:
     def powers(self) -> Array:
         """Variance as a sum of powers of 1/n, none of them negative; (power,).
 
-        Least squares of relative errors, weighted by the number of draws. Few realizations take high powers, where a
-        method nears what it cannot do without; smoothers that become finer with more data take one below 1.
+        Least squares of relative errors, weighted by the number of draws. Few realizations take
+        high powers, where a method nears what it cannot do without; smoothers that become finer
+        with more data take one below 1.
         """
         columns, variance = self.realizations[:, None] ** -POWERS, self.random**2
         fitted, found = variance, np.zeros(len(POWERS))
@@ -79,7 +82,8 @@ class Curve:
     def at(self, count: float) -> Errors:
         """Errors with so many realizations; NaN for fewer than were simulated.
 
-        The bias is a mean over sizes near; beyond the largest, bias stays and variance falls as it did.
+        The bias is a mean over sizes near; beyond the largest, bias stays and variance falls as
+        it did.
         """
         if not self.realizations.size or count < self.realizations[0]:
             return Errors(math.nan, math.nan)
@@ -89,7 +93,10 @@ class Curve:
         return Errors(self.excess * math.sqrt(float(count**-POWERS @ self.powers)), bias)
 
     def needed(self, error: float, most: int) -> int | None:
-        """Fewest realizations, up to a number, whose total error is no larger; None if there are none."""
+        """Fewest realizations, up to a number, whose total error is no larger.
+
+        None if there are none.
+        """
         if not self.realizations.size:
             return None
         counts = range(int(self.realizations[0]), most + 1)
@@ -110,7 +117,10 @@ def curves_of(
     seed: int,
     advance: Callable[[int], object],
 ) -> dict[str, Curve]:
-    """Curve of each method; ``advance`` is called with the number of ensembles that are done or not needed."""
+    """Curve of each method.
+
+    ``advance`` is called with the number of ensembles that are done or not needed.
+    """
     rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
     why: dict[str, str] = {}
     records = [setup.simulated(most, seed + number) for number in range(RECORDS)]
@@ -132,9 +142,9 @@ def excesses(
 ) -> dict[str, float]:
     """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
 
-    The root mean square over time, of the median of random halves and of simulated pairs; 1 at least, since a pilot
-    that scatters less by chance promises nothing. What differs between realizations, a reflex, and noise that is
-    neither Gaussian nor stationary are in it.
+    The root mean square over time, of the median of random halves and of simulated pairs; 1 at
+    least, since a pilot that scatters less by chance promises nothing. What differs between
+    realizations, a reflex, and noise that is neither Gaussian nor stationary are in it.
     """
     recorded = pilot.recorded
     half = 0 if recorded is None else len(recorded) // 2
@@ -211,7 +221,10 @@ def _answers(
     why: dict[str, str],
     sure: float = SURE,
 ) -> Array:
-    """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure; without failures."""
+    """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure.
+
+    Without failures.
+    """
     known = np.empty((0, ensembles[0].samples))
     for first in range(0, len(ensembles), RECORDS):
         more = identified(method, label, ensembles[first : first + RECORDS], why)
@@ -224,7 +237,10 @@ def _answers(
 def identified(
     method: Identifies, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]
 ) -> Array:
-    """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails. ``why`` gets the reason."""
+    """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails.
+
+    ``why`` gets the reason.
+    """
     found: list[Array] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
@@ -253,8 +269,8 @@ def uncertainty(estimates: Array) -> float:
 
     .. math:: 1 / \sqrt{2 f \nu}, \qquad \nu = (\operatorname{tr} \Sigma)^2 / \operatorname{tr} \Sigma^2
 
-    with f one less than the estimates and :math:`\nu` the times at which a Gaussian estimate scatters independently, by
-    the unbiased estimates of both traces.
+    with f one less than the estimates and :math:`\nu` the times at which a Gaussian estimate
+    scatters independently, by the unbiased estimates of both traces.
     """
     known = estimates[:, np.isfinite(estimates).all(axis=0)]
     freedom = len(known) - 1
@@ -270,7 +286,10 @@ def uncertainty(estimates: Array) -> float:
 
 
 def _cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
-    """Up to so many ensembles of consecutive realizations, none in two of them; the first of each record first."""
+    """Up to so many ensembles of consecutive realizations, none in two of them.
+
+    The first of each record first.
+    """
     size = len(records[0].ensemble)
     parts = max(1, min(-(-draws // len(records)), size // count))
     for first in np.linspace(0, max(size - count, 0), parts).astype(int):

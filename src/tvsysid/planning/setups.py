@@ -38,10 +38,14 @@ CONTEXT = 0.5  # s beside each realization
 STEP = 0.25  # share of a constant stiffness to either side of it, between which a step is tried
 
 REFLEX = (
-    "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and the plan does not "
+    "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and "
+    "the plan does not "
     "know of that bias"
 )
-NEGATIVE = "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in Python torque_sign=-1)"
+NEGATIVE = (
+    "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, "
+    "in Python torque_sign=-1)"
+)
 
 
 class Simulated(NamedTuple):
@@ -58,13 +62,14 @@ class Protocol:
     Parameters
     ----------
     system, stiffness, perturbation
-        Names as in a study (``"joint"``, ``"sine"``, ``"prbs:switch_interval=0.2"``, ``"module:Object"``) or objects.
-        A wave is stretched to the period; None leaves the system its own stiffness.
+        Names as in a study (``"joint"``, ``"sine"``, ``"prbs:switch_interval=0.2"``,
+        ``"module:Object"``) or objects. A wave is stretched to the period; None leaves the system
+        its own stiffness.
     amplitude
         RMS of the angle in rad.
     noise
-        RMS of the torque's noise in N·m, at the rate below, whatever the amplitude. If None, what leaves ``snr_db`` at
-        the usual amplitude of 0.5 degrees.
+        RMS of the torque's noise in N·m, at the rate below, whatever the amplitude. If None, what
+        leaves ``snr_db`` at the usual amplitude of 0.5 degrees.
     period, rate
         Seconds of a realization, and Hz to which signals are decimated.
 
@@ -102,7 +107,8 @@ class Protocol:
                 profile = replace(profile, period=self.period, offset=profile.offset * stretch)
             if not (is_dataclass(system) and hasattr(system, "stiffness")):
                 raise InputError(
-                    f"stiffness: {label_of(self.system)} takes none; give None, and set it in the system"
+                    f"stiffness: {label_of(self.system)} takes none; give None, and set it in the "
+                    "system"
                 )
             system = replace(system, stiffness=profile)  # type: ignore[type-var]
         return system, found_as(self.perturbation, PERTURBATIONS, "perturbation")
@@ -134,7 +140,10 @@ class Protocol:
         return Simulated(ensemble, made.truth_of(ensemble)["stiffness"])
 
     def stepped(self) -> Protocol | None:
-        """The same with a stiffness that steps up and down; None of a system whose stiffness cannot be given."""
+        """The same with a stiffness that steps up and down.
+
+        None of a system whose stiffness cannot be given.
+        """
         if self.stiffness is None:
             return None
         low, high = _levels(self._parts[0].stiffness(np.arange(0, self.period, 1 / self.rate)))
@@ -145,10 +154,11 @@ class Protocol:
 class Pilot:
     """What a pilot recording shows of joint, noise and perturbation: enough to simulate more of the same.
 
-    Made by :meth:`of`. ``stiffness`` and ``viscosity`` are over a realization, shape (time,); ``movement`` and
-    ``noise`` are spectral densities of angle and torque noise at ``frequencies``; ``amplitude`` is the RMS of the
-    angle that is planned, and ``perturbation`` one in place of the recorded one, by name or as an object. How much
-    methods scatter is compared with what they do in the ensemble that was ``recorded``, if there is one.
+    Made by :meth:`of`. ``stiffness`` and ``viscosity`` are over a realization, shape (time,);
+    ``movement`` and ``noise`` are spectral densities of angle and torque noise at
+    ``frequencies``; ``amplitude`` is the RMS of the angle that is planned, and ``perturbation``
+    one in place of the recorded one, by name or as an object. How much methods scatter is
+    compared with what they do in the ensemble that was ``recorded``, if there is one.
     """
 
     stiffness: Array
@@ -237,7 +247,8 @@ class Pilot:
         noise = _rms(self.noise, self.frequencies)
         return (
             f"stiffness {self.stiffness.min():.0f} to {self.stiffness.max():.0f} N·m/rad, "
-            f"viscosity {self.viscosity.mean():.2g} N·m·s/rad, inertia {self.inertia:.2g} kg·m²; {self}; "
+            f"viscosity {self.viscosity.mean():.2g} N·m·s/rad, inertia {self.inertia:.2g} kg·m²; "
+            f"{self}; "
             f"noise of the torque {noise:.2g} N·m RMS"
         )
 

@@ -1,4 +1,6 @@
-"""From a recording to an ensemble: decimate, trim, segment, align, exclude, subtract the mean; bootstrap it.
+"""From a recording to an ensemble: decimate, trim, segment, align, exclude, subtract the mean.
+
+Bootstrap it.
 
 Each step raises an :class:`tvsysid.InputError` for settings or data that do not allow it.
 """

@@ -18,14 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Account:
-    """What became of each realization that a step, or a chain of steps, was given; all of shape (realization,).
+    """What became of each realization that a step, or a chain of steps, was given.
+
+    All of shape (realization,).
 
     Accounts add up: ``first + second``, where the second step was given what the first one kept.
 
-    Its trial, and the time of its first sample within the trial in s, before any shift; by how much it was moved in s,
-    positive where the torque came late; the step that excluded it, empty where it was kept; how far out it was in that
-    step, and could have been, NaN where it was kept, in ``units``: ``"s"`` for shifts, ``"SD"`` for deviations from the
-    mean.
+    Its trial, and the time of its first sample within the trial in s, before any shift; by how
+    much it was moved in s, positive where the torque came late; the step that excluded it, empty
+    where it was kept; how far out it was in that step, and could have been, NaN where it was
+    kept, in ``units``: ``"s"`` for shifts, ``"SD"`` for deviations from the mean.
     """
 
     trials: NDArray[np.int64]
@@ -63,7 +65,8 @@ class Account:
         kept = self.kept
         if len(later) != np.count_nonzero(kept):
             raise InputError(
-                f"Account: the first step kept {np.count_nonzero(kept)} realizations, but the second was given "
+                f"Account: the first step kept {np.count_nonzero(kept)} realizations, but the "
+                "second was given "
                 f"{len(later)}; add accounts in the order of the steps"
             )
         changes = {}
@@ -77,7 +80,10 @@ class Account:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} by {step}" for step, count in self.counts.items())
-        return f"Account({np.count_nonzero(self.kept)} of {len(self)} realizations kept; excluded: {counts or 'none'})"
+        return (
+            f"Account({np.count_nonzero(self.kept)} of {len(self)} realizations kept; "
+            f"excluded: {counts or 'none'})"
+        )
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -124,8 +130,8 @@ class Step:
     mean
         Its mean over realizations in N·m, shape (time,); the reference torque for the alignment.
     half_width
-        Distance from the mean in N·m beyond which a realization was excluded, shape (time,); None for the alignment,
-        which judges the shift.
+        Distance from the mean in N·m beyond which a realization was excluded, shape (time,); None
+        for the alignment, which judges the shift.
     """
 
     ensemble: Ensemble

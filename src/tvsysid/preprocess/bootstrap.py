@@ -19,7 +19,8 @@ def bootstrap(
     Parameters
     ----------
     count, seed
-        How many ensembles to draw. The same seed gives the same draws; a higher count only adds draws.
+        How many ensembles to draw. The same seed gives the same draws; a higher count only adds
+        draws.
     size
         Realizations in each; by default as many as there are.
 
@@ -52,16 +53,18 @@ def bootstrap_weights(realizations: int, size: int, count: int, seed: int) -> ND
 def block_weights(realizations: int, size: int, count: int, seed: int) -> NDArray[np.int64]:
     """How often each realization is drawn if a draw is one block of realizations that follow each other.
 
-    For methods that need a record in one piece. A block begins anywhere; after the last realization comes the first, so
-    that each is drawn as often as any other (circular blocks, Politis & Romano 1992).
+    For methods that need a record in one piece. A block begins anywhere; after the last realization
+    comes the first, so that each is drawn as often as any other (circular blocks, Politis & Romano
+    1992).
 
-    Parameters as of :func:`bootstrap_weights`; ``size`` is the length of a block, at most as many as there are. Returns
-    0 or 1, ``size`` ones in each row, shape (count, realizations).
+    Parameters as of :func:`bootstrap_weights`; ``size`` is the length of a block, at most as
+    many as there are. Returns 0 or 1, ``size`` ones in each row, shape (count, realizations).
     """
     random = _checked(realizations, size, count, seed)
     if size > realizations:
         raise InputError(
-            f"bootstrap: a block of {size} realizations cannot be drawn from {realizations}; give a shorter one"
+            f"bootstrap: a block of {size} realizations cannot be drawn from {realizations}; give "
+            "a shorter one"
         )
     firsts = random.integers(0, realizations, (count, 1))
     return _counted((firsts + np.arange(size)) % realizations, realizations)

@@ -1,4 +1,7 @@
-"""Align realizations to the torque that they should have followed; exclude those far off or unlike the rest."""
+"""Align realizations to the torque that they should have followed.
+
+Exclude those far off or unlike the rest.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +25,10 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
 
     .. math:: \tau_r = \arg\min_{|\tau| \le \text{search}} \sum_t (y_r(t + \tau) - y_\text{ref}(t))^2
 
-    (equation 27 of van de Ruit et al. 2021). Angle, torque and channels move together by whole samples; the reference
-    stays. What moves in from either side was recorded there: it comes from the ensemble's context, which is shorter
-    by ``search`` afterwards. Onsets are shifted as well, so that realizations that moved apart no longer follow each
-    other.
+    (equation 27 of van de Ruit et al. 2021). Angle, torque and channels move together by whole
+    samples; the reference stays. What moves in from either side was recorded there: it comes from
+    the ensemble's context, which is shorter by ``search`` afterwards. Onsets are shifted as well,
+    so that realizations that moved apart no longer follow each other.
 
     Parameters
     ----------
@@ -49,13 +52,15 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     if reference not in ensemble.channels:
         raise InputError(
             f"align: there is no channel {reference!r} to align to; "
-            f"channels: {', '.join(map(repr, ensemble.channels)) or 'none'}; without a torque to follow, leave it out"
+            f"channels: {', '.join(map(repr, ensemble.channels)) or 'none'}; without a torque to "
+            "follow, leave it out"
         )
     rate = ensemble.sampling_rate
     reach = round(search * rate)
     if ensemble.context < reach:
         raise InputError(
-            f"align: shifts of up to {search:g} s need that much context, but the realizations have "
+            f"align: shifts of up to {search:g} s need that much context, but the realizations "
+            "have "
             f"{ensemble.context / rate:g} s; segment with more context"
         )
     assert ensemble.onsets is not None
@@ -93,7 +98,8 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
 def _best_shifts(torque: Array, target: Array) -> NDArray[np.int64]:
     """Shift in samples that brings each torque nearest to its target, positive where the torque comes late.
 
-    From -reach to reach, for torques (realization, reach + time + reach) and targets (realization, time).
+    From -reach to reach, for torques (realization, reach + time + reach) and targets
+    (realization, time).
     """
     samples = target.shape[1]
     windows = sliding_window_view(torque, samples, axis=1)
@@ -107,8 +113,8 @@ def _best_shifts(torque: Array, target: Array) -> NDArray[np.int64]:
 def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
     """Exclude realizations whose torque at the task's frequency leaves the ensemble's mean and spread at any time.
 
-    The task repeats once in a realization: its component is the first harmonic of the realization, all others set to
-    zero.
+    The task repeats once in a realization: its component is the first harmonic of the realization,
+    all others set to zero.
 
     Parameters
     ----------
@@ -131,8 +137,8 @@ def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
 def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: float = 3.0) -> Step:
     """Exclude realizations whose slow torque leaves the ensemble's mean and spread at any time.
 
-    The torque passes a third-order low-pass Butterworth filter forwards and backwards, which delays nothing; it begins
-    and ends in the context.
+    The torque passes a third-order low-pass Butterworth filter forwards and backwards, which delays
+    nothing; it begins and ends in the context.
 
     Parameters
     ----------
@@ -152,7 +158,8 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     rate = ensemble.sampling_rate
     if not 0 < cutoff < rate / 2:
         raise InputError(
-            f"exclude_residual_outliers: cutoff must be between 0 and {rate / 2:g} Hz, got {cutoff!r}"
+            f"exclude_residual_outliers: cutoff must be between 0 and {rate / 2:g} Hz, got "
+            f"{cutoff!r}"
         )
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  # heavy
 
@@ -179,7 +186,8 @@ def _exclude(step: str, ensemble: Ensemble, judged: Array, limit: float) -> Step
         )
     if len(judged) < 2:
         raise InputError(
-            f"{step}: expected at least two realizations to tell which are unlike the others, got one"
+            f"{step}: expected at least two realizations to tell which are unlike the others, got "
+            "one"
         )
     mean, sd = judged.mean(axis=0), judged.std(axis=0, ddof=1)
     distance = np.abs(judged - mean)
@@ -187,6 +195,7 @@ def _exclude(step: str, ensemble: Ensemble, judged: Array, limit: float) -> Step
     account = Account.of(ensemble, step, reached, limit, "SD")
     if not account.kept.any():
         raise InputError(
-            f"{step}: every realization leaves the mean by {limit:g} SD somewhere; give a higher limit"
+            f"{step}: every realization leaves the mean by {limit:g} SD somewhere; give a higher "
+            "limit"
         )
     return Step(ensemble.select(account.kept), account, judged, mean, limit * sd)

@@ -28,9 +28,10 @@ class Gap(NamedTuple):
 def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     """Find where angle and torque both stand still, or lie on a straight line, for 30 ms and 10 samples or more.
 
-    Give them to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which hides them. Signals
-    that rest, recorded in coarse steps, are no gap: they leave a rest by one step, rest for 10 ms more often than for
-    30, or rest more than three times for more than a twentieth of the record.
+    Give them to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which hides
+    them. Signals that rest, recorded in coarse steps, are no gap: they leave a rest by one step,
+    rest for 10 ms more often than for 30, or rest more than three times for more than a twentieth
+    of the record.
 
     Examples
     --------

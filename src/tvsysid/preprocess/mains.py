@@ -49,8 +49,9 @@ def find_mains(recording: Recording) -> tuple[float, float]:
 def remove_mains(recording: Recording, frequency: float) -> Recording:
     """Subtract a line from angle, torque and channels alike, before decimation.
 
-    Its amplitude and phase are those under a Hann window of 2 s about each sample, so that mains may drift by 0.2 Hz.
-    What is more than 1 Hz away stays. In the first and last half second of a trial some 10 % of the line is left.
+    Its amplitude and phase are those under a Hann window of 2 s about each sample, so that mains
+    may drift by 0.2 Hz. What is more than 1 Hz away stays. In the first and last half second of a
+    trial some 10 % of the line is left.
 
     Parameters
     ----------
@@ -68,7 +69,8 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
     """
     if recording.recorded_angle is not None or not 0 < frequency < recording.sampling_rate / 2:
         raise InputError(
-            f"remove_mains: expected a recording at more than {2 * frequency:g} Hz, before decimation"
+            f"remove_mains: expected a recording at more than {2 * frequency:g} Hz, before "
+            "decimation"
         )
     weights = scipy.signal.windows.hann(2 * round(FOLLOWED_S * recording.sampling_rate / 2) + 1)
 

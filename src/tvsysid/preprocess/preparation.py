@@ -19,8 +19,9 @@ from tvsysid.signals import Ensemble, Recording
 class Preparation(Shown):
     """An ensemble ready for identification, and how it came about.
 
-    ``ensemble`` holds the realizations that were kept, their mean subtracted, ``recorded`` all as they were cut, for
-    comparison. The three steps that exclude follow in order; None for one that was not asked for.
+    ``ensemble`` holds the realizations that were kept, their mean subtracted, ``recorded`` all
+    as they were cut, for comparison. The three steps that exclude follow in order; None for one
+    that was not asked for.
     """
 
     ensemble: Ensemble
@@ -61,7 +62,9 @@ def prepare(
     residual_limit: float | None = 3.0,
     channels: Iterable[str] = (),
 ) -> Preparation:
-    """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean; all channels pass every step.
+    """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean.
+
+    All channels pass every step.
 
     Realizations with gaps (:func:`find_gaps`) are left out.
 
@@ -70,12 +73,14 @@ def prepare(
     recording
         Trials in which one behaviour was repeated, with the reference as a channel.
     reference
-        Name of the channel with the torque to be followed, in N·m. None if there was none: then nothing is aligned.
+        Name of the channel with the torque to be followed, in N·m. None if there was none: then
+        nothing is aligned.
     rate
         Sampling rate to decimate to, in Hz.
     ends
-        Seconds taken off both ends of each trial. The first and last realization of a trial take ``context + search``
-        (``context`` alone if nothing is aligned) from them, and are left out where they last shorter.
+        Seconds taken off both ends of each trial. The first and last realization of a trial take
+        ``context + search`` (``context`` alone if nothing is aligned) from them, and are left out
+        where they last shorter.
     period
         Duration of a realization in s: one cycle of the task.
     context
@@ -83,7 +88,8 @@ def prepare(
     search, max_shift
         See :func:`align`.
     task_limit, cutoff, residual_limit
-        See :func:`exclude_task_outliers` and :func:`exclude_residual_outliers`; a limit of None leaves that step out.
+        See :func:`exclude_task_outliers` and :func:`exclude_residual_outliers`; a limit of None
+        leaves that step out.
     channels
         Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
 

@@ -24,10 +24,13 @@ SLOWEST = (
     40.0  # Hz below which too little of a joint's response is left to tell stiffness from inertia
 )
 DIFFER = (
-    "the perturbation must differ from realization to realization: a multisine needs lines that are no multiples of "
+    "the perturbation must differ from realization to realization: a multisine needs lines that "
+    "are no multiples of "
     "1/period"
 )
-ALIKE = 3e-3  # share of its change from sample to sample below which what differs between realizations is noise alone
+# share of its change from sample to sample below which what differs between realizations is noise
+# alone
+ALIKE = 3e-3
 
 
 class Signals(TypedDict):
@@ -40,7 +43,10 @@ class Signals(TypedDict):
 
 
 def every_signal(signals: Recording | Ensemble, change: Callable[[Array], Array]) -> Signals:
-    """Angle, torque and channels, each changed alike; what was recorded of the angle has one axis more."""
+    """Angle, torque and channels, each changed alike.
+
+    What was recorded of the angle has one axis more.
+    """
     recorded = signals.recorded_angle
     return {
         "angle": change(signals.angle),
@@ -69,11 +75,12 @@ def fitting_rates(recorded: float, rate: float) -> list[float]:
 def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recording:
     r"""Low-pass and keep every r-th sample, r being the ratio of the rates.
 
-    The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is removed, so that the
-    first sample stays the first. Ends (of each trial) are continued by odd reflection. The angle as it was recorded is
-    kept beside (``recorded_angle``), for methods that rectify its velocity. Angle, torque and channels
-    (EMG as well: take its envelope before, if that is what counts) all pass the same filter, which therefore cancels in
-    the identification of what does not vary; a sudden change is smeared over :math:`\pm 15` samples of the old rate.
+    The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is
+    removed, so that the first sample stays the first. Ends (of each trial) are continued by odd
+    reflection. The angle as it was recorded is kept beside (``recorded_angle``), for methods that
+    rectify its velocity. Angle, torque and channels (EMG as well: take its envelope before, if that
+    is what counts) all pass the same filter, which therefore cancels in the identification of what
+    does not vary; a sudden change is smeared over :math:`\pm 15` samples of the old rate.
 
     Parameters
     ----------
@@ -82,8 +89,9 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     rate
         New sampling rate in Hz; must divide the old one.
     sharp
-        A filter of 20 r + 1 taps, for a record whose angle and torque reach beyond the new Nyquist frequency: 31
-        taps let that pass as slower movements (aliases), which no method can explain. It smears a sudden change over
+        A filter of 20 r + 1 taps, for a record whose angle and torque reach beyond the new Nyquist
+        frequency: 31 taps let that pass as slower movements (aliases), which no method can explain.
+        It smears a sudden change over
         :math:`\pm 10` samples of the new rate.
 
     Warns
@@ -114,8 +122,10 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         )
     if rate < SLOWEST:
         warnings.warn(
-            f"decimated to {rate:g} Hz, nothing faster than {rate / 2:g} Hz is left, which hardly tells a joint's "
-            "stiffness from its viscosity and inertia; give the new rate in Hz (100 is usual), not a factor",
+            f"decimated to {rate:g} Hz, nothing faster than {rate / 2:g} Hz is left, which hardly "
+            "tells a joint's "
+            "stiffness from its viscosity and inertia; give the new rate in Hz (100 is usual), "
+            "not a factor",
             DataQualityWarning,
             stacklevel=2,
         )
@@ -132,7 +142,10 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
 
 
 def _recorded(recording: Recording, trial: slice, factor: int) -> Array:
-    """What was recorded of a trial's angle, by samples of the lower rate; its last sample fills the last of them."""
+    """What was recorded of a trial's angle, by samples of the lower rate.
+
+    Its last sample fills the last of them.
+    """
     angle = recording.angle_as_recorded
     missing = -(trial.stop - trial.start) % factor
     size = angle.shape[1]
@@ -147,15 +160,17 @@ def _starts(lengths: Iterable[int]) -> tuple[int, ...]:
 def align_channels(recording: Recording, delay: float) -> Recording:
     """Take the torque so much earlier, to correct a delay between the channels: that of its filter, or of its clock.
 
-    Between samples, the torque is interpolated (windowed sinc). Samples for which no torque was recorded are cut off
-    one end of each trial; the times of the others stay. Further channels stay with the angle. The recording's
-    ``delay_removed`` states what was corrected; ensembles that are cut from it have it, and the models' diagnostics.
+    Between samples, the torque is interpolated (windowed sinc). Samples for which no torque was
+    recorded are cut off one end of each trial; the times of the others stay. Further channels stay
+    with the angle. The recording's ``delay_removed`` states what was corrected; ensembles that are
+    cut from it have it, and the models' diagnostics.
 
     Parameters
     ----------
     delay
-        Seconds by which the torque was recorded later than the angle; negative where it was earlier. The finding
-        ``delay`` of :func:`tvsysid.diagnose` estimates it, in ms. Correct it before decimating.
+        Seconds by which the torque was recorded later than the angle; negative where it was
+        earlier. The finding ``delay`` of :func:`tvsysid.diagnose` estimates it, in ms. Correct it
+        before decimating.
 
     Raises
     ------
@@ -214,13 +229,14 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     ends
         Seconds to remove at both ends of each trial; something must be left of it.
     margin
-        Seconds of the ends that are kept for context, at negative times and after the end: the recording that is
-        returned begins ``margin`` seconds before time 0.
+        Seconds of the ends that are kept for context, at negative times and after the end: the
+        recording that is returned begins ``margin`` seconds before time 0.
     """
     check_seconds("trim", ends=ends, margin=margin)
     if margin > ends:
         raise InputError(
-            f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter one"
+            f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter "
+            "one"
         )
     rate = recording.sampling_rate
     outside, kept_outside = round(ends * rate), round(margin * rate)
@@ -253,14 +269,16 @@ def segment(
     Parameters
     ----------
     period
-        Duration of a realization in s: a whole number of samples. None, for behaviour that is not repeated, makes one
-        realization of each trial, all as long as the shortest but for its context.
+        Duration of a realization in s: a whole number of samples. None, for behaviour that is not
+        repeated, makes one realization of each trial, all as long as the shortest but for its
+        context.
     context
-        Seconds of the record that each realization keeps on either side. Realizations at the ends that lack it are left
-        out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
+        Seconds of the record that each realization keeps on either side. Realizations at the ends
+        that lack it are left out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
     gaps
-        Those that :func:`tvsysid.preprocess.find_gaps` found before the recording was decimated. Realizations that
-        hold a part of one, context counted, are left out; without a period none is.
+        Those that :func:`tvsysid.preprocess.find_gaps` found before the recording was decimated.
+        Realizations that hold a part of one, context counted, are left out; without a period none
+        is.
     """
     rate = recording.sampling_rate
     check_seconds("segment", context=context)
@@ -284,7 +302,8 @@ def segment(
     ]
     for number, trial in enumerate(recording.trials):
         length = trial.stop - trial.start
-        # First multiple of the period at or after the trial's first sample, as a sample of the trial.
+        # First multiple of the period at or after the trial's first sample, as a sample of the
+        # trial.
         first = math.ceil(round(recording.start * rate) / samples) * samples - round(
             recording.start * rate
         )
@@ -296,14 +315,19 @@ def segment(
     if not any(firsts):
         if lost:
             raise InputError(
-                f"segment: no realization of {period:g} s is without a gap; give no gaps to keep them all"
+                f"segment: no realization of {period:g} s is without a gap; give no gaps to keep "
+                "them all"
             )
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"
         if len(recording.trials) > 1:
-            less += ", or, if the trials follow each other in time, read them as one (--columns contiguous)"
+            less += (
+                ", or, if the trials follow each other in time, read them as one (--columns "
+                "contiguous)"
+            )
         raise InputError(
-            f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
+            f"segment: no realization of {period:g} s with {context:g} s of context on both sides "
+            "fits into "
             f"{longest:g} s of record from {recording.start:g} s on; "
             f"{less if left_out else 'give a shorter period (--period)'}"
         )
@@ -316,7 +340,8 @@ def _longest(recording: Recording, margin: int) -> int:
     if shortest <= 2 * margin:
         raise InputError(
             f"segment: a trial of {shortest / recording.sampling_rate:g} s has nothing left within "
-            f"{margin / recording.sampling_rate:g} s of context on both sides; give less context (--context)"
+            f"{margin / recording.sampling_rate:g} s of context on both sides; give less context "
+            "(--context)"
         )
     return int(shortest - 2 * margin)
 
@@ -352,8 +377,10 @@ def _whole_samples(period: float, rate: float) -> int:
     samples = period * rate
     if abs(samples - round(samples)) > 1e-6 * max(1.0, samples):
         raise InputError(
-            f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz ({samples:g}); "
-            "give a rate at which it is one (--decimate, or decimate); realizations of a rounded period would drift"
+            f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz "
+            f"({samples:g}); "
+            "give a rate at which it is one (--decimate, or decimate); realizations of a rounded "
+            "period would drift"
         )
     return round(samples)
 
@@ -361,35 +388,39 @@ def _whole_samples(period: float, rate: float) -> int:
 def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     """Subtract from angle and torque, at each time, their mean over realizations, and set ``mean_subtracted``.
 
-    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation. The angle
-    with its mean stays as ``recorded_angle``.
+    What all realizations share (the voluntary torque, an imposed movement) is no answer to the
+    perturbation. The angle with its mean stays as ``recorded_angle``.
 
     Parameters
     ----------
     ensemble
         At least two realizations.
     channels
-        Channels that lose their mean too: those that act on angle or torque, such as a reference signal or the EMG that
-        drives a reflex. A channel that only schedules the joint's properties keeps it.
+        Channels that lose their mean too: those that act on angle or torque, such as a reference
+        signal or the EMG that drives a reflex. A channel that only schedules the joint's properties
+        keeps it.
 
     Raises
     ------
     InputError
-        For one realization, and where angle or channel hardly differ between realizations: their changes from sample to
-        sample by less than 0.3 %. A perturbation of 0.5 degrees beside a movement of 60 degrees leaves 8 %; noise that
-        moves an actuator of 100 kN·m/rad, 0.1 %. Of a softer one it leaves more: there, where lines that are multiples
-        of 1/period hold most of the angle's movement above 5 Hz, and the rest does not answer as a joint does.
+        For one realization, and where angle or channel hardly differ between realizations: their
+        changes from sample to sample by less than 0.3 %. A perturbation of 0.5 degrees beside a
+        movement of 60 degrees leaves 8 %; noise that moves an actuator of 100 kN·m/rad, 0.1 %. Of a
+        softer one it leaves more: there, where lines that are multiples of 1/period hold most of
+        the angle's movement above 5 Hz, and the rest does not answer as a joint does.
     """
     if len(ensemble) < 2:
         out, context = ensemble.left_out, ensemble.context / ensemble.sampling_rate
         lost = (
-            f" ({1 + out} fit in, {out} left out for want of {context:g} s of context on both sides)"
+            f" ({1 + out} fit in, {out} left out for want of {context:g} s of context on both "
+            "sides)"
             if out
             else ""
         )
         less = ", or with less context (--context 0 leaves out none)" if out else ""
         raise InputError(
-            f"subtract_mean: expected at least two realizations, got one{lost}; its mean is the signal itself; record "
+            f"subtract_mean: expected at least two realizations, got one{lost}; its mean is the "
+            "signal itself; record "
             f"more, or cut the recording with a shorter period (--period){less}"
         )
     channels, deviations = tuple(channels), {}
@@ -399,7 +430,8 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         left = _differing(values, deviations[name])
         if left <= (ROUNDING if name == "torque" else ALIKE):  # torque has noise of its own
             raise InputError(
-                f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations, which differ by "
+                f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations, "
+                "which differ by "
                 f"{100 * left:.1g} %, so that nothing but noise is left; {DIFFER}"
             )
     lines, share = repeated_lines(ensemble)
@@ -407,8 +439,10 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         lines.size and not channels
     ):  # of a channel that differs, such as the disturbance, it was seen above
         raise InputError(
-            f"subtract_mean: the perturbation is the same in all {len(ensemble)} realizations: lines at "
-            f"{', '.join(f'{line:g}' for line in lines)} Hz hold {100 * share:.0f} % of the angle's fast movement, and "
+            f"subtract_mean: the perturbation is the same in all {len(ensemble)} realizations: "
+            "lines at "
+            f"{', '.join(f'{line:g}' for line in lines)} Hz hold {100 * share:.0f} % of the "
+            "angle's fast movement, and "
             f"what differs is no answer of the joint, so that nothing but noise is left; {DIFFER}"
         )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
@@ -419,7 +453,10 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
 
 
 def _differing(values: Array, deviations: Array) -> float:
-    """Share of the change from sample to sample by which realizations differ; of the values, where these are still."""
+    """Share of the change from sample to sample by which realizations differ.
+
+    Of the values, where these are still.
+    """
     sums = [float(np.sum(np.diff(each) ** 2)) for each in (deviations, values)]
     if not sums[1]:
         sums = [float(np.sum(each**2)) for each in (deviations, values)]

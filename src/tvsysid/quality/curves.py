@@ -26,9 +26,11 @@ class Curves:
     frequency
         In Hz, shape (frequency,).
     angle_power, torque_power, residual_power
-        Power densities of the deviations from the mean over realizations, in rad²/Hz and (N·m)²/Hz, shape (frequency,).
+        Power densities of the deviations from the mean over realizations, in rad²/Hz and (N·m)²/Hz,
+        shape (frequency,).
     coherence
-        Of torque and angle, shape (coherence time, coherence frequency); chance leaves one over the realizations.
+        Of torque and angle, shape (coherence time, coherence frequency); chance leaves one over the
+        realizations.
     coherence_time, coherence_frequency
         In s and Hz.
     time
@@ -40,7 +42,8 @@ class Curves:
     lag
         In s, positive where the torque is later, shape (lag,).
     correlation
-        Of the torque that the model leaves with angle and with speed, each whitened, shape (2, lag).
+        Of the torque that the model leaves with angle and with speed, each whitened, shape (2,
+        lag).
     chance
         Distance from zero that 95 % of the correlations of unrelated signals keep.
     """

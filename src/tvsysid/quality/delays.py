@@ -27,25 +27,30 @@ from tvsysid.signals import Array
 
 LONGEST_DELAY = 0.1  # in s, to either side
 CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
-HIDDEN = 1.25  # times as much, or as little, inertia behind a low-pass: noise in the angle hides some, a delay does not
+# times as much, or as little, inertia behind a low-pass: noise in the angle hides some, a delay
+# does not
+HIDDEN = 1.25
 LARGE = 15.0  # ms: no noise in the angle looks like so large a delay
 SHIFTED = 0.3  # % of the torque that later movement predicts, in a loop, if the torque is shifted
 FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
 STEPS, LONGEST_STEP = 3, 1.5  # Gauss-Newton steps, and how many samples each may go
 PARTS = 10  # of a realization, over which a delay must not scatter more than over realizations
-FAR = 1.05  # the same from which on the steps start at the best shift, which is too far from none for them
-SETTLED = 0.015  # share of a delay that the next step may be: what noise or a misfit looks like goes on and on
+# the same from which on the steps start at the best shift, which is too far from none for them
+FAR = 1.05
+# share of a delay that the next step may be: what noise or a misfit looks like goes on and on
+SETTLED = 0.015
 MOST_TOLD = 200  # % of a value beyond which a change of it is not told as a share
 
 
 def delay(data: FittedEnsemble) -> Seen:
     r"""Delay of the torque with which a joint of second order leaves least of it.
 
-    A delay by d adds the jerk to the regressors: :math:`y(t - d) \approx k\theta + (b - k d)\dot\theta +
-    (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`, which no stiffness, viscosity or inertia answers; so it
-    is known to some tenths of a millisecond even at 100 Hz. It is as true as the model is: a joint that is not of
-    second order, or a torque that moves the angle, has such a part too. So a delay must also come out where other
-    frequencies count more, when the noise is not whitened, and an early torque in a closed loop is not judged.
+    A delay by d adds the jerk to the regressors: :math:`y(t - d) \approx k\theta + (b - k
+    d)\dot\theta + (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`, which no stiffness,
+    viscosity or inertia answers; so it is known to some tenths of a millisecond even at 100 Hz.
+    It is as true as the model is: a joint that is not of second order, or a torque that moves
+    the angle, has such a part too. So a delay must also come out where other frequencies count
+    more, when the noise is not whitened, and an early torque in a closed loop is not judged.
     """
     shift, best = _best_shift(data)
     clear = data.fit.left >= CLEARER * best.left
@@ -105,7 +110,10 @@ def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clea
         float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance)
     )
     if (abs(late) < LARGE or not clear) and not inertia / HIDDEN < smooth < HIDDEN * inertia:
-        return "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a delay"
+        return (
+            "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like "
+            "a delay"
+        )
     with suppress(NotJudged):
         # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
         if late < -FAULTS["delay"].limit and (

@@ -37,7 +37,9 @@ OF_REPETITION = (
     "scattered-realizations",
 )  # take all realizations for one behaviour
 MOST_POWER = 0.95  # share of the angle's power that lies within its bandwidth
-LAGS = 0.12  # in s, to either side, of the correlation matrix that is looked at: those of impulse-response methods
+# in s, to either side, of the correlation matrix that is looked at: those of impulse-response
+# methods
+LAGS = 0.12
 HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
 
 
@@ -50,8 +52,8 @@ class Finding:
     name
         Its key in the catalogue, such as ``"drift"``.
     value, significant
-        How strong it is, in the unit of its fault, and whether that is more than noise explains. NaN where it could not
-        be judged.
+        How strong it is, in the unit of its fault, and whether that is more than noise explains.
+        NaN where it could not be judged.
     what
         What was seen, in words; why it could not be judged where it was not.
     realizations
@@ -126,8 +128,8 @@ class Diagnosis(Shown):
     Parameters
     ----------
     checks
-        Everything that was looked at, in the order of the catalogue; ``loop-bias`` where a reference was given,
-        ``gaps`` and ``mains`` where the recording was.
+        Everything that was looked at, in the order of the catalogue; ``loop-bias`` where a
+        reference was given, ``gaps`` and ``mains`` where the recording was.
     measures
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves, ensemble
@@ -225,27 +227,31 @@ def diagnose(
 ) -> Diagnosis:
     r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
 
-    A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
-    free in bins of 50 ms, is fitted to the deviations from the mean over realizations. The fit reveals wrong
-    units, signs and rates; its residual feedback and lost signals; how both vary over realizations drift and
-    misalignment. Models with and without one reveal reflexes. A finding must be beyond its limit. Where noise can reach
-    that, it must also be significant (p < 0.00001; reflexes twice p < 0.0001), by the scatter over
-    realizations, so that noise may have any colour; the rest counts what noise does not do, or states a size.
+    A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with
+    stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the mean over
+    realizations. The fit reveals wrong units, signs and rates; its residual feedback and lost
+    signals; how both vary over realizations drift and misalignment. Models with and without one
+    reveal reflexes. A finding must be beyond its limit. Where noise can reach that, it must also be
+    significant (p < 0.00001; reflexes twice p < 0.0001), by the scatter over realizations, so that
+    noise may have any colour; the rest counts what noise does not do, or states a size.
     docs/diagnosis.md says which check is of which kind.
 
     Parameters
     ----------
     ensemble
-        Realizations of one repeated behaviour; mean subtracted, or not (which is then found). An InputError is raised
-        for a single one, or for realizations that are too short for derivatives.
+        Realizations of one repeated behaviour; mean subtracted, or not (which is then found). An
+        InputError is raised for a single one, or for realizations that are too short for
+        derivatives.
     reference
-        Channel with the disturbance that was applied, or the actuator's command: whether the joint is in closed loop
-        shows best by it (``loop-bias``).
+        Channel with the disturbance that was applied, or the actuator's command: whether the joint
+        is in closed loop shows best by it (``loop-bias``).
     repeats
-        Whether the behaviour is the same in all realizations. If it is not, as in pieces of a record without period,
-        drift, a wrong period and realizations unlike the others are no faults, and not judged.
+        Whether the behaviour is the same in all realizations. If it is not, as in pieces of a
+        record without period, drift, a wrong period and realizations unlike the others are no
+        faults, and not judged.
     recording
-        Record that the ensemble was cut from, before decimation: gaps and mains hum show in it alone.
+        Record that the ensemble was cut from, before decimation: gaps and mains hum show in it
+        alone.
 
     Examples
     --------
@@ -255,8 +261,8 @@ def diagnose(
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 34 checks
-    not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 34 checks not judged:
+    mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):
         raise InputError(
@@ -265,7 +271,8 @@ def diagnose(
         )
     if len(ensemble) < 2:
         raise InputError(
-            "diagnose: expected at least two realizations to compare, got one; cut the recording with a shorter period"
+            "diagnose: expected at least two realizations to compare, got one; cut the recording "
+            "with a shorter period"
         )
     channels = {} if reference is None else {reference: ensemble.signal(reference)}
     data = FittedEnsemble.of(replace(ensemble, channels=channels))
@@ -274,7 +281,8 @@ def diagnose(
         context = f"{HALF_WIDTH / data.rate:g} s of context"
         instead = context if data.ensemble.samples >= SHORTEST else "a higher rate"
         raise InputError(
-            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} Hz, it takes "
+            f"diagnose: derivatives are known at {known} samples of a realization at "
+            f"{data.rate:g} Hz, it takes "
             f"{SHORTEST}; give longer realizations, or {instead}"
         )
     timely, found = _looked_at(data, reference)

@@ -24,8 +24,10 @@ ROWS = 100  # samples of all realizations together that a bin should have at lea
 SHORTEST_BIN = 0.05  # in s
 MOST_BINS_LONG = 10  # a bin is no longer than a realization divided by this
 WHITENING, PAST = 0.1, 0.12  # seconds of the past from which noise is predicted, and signals
-# Standard deviation in samples of a low-pass: near half the sampling rate, noise in the angle, what the decimation
-# folded there and the errors of the derivatives' filters pass for a delay, and for a smaller inertia.
+# Standard deviation in samples of a low-pass: near half the sampling rate, noise in the angle, what
+# the decimation
+# folded there and the errors of the derivatives' filters pass for a delay, and for a smaller
+# inertia.
 SMOOTH = 1.0
 NO_STEP = 1e-6  # of a standard deviation: values that are as near as that are the same
 ANSWERED = 0.1  # share of the torque that must be explained for the impedance to be spoken of
@@ -55,8 +57,9 @@ def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
 class SecondOrder:
     r"""Fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta` by least squares, with k and b free in bins.
 
-    ``motion`` is angle, velocity and acceleration, shape (3, realization, time), ``torque`` of shape (realization,
-    time); their first sample is sample ``first`` of the ensemble, context counted. ``bins`` is the bin of each sample.
+    ``motion`` is angle, velocity and acceleration, shape (3, realization, time), ``torque`` of
+    shape (realization, time); their first sample is sample ``first`` of the ensemble, context
+    counted. ``bins`` is the bin of each sample.
     """
 
     motion: Array
@@ -129,8 +132,9 @@ def fit_second_order(
 class Regressors:
     """Angle, velocity and acceleration, shape (3, realization, time), to be fitted to any number of torques.
 
-    Stiffness and viscosity are free in each bin of time and the inertia is common to all, which is a partitioned
-    least-squares problem: what stiffness and viscosity explain of torque and acceleration is taken from both first.
+    Stiffness and viscosity are free in each bin of time and the inertia is common to all, which
+    is a partitioned least-squares problem: what stiffness and viscosity explain of torque and
+    acceleration is taken from both first.
     """
 
     def __init__(self, motion: Array, sampling_rate: float, first: int) -> None:
@@ -264,7 +268,10 @@ class FittedEnsemble:
 
     @property
     def whitening(self) -> int:
-        """Samples of the past from which noise is predicted, w; never so many that little is left."""
+        """Samples of the past from which noise is predicted, w.
+
+        Never so many that little is left.
+        """
         return int(max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3)))
 
     @cached_property
@@ -274,7 +281,8 @@ class FittedEnsemble:
     def whitened(self, signal: Array) -> Array:
         """Signal through the filter that makes the residual white, shape (..., time - w).
 
-        Slow noise, such as that of voluntary torque, would otherwise hide what single realizations tell.
+        Slow noise, such as that of voluntary torque, would otherwise hide what single
+        realizations tell.
         """
         taps = self._whitener
         return np.asarray(
@@ -293,7 +301,10 @@ class FittedEnsemble:
 
     @cached_property
     def white_fit(self) -> SecondOrder:
-        """Fit to what the fit left, whitened, which slow noise makes much less wrong; shares of the first's values."""
+        """Fit to what the fit left, whitened, which slow noise makes much less wrong.
+
+        Shares of the first's values.
+        """
         return fit_motion(self.white_parts, self.white_residual, self.rate, 0)
 
     @property
@@ -316,8 +327,8 @@ class FittedEnsemble:
     def mean_impedance(self) -> tuple[Array, Array]:
         """Stiffness, viscosity and inertia that are constant in time, and their standard errors, each of shape (3,).
 
-        The errors come from the scatter over realizations, so that the noise may have any colour. NaN where the data
-        do not tell the three apart.
+        The errors come from the scatter over realizations, so that the noise may have any
+        colour. NaN where the data do not tell the three apart.
         """
         return _constant_impedance(self.fit.motion, self.fit.torque)
 

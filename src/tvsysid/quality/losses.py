@@ -16,7 +16,9 @@ from tvsysid.signals import Array, Recording
 
 ALIKE = 3  # realizations that must be at the limit at one time
 SAME = 1e-3  # of a signal's standard deviation: values that are as near as that are the same
-TWO_LEVELS = 0.2  # of samples within half an RMS, below which a signal switches between two levels: Gaussian have 0.38
+# of samples within half an RMS, below which a signal switches between two levels: Gaussian have
+# 0.38
+TWO_LEVELS = 0.2
 WINDOW = 0.2  # in s, for losses
 STILL = 0.1  # share of what is expected below which a signal does not move
 LOUD = 4.0  # times the usual power from which on a window's residual is out of the ordinary
@@ -31,7 +33,8 @@ SILENT, QUIETEST = (
     0.05,
 )  # times a quantile of the noise's power, and which, below which a torque is silent
 HALF_SPIKE = 3  # samples to either side from which a spike stands out
-# Quantiles against which surprises and residual are held: a PRBS surprises at every switch, noise never.
+# Quantiles against which surprises and residual are held: a PRBS surprises at every switch, noise
+# never.
 USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
 OUT_OF_LINE = 1.2  # times the usual distance from the median about it that makes a sample stand out
 FAR_OUT_OF_LINE = 2.0  # the same, of a sample that is taken out before what is lost is looked for
@@ -43,8 +46,8 @@ BESIDE = 6  # samples to either side over which the derivatives' filters spread 
 def clipped(data: FittedEnsemble, which: str) -> Seen:
     """Times at which several realizations have the very same highest, or lowest, value.
 
-    The mean over realizations may be subtracted, and with it a different value at each time: only within a time are
-    values at a sensor's limit still the same.
+    The mean over realizations may be subtracted, and with it a different value at each time:
+    only within a time are values at a sensor's limit still the same.
     """
     values = data.given.signal(which)[:, data.given.core]
     if len(values) < 2 * ALIKE:
@@ -70,7 +73,8 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
     sides = "highest" if not bottom.any() else "lowest" if not top.any() else "highest and lowest"
     return Seen(
         share,
-        f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} {which}",
+        f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} "
+        f"{which}",
     )
 
 
@@ -94,14 +98,16 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     )
     together = _window_power(answer, samples, measured)
     typical = float(np.median(left))
-    # What is loud at this time in most realizations, or at most times in this one, is noise and no loss.
+    # What is loud at this time in most realizations, or at most times in this one, is noise and no
+    # loss.
     noise = np.maximum(
         np.median(left, axis=0), np.maximum(typical, np.quantile(left, QUIET, axis=1))[:, None]
     )
     if which == "torque":
         moving = expected > max(float(np.median(expected)), LOUD * typical)
         gone = moving & (there < STILL * expected) & (np.abs(together) < 2 * STILL * expected)
-        # Filters of both channels leave hardly any noise, so that the errors of the fit look like a loss when whitened.
+        # Filters of both channels leave hardly any noise, so that the errors of the fit look like a
+        # loss when whitened.
         raw = (
             np.gradient(each, axis=1)[:, data.whitening :]
             for each in (data.fit.torque, data.fit.parts.sum(axis=0))
@@ -131,7 +137,8 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     seconds, concerned = float(times.sum()) / data.rate, indices(times.any(axis=1))
     begin = data.seconds(int(np.argmax(times[concerned[0]])))
     what = (
-        f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first in realization "
+        f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first "
+        "in realization "
         f"{concerned[0]} from about {begin:.2g} s on"
     )
     return Seen(seconds, what, realizations=concerned)
@@ -140,9 +147,9 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
 def _held(data: FittedEnsemble) -> NDArray[np.bool_]:
     """Times of some BRIEF seconds at which the torque is the same, or should move and has no noise of its own either.
 
-    The noise is what the torque's past does not predict at the rate that was given: at some 100 Hz, so short a time has
-    too few samples. A torque that is held or zero has only what the subtracted mean left. Shape (realization,
-    time - w).
+    The noise is what the torque's past does not predict at the rate that was given: at some 100
+    Hz, so short a time has too few samples. A torque that is held or zero has only what the
+    subtracted mean left. Shape (realization, time - w).
     """
     given, fit = data.given, data.fit
     fast, slow = round(BRIEF * given.sampling_rate), max(5, round(BRIEF * data.rate))
@@ -196,8 +203,9 @@ def _window_power(values: Array, samples: int, others: Array | None = None) -> A
 def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
     """How high the samples that stand out are over what is usual, of either signal, shape (realization, time - w).
 
-    In the angle, samples that neither past nor neighbours predict, and that the torque does not answer. In the torque,
-    those that neither the model nor the past of what it leaves predicts, and that are not the angle's. Others are zero.
+    In the angle, samples that neither past nor neighbours predict, and that the torque does not
+    answer. In the torque, those that neither the model nor the past of what it leaves predicts,
+    and that are not the angle's. Others are zero.
     """
     angle, torque = (
         over_usual(np.abs(data.unpredicted(own)), USUAL_SURPRISE)
@@ -206,7 +214,8 @@ def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
     residual = over_usual(np.abs(data.white_residual), USUAL_RESIDUAL)
     standing_out = (angle > 0) & (_against_neighbours(data, "angle") > OUT_OF_LINE)
     standing_out &= maximum_filter1d(residual, 2 * BESIDE + 1, axis=1) > DISTURBED
-    # What is high at this time in most realizations is not a spike: a change of stiffness that the bins do not follow.
+    # What is high at this time in most realizations is not a spike: a change of stiffness that the
+    # bins do not follow.
     # Spikes at one time leave their mean in all the others.
     together = np.median(
         np.abs(data.white_residual - np.median(data.white_residual, axis=0)), axis=0
@@ -222,7 +231,10 @@ def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
 
 
 def _against_neighbours(data: FittedEnsemble, which: str) -> Array:
-    """Distance of each sample from the median about it over what is usual; a step has none, a spike has all of it."""
+    """Distance of each sample from the median about it over what is usual.
+
+    A step has none, a spike has all of it.
+    """
     values = data.signal(which)
     distance = np.abs(values - median_filter(values, (1, 2 * HALF_SPIKE + 1)))
     return over_usual(distance, USUAL_SURPRISE)[:, data.white_region]
@@ -250,7 +262,10 @@ def gaps(recording: Recording) -> Seen:
     if not found:
         return Seen(0.0, "no gap in both signals")
     longest = max(found, key=lambda gap: gap.stop - gap.start)
-    what = f"for {longest.stop - longest.start:.2g} s at {longest.start:.4g} s in trial {longest.trial + 1}"
+    what = (
+        f"for {longest.stop - longest.start:.2g} s at {longest.start:.4g} s in trial "
+        f"{longest.trial + 1}"
+    )
     more = f", and {len(found) - 1} times more" if len(found) > 1 else ""
     return Seen(len(found), f"both signals stand still, or are interpolated, {what}{more}")
 

@@ -29,7 +29,9 @@ OTHER_STIFFNESS = (
 OTHER_ANSWER = 0.2  # the same for the whole torque's size
 OTHER_NOISE = 1.7  # times the usual noise, whitened, that does, if few of the others come near it
 SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05  # in s
-ROUNDED = 9  # digits after the point of values over their standard deviation that are alike in the same realizations
+# digits after the point of values over their standard deviation that are alike in the same
+# realizations
+ROUNDED = 9
 ABOUT = 0.1  # seconds over which the noise about a time is averaged
 QUIETEST = 0.05  # share of the mean noise that no time is taken to have less of
 BETTER, HALF = (
@@ -37,22 +39,31 @@ BETTER, HALF = (
     0.5,
 )  # shares of a realization's residual that a shift must take away; of its low-passed one
 MOST = 0.5  # share of the realizations beyond which it is not misalignment
-ALIKE = 0.7  # correlation between the behaviour of odd and even realizations from which on it has a shape of its own
+# correlation between the behaviour of odd and even realizations from which on it has a shape of its
+# own
+ALIKE = 0.7
 DEEP = 0.1  # variation of the stiffness over its mean below which its shape tells nothing
-PARTS = 10  # parts of a realization that must tell alike how it differs; those side by side share too much
+# parts of a realization that must tell alike how it differs; those side by side share too much
+PARTS = 10
 BROAD = 2.5  # standard deviation in samples of that low-pass
 SMOOTH = 1.5  # standard deviation in samples of the low-pass behind which realizations are compared
 TINY = np.finfo(float).tiny
 
 
 def mean_left(data: FittedEnsemble, which: str) -> Seen:
-    """RMS of the mean over realizations over what chance leaves; the same of a common offset, if it is more."""
+    """RMS of the mean over realizations over what chance leaves.
+
+    The same of a common offset, if it is more.
+    """
     ensemble = data.ensemble
     data.require(LEAST_REALIZATIONS, answer=False)
     if ensemble.mean_subtracted:
         raise NotJudged("the mean over realizations has been subtracted")
     left, unit = statistics.mean_left(ensemble.signal(which)[:, ensemble.core]), UNITS[which]
-    what = f"the mean over realizations has an RMS of {left.size:.2g} {unit}; chance would leave {left.expected:.2g}"
+    what = (
+        f"the mean over realizations has an RMS of {left.size:.2g} {unit}; chance would leave "
+        f"{left.expected:.2g}"
+    )
     return Seen(min(left.ratio, 1e6), what, left.significant)
 
 
@@ -67,7 +78,10 @@ def repeated(data: FittedEnsemble) -> Seen:
     _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     original = first[which.ravel()]
     again = indices(np.arange(len(both)) != original)
-    what = f"{len(again)} of {len(both)} realizations {'is' if len(again) == 1 else 'are'} the same as another one"
+    what = (
+        f"{len(again)} of {len(both)} realizations {'is' if len(again) == 1 else 'are'} the "
+        "same as another one"
+    )
     if again:
         what += f", first realization {again[0]}, as realization {original[again[0]]}"
     return Seen(len(again), what, realizations=again)
@@ -84,7 +98,10 @@ def offset(data: FittedEnsemble, which: str) -> Seen:
     change, count = float(line[data.order[-1]] - line[data.order[0]]), len(means)
     power = float(np.sum(np.linspace(-0.5, 0.5, count) ** 2))
     error = math.sqrt(float(np.sum((means - means.mean() - line) ** 2)) / (count - 2) / power)
-    what = f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± {error:.1g} {unit}"
+    what = (
+        f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± "
+        f"{error:.1g} {unit}"
+    )
     return Seen(100 * abs(change) / size, what, p_value(change, error, count) < SIGNIFICANT)
 
 
@@ -123,10 +140,12 @@ def misaligned(data: FittedEnsemble) -> Seen:
     best = np.argmin(left, axis=0)
     gain = 1 - left[best, np.arange(left.shape[1])] / np.maximum(left[reach], TINY)
     seconds = shifts[best] / rate
-    # Likelihood ratio of white noise whose level is the realization's own: the best of so many shifts, and of all.
+    # Likelihood ratio of white noise whose level is the realization's own: the best of so many
+    # shifts, and of all.
     likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
     clear = (gain > BETTER) & (likelier > math.log(left.size / SIGNIFICANT))
-    # Equal filters leave hardly any noise at high frequency, so that there the error of the fit is all that is seen.
+    # Equal filters leave hardly any noise at high frequency, so that there the error of the fit is
+    # all that is seen.
     for realization in np.flatnonzero(clear).tolist():
         slow = [
             gaussian_filter1d(error(int(shift), realization), BROAD)
@@ -146,8 +165,8 @@ def misaligned(data: FittedEnsemble) -> Seen:
 def _local_noise(data: FittedEnsemble) -> Array:
     """Power of the whitened residual about each time, the median over realizations, shape (time - w,).
 
-    Voluntary torque may be louder at one time of the behaviour than at another; what a few realizations do does not
-    show.
+    Voluntary torque may be louder at one time of the behaviour than at another; what a few
+    realizations do does not show.
     """
     size = min(max(1, round(ABOUT * data.rate)), data.white_residual.shape[1])
     power = np.median(
@@ -184,7 +203,8 @@ def unlike(data: FittedEnsemble, misplaced: tuple[int, ...]) -> Seen:
         usual = 1.4826 * float(np.median(distance))
         # A realization that hardly moved tells little of its stiffness, whatever comes out.
         out |= (distance > FAR_OUT * np.maximum(usual, error)) & (distance > least)
-    # Noise of voluntary torque differs from realization to realization: the loudest of many is not unlike them.
+    # Noise of voluntary torque differs from realization to realization: the loudest of many is not
+    # unlike them.
     level = np.log(np.maximum(noise, TINY))
     out |= (noise > OTHER_NOISE) & (level > FAR_OUT * 1.4826 * float(np.median(np.abs(level))))
     out[list(misplaced)] = False
@@ -192,21 +212,25 @@ def unlike(data: FittedEnsemble, misplaced: tuple[int, ...]) -> Seen:
     what = f"{len(found)} of {len(out)} realizations {'lies' if len(found) == 1 else 'lie'} far out"
     if found:
         own_stiffness, own_noise = stiffness[found[0]], noise[found[0]]
-        what += f", first realization {found[0]}: stiffness {own_stiffness:.2g}, noise {own_noise:.2g} times the usual"
+        what += (
+            f", first realization {found[0]}: stiffness {own_stiffness:.2g}, noise "
+            f"{own_noise:.2g} times the usual"
+        )
     return Seen(len(found), what, realizations=found)
 
 
 def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -> Seen:
     """Standard deviation over realizations of the stiffness beyond noise and drift, over the stiffness' RMS.
 
-    How far the stiffness of a realization is from that of all is estimated in each tenth of its time. Noise differs
-    from part to part, a realization of another behaviour differs in all of them by the pattern in time of the others
-    that differ. So the products of two parts that are no neighbours, weighed by the pattern of other realizations, are
-    on average the variance that is sought, with no need to know the noise; their scatter over realizations is the base
-    of the test. It does not matter how many realizations differ, where a median breaks down at half of them.
+    How far the stiffness of a realization is from that of all is estimated in each tenth of its
+    time. Noise differs from part to part, a realization of another behaviour differs in all of them
+    by the pattern in time of the others that differ. So the products of two parts that are no
+    neighbours, weighed by the pattern of other realizations, are on average the variance that is
+    sought, with no need to know the noise; their scatter over realizations is the base of the test.
+    It does not matter how many realizations differ, where a median breaks down at half of them.
 
-    Realizations in which something else is wrong (``told``) are left out; of a wrong period (``other_period``) each
-    realization holds another part of the behaviour anyway.
+    Realizations in which something else is wrong (``told``) are left out; of a wrong period
+    (``other_period``) each realization holds another part of the behaviour anyway.
     """
     if other_period:
         raise NotJudged("the period is wrong")
@@ -214,7 +238,8 @@ def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -
     count = len(order)
     if count < 2 * LEAST_REALIZATIONS:
         raise NotJudged(f"it takes {2 * LEAST_REALIZATIONS} realizations")
-    # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock beats with the sampling.
+    # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock
+    # beats with the sampling.
     motion, left = (
         gaussian_filter1d(values, SMOOTH, axis=-1)
         for values in (data.whitened(data.fit.motion), data.white_residual)
@@ -244,5 +269,8 @@ def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -
         raise NotJudged(NO_ANSWER)
     size = math.sqrt(float(np.mean(data.fit.impedance[0] ** 2)) + variance)
     value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
-    what = f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) between realizations"
+    what = (
+        f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) "
+        "between realizations"
+    )
     return Seen(value, what, significant)

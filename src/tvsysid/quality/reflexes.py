@@ -20,7 +20,8 @@ from tvsysid.signals import Array, Ensemble
 
 ENOUGH = 1e-4  # probability below which it is not taken for chance
 SURE = 0.95  # probability with which the share that a reflex predicts is larger than the one given
-BLOCKS = 5  # of neighbouring realizations, each predicted from the others: slow noise is alike in neighbours
+# of neighbouring realizations, each predicted from the others: slow noise is alike in neighbours
+BLOCKS = 5
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
 SLOWEST = 2  # harmonics by which a change is found
 REACH = 0.04  # s to either side that the intrinsic response lasts
@@ -44,11 +45,12 @@ _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 class ReflexTest(NamedTuple):
     """What a stretch reflex adds to the prediction of torque in realizations that it was not fitted to.
 
-    ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity, whichever predicts better.
-    ``over_none`` and ``over_linear`` are the probabilities that it adds so much to no reflex, and to a late answer that
-    is the same in both directions, by chance. ``share`` is how much of the squared error of either it takes at least,
-    with a probability of 95 %; below zero where that is not sure. ``stiffness`` is the mean in N·m/rad without a reflex
-    and with it.
+    ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity,
+    whichever predicts better. ``over_none`` and ``over_linear`` are the probabilities that it
+    adds so much to no reflex, and to a late answer that is the same in both directions, by
+    chance. ``share`` is how much of the squared error of either it takes at least, with a
+    probability of 95 %; below zero where that is not sure. ``stiffness`` is the mean in N·m/rad
+    without a reflex and with it.
     """
 
     direction: int
@@ -64,7 +66,10 @@ class ReflexTest(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Weights of the regressors (block, regressor), from the other blocks; each realization's gram times its own."""
+    """Weights of the regressors (block, regressor), from the other blocks.
+
+    Each realization's gram times its own.
+    """
 
     weights: Array
     products: Array
@@ -73,13 +78,14 @@ class _Fit(NamedTuple):
 class _Moments(NamedTuple):
     """Products of regressors and torque, as a ``whole`` (regressor + 1, regressor + 1), and without what is slow.
 
-    The latter are those of ``blocks`` of realizations (block, regressor + 1, regressor + 1), and of the torque of each
-    realization with regressors (moments) and itself (squares); ``block`` says in which block it is. The ``products`` of
-    a realization are made anew whenever they are needed: all together take many times the memory of the data.
+    The latter are those of ``blocks`` of realizations (block, regressor + 1, regressor + 1), and of
+    the torque of each realization with regressors (moments) and itself (squares); ``block`` says in
+    which block it is. The ``products`` of a realization are made anew whenever they are needed: all
+    together take many times the memory of the data.
 
-    The first regressors are the joint's, ``mean`` of which gives its mean stiffness, modulated by these
-    ``harmonics`` of the realization's duration; then come those of late answers to positive velocity, and to negative
-    velocity: the triangles, from which any response is made.
+    The first regressors are the joint's, ``mean`` of which gives its mean stiffness, modulated
+    by these ``harmonics`` of the realization's duration; then come those of late answers to
+    positive velocity, and to negative velocity: the triangles, from which any response is made.
     """
 
     blocks: Array
@@ -101,7 +107,10 @@ class _Moments(NamedTuple):
         return out
 
     def weights(self, columns: Array, left_out: int | None = None) -> Array:
-        """Weights of the regressors, fitted to all realizations but a block; or to all, and to what is slow."""
+        """Weights of the regressors, fitted to all realizations but a block.
+
+        Or to all, and to what is slow.
+        """
         sums = (
             self.whole if left_out is None else np.delete(self.blocks, left_out, axis=0).sum(axis=0)
         )
@@ -139,8 +148,8 @@ class _Moments(NamedTuple):
 def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     """Test an ensemble for a stretch reflex, with the velocity rectified at the rate at which the angle was recorded.
 
-    As :func:`reflex_test`, of the deviations from the mean over realizations. It is done once for an ensemble: several
-    methods and checks ask.
+    As :func:`reflex_test`, of the deviations from the mean over realizations. It is done once
+    for an ensemble: several methods and checks ask.
     """
     if ensemble not in _TESTED:
         _TESTED[ensemble] = _reflex_test(_moments_of(ensemble))
@@ -180,24 +189,27 @@ def reflex_test(
 ) -> ReflexTest:
     r"""Test for a stretch reflex by nested models, each fitted to all but a block of realizations, which it predicts.
 
-    The joint's response lasts 40 ms to either side, and its stiffness and viscosity vary over a realization. A reflex
-    adds an answer to the velocity where that is positive, or where it is negative, through a usual muscle (16 rad/s, a
-    damping of 0.8) that begins 40 ms later and is over after 330 ms. What it adds to a simpler model, without a reflex
-    or with one that is linear, is tested by
+    The joint's response lasts 40 ms to either side, and its stiffness and viscosity vary over a
+    realization. A reflex adds an answer to the velocity where that is positive, or where it is
+    negative, through a usual muscle (16 rad/s, a damping of 0.8) that begins 40 ms later and is
+    over after 330 ms. What it adds to a simpler model, without a reflex or with one that is linear,
+    is tested by
 
     .. math:: \sum_t (y - \hat y_0)(\hat y_1 - \hat y_0)
 
-    of each realization over its :math:`\sum_t (y - \hat y_0)^2`: zero on average if the simpler model 0 is right. The
-    difference of squared errors has a part on top, which what is fitted in vain costs, and half the power. Where a
-    cubic polynomial of time is most of the torque, as of slow voluntary torque, it is left out of each realization.
+    of each realization over its :math:`\sum_t (y - \hat y_0)^2`: zero on average if the simpler
+    model 0 is right. The difference of squared errors has a part on top, which what is fitted in
+    vain costs, and half the power. Where a cubic polynomial of time is most of the torque, as of
+    slow voluntary torque, it is left out of each realization.
 
     Parameters
     ----------
     angle, torque
-        Deviations from the mean over realizations in rad and N·m, shape (realization, time), in the order of recording.
+        Deviations from the mean over realizations in rad and N·m, shape (realization, time), in the
+        order of recording.
     stretches
-        Velocity in rad/s where it is positive, and where it is negative, zero elsewhere; rectified before decimation.
-        Each of the angle's shape.
+        Velocity in rad/s where it is positive, and where it is negative, zero elsewhere; rectified
+        before decimation. Each of the angle's shape.
     core
         Samples of a realization within its context.
     rate
@@ -253,7 +265,8 @@ def _answers() -> tuple[Array, Array]:
 def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
     """Probability that squared errors are so much smaller than others by chance, and how much they are so at least.
 
-    Of the same realizations, which neither was fitted to; in logarithms, as some realizations are louder than others.
+    Of the same realizations, which neither was fitted to; in logarithms, as some realizations
+    are louder than others.
     """
     return _above_zero(np.log(others / errors))
 
@@ -290,7 +303,8 @@ def _moments(
     start, stop = max(core.start, latest, reach), min(core.stop, len(angle.mean) - reach)
     if stop - start < LEAST_SAMPLES:
         raise InputError(
-            f"reflex_test: what was {LATEST:g} s before is known at {max(stop - start, 0)} samples of a realization, "
+            f"reflex_test: what was {LATEST:g} s before is known at {max(stop - start, 0)} "
+            "samples of a realization, "
             f"it takes {LEAST_SAMPLES}; give longer realizations, or {LATEST:g} s of context"
         )
     times, wide, count = slice(start, stop), 2 * reach + 1, len(angle.order)

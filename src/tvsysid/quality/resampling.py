@@ -16,7 +16,9 @@ from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
 SHORTEST = 30  # samples of a realization whose derivatives must be known
-TAPS = 3  # samples of the lower rate that a low-pass is long if the rate does not divide, as that to a tenth is
+# samples of the lower rate that a low-pass is long if the rate does not divide, as that to a tenth
+# is
+TAPS = 3
 
 
 def known_region(samples: int, context: int) -> slice:
@@ -67,7 +69,10 @@ def lowered(ensemble: Ensemble) -> Ensemble:
 
 
 def _resampled(ensemble: Ensemble) -> Ensemble | None:
-    """Ensemble at a lower rate that does not divide its own; none if realizations are too short for that."""
+    """Ensemble at a lower rate that does not divide its own.
+
+    None if realizations are too short for that.
+    """
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
         margin = context * count // samples

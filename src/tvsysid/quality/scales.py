@@ -56,12 +56,18 @@ def narrow_excitation(data: FittedEnsemble) -> Seen:
     worst = int(np.argmax(relative))
     value = 100 * min(float(relative[worst]), UNKNOWN)
     name, unit = (("stiffness", "N·m/rad"), ("inertia", "kg·m²"))[worst]
-    what = f"the data give a mean {name} of {values[worst]:.3g} ± {errors[worst]:.2g} {unit}, ± {value:.2g} %"
+    what = (
+        f"the data give a mean {name} of {values[worst]:.3g} ± {errors[worst]:.2g} {unit}, ± "
+        f"{value:.2g} %"
+    )
     return Seen(value, what)
 
 
 def same_perturbation(data: FittedEnsemble) -> Seen:
-    """Whether all realizations were moved alike; only sensor noise differs then, and no torque answers it."""
+    """Whether all realizations were moved alike.
+
+    Only sensor noise differs then, and no torque answers it.
+    """
     white = (
         100
         * PowerSpectrum.of(data.core("angle"), data.rate).shares((QUARTER * data.rate, np.inf))[0]
@@ -70,7 +76,8 @@ def same_perturbation(data: FittedEnsemble) -> Seen:
     told = [
         (
             white,
-            f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}",
+            f"{white:.0f} % of the variance by which the angle differs between realizations lies "
+            f"{above}",
         )
     ]
     if not data.ensemble.mean_subtracted:
@@ -88,7 +95,10 @@ def same_perturbation(data: FittedEnsemble) -> Seen:
 
 
 def same_channel(data: FittedEnsemble) -> Seen:
-    """Correlation of angle and torque; noise, viscosity and inertia keep that of a joint from being all of it."""
+    """Correlation of angle and torque.
+
+    Noise, viscosity and inertia keep that of a joint from being all of it.
+    """
     angle, torque = data.angle, data.torque
     size = math.sqrt(float(np.sum(angle**2)) * float(np.sum(torque**2)))
     if size == 0:
@@ -129,9 +139,13 @@ def torque_unit(data: FittedEnsemble) -> Seen:
 
 
 def sampling_rate(data: FittedEnsemble) -> Seen:
-    """Natural frequency and inertia; a wrong rate leaves the damping ratio and the stiffness as they are."""
+    """Natural frequency and inertia.
+
+    A wrong rate leaves the damping ratio and the stiffness as they are.
+    """
     _impedance(data)
-    # Noise in the angle, as coarse steps leave it, would hide the inertia; a wrong rate is the same behind a low-pass.
+    # Noise in the angle, as coarse steps leave it, would hide the inertia; a wrong rate is the same
+    # behind a low-pass.
     values, errors = data.smooth_impedance
     stiffness, _, inertia = map(float, values)
     if (
@@ -148,5 +162,8 @@ def sampling_rate(data: FittedEnsemble) -> Seen:
             octaves,
             math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)),
         )
-    what = f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of {abs(inertia):.2g} kg·m²"
+    what = (
+        f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of "
+        f"{abs(inertia):.2g} kg·m²"
+    )
     return Seen(abs(octaves), what)

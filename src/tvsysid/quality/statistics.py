@@ -1,4 +1,7 @@
-"""Tests over realizations, least squares, linear prediction; what methods judge alike; arrays only."""
+"""Tests over realizations, least squares, linear prediction; what methods judge alike.
+
+Arrays only.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,8 @@ STEP_S, WINDOW_S = (
     0.01,
     0.05,
 )  # of the differences that stand for derivatives, and to either side of a time at least
-MOSTLY_NEGATIVE = 0.9  # share of the samples with negative stiffness from which on the torque's sign is in question
+# share of the samples with negative stiffness from which on the torque's sign is in question
+MOSTLY_NEGATIVE = 0.9
 
 
 def p_value(mean: float, error: float, count: int) -> float:
@@ -50,8 +54,9 @@ def p_value_of(scores: Array) -> float:
 def gained(target: Array, regressors: Array) -> tuple[float, float]:
     """Share of a signal's variance that regressors predict in realizations they were not fitted to, and its p-value.
 
-    The signal is of shape (realization, time), regressors of shape (regressor, realization, time). The share is below
-    zero where they predict nothing; the p-value comes from the scatter of the gain over realizations.
+    The signal is of shape (realization, time), regressors of shape (regressor, realization,
+    time). The share is below zero where they predict nothing; the p-value comes from the scatter
+    of the gain over realizations.
     """
     gain = gains(target, regressors)
     total = float(np.sum(target**2))
@@ -59,7 +64,10 @@ def gained(target: Array, regressors: Array) -> tuple[float, float]:
 
 
 def gains(target: Array, regressors: Array) -> Array:
-    """Sum of squares that regressors take from each realization, fitted to others; shapes as above."""
+    """Sum of squares that regressors take from each realization, fitted to others.
+
+    Shapes as above.
+    """
     count = len(target)
     rows = np.ascontiguousarray(regressors.transpose(1, 0, 2))
     grams = rows @ rows.transpose(0, 2, 1)
@@ -76,7 +84,10 @@ def gains(target: Array, regressors: Array) -> Array:
 
 
 def without(target: Array, regressors: Array) -> Array:
-    """Signal less what regressors explain of it; shapes (..., realization, time) and (regressor, realization, time)."""
+    """Signal less what regressors explain of it.
+
+    Shapes (..., realization, time) and (regressor, realization, time).
+    """
     rows = regressors.reshape(len(regressors), -1)
     weights = solved(rows @ rows.T, rows @ target.reshape(-1, rows.shape[1]).T)
     return target - (weights.T @ rows).reshape(target.shape)
@@ -127,8 +138,8 @@ class MeanLeft(NamedTuple):
 def mean_left(values: Array) -> MeanLeft:
     """Judge the mean over realizations, values of shape (realization, time), by what chance leaves of it.
 
-    Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence a limit above 1, and a
-    test over realizations where there are enough of them.
+    Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence a
+    limit above 1, and a test over realizations where there are enough of them.
     """
     count = len(values)
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
@@ -165,8 +176,9 @@ def still_samples(angle: Array) -> NDArray[np.intp]:
 def angle_inflation(angle: Array, sampling_rate: float) -> Array:
     """Return by how much velocity and acceleration inflate the variance of what is regressed on the angle, (window,).
 
-    From second moments of the angle (realization, time) over realizations and windows, longer where these are few. It
-    is 1 to 10 where noise, pulses or sines move a joint, and infinite where it rings freely or moves at one frequency.
+    From second moments of the angle (realization, time) over realizations and windows, longer
+    where these are few. It is 1 to 10 where noise, pulses or sines move a joint, and infinite
+    where it rings freely or moves at one frequency.
     """
     angle = angle[:: max(1, len(angle) // SEVERAL)]
     step = max(1, min(round(STEP_S * sampling_rate), (angle.shape[1] - 1) // 2))

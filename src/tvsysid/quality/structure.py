@@ -23,10 +23,13 @@ from tvsysid.quality.statistics import (
 )
 from tvsysid.signals import Array
 
-AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivatives' filters tell even of an imposed one
+# seconds ahead that the angle is predicted: within them derivatives' filters tell even of an
+# imposed one
+AHEAD = 0.03
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_CAUSE = 0.15  # seconds of a channel that may add to it
-# Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
+# Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the
+# angle of it at most.
 LEADS, FOLLOWS = 0.04, 0.02
 BESIDE = 6  # samples of the torque to either side from which it is explained
 SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
@@ -37,8 +40,9 @@ SHORT = "realizations and their context are too short"
 def feedback(data: FittedEnsemble) -> Seen:
     """Share of the torque that later movement predicts, beyond earlier movement and the joint's response (Sims, 1972).
 
-    An imposed angle's future tells nothing of the torque's noise, of which a joint that it moves tells; a reflex is
-    late. All is whitened by the noise, and judged by realizations that were not fitted to.
+    An imposed angle's future tells nothing of the torque's noise, of which a joint that it moves
+    tells; a reflex is late. All is whitened by the noise, and judged by realizations that were
+    not fitted to.
     """
     data.require(LEAST_REALIZATIONS)
     if FAULTS["coarse-angle"].beyond(data.angle_step):
@@ -70,7 +74,8 @@ def feedback(data: FittedEnsemble) -> Seen:
 def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     """Whether the stiffness is another where the angle that a reference predicts takes the angle's place.
 
-    By one step from the open-loop fit, whose residual is then no answer to what the reference moves.
+    By one step from the open-loop fit, whose residual is then no answer to what the reference
+    moves.
     """
     data.require(LEAST_REALIZATIONS)
     ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
@@ -88,22 +93,26 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
     if not explained >= HARDLY_MOVED:
         raise NotJudged(
-            f"the disturbance {reference!r} hardly moves the angle: it predicts {_percent(explained)} of it"
+            f"the disturbance {reference!r} hardly moves the angle: it predicts "
+            f"{_percent(explained)} of it"
         )
     first = fit.first - HALF_WIDTH
     z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
-    # All times count alike: the angle moves farther where the joint gives way, and a sum of squares dwells there.
+    # All times count alike: the angle moves farther where the joint gives way, and a sum of squares
+    # dwells there.
     power = (
         np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins]
         / np.bincount(fit.bins)[fit.bins]
     )
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", z / power, fit.motion))
-    # Of the stiffness, in each realization. The residual has no part in the whole movement, which is noise in each.
+    # Of the stiffness, in each realization. The residual has no part in the whole movement, which
+    # is noise in each.
     missing = np.einsum("a,art,rt->r", inverse[0], (z - fit.motion) / power, fit.residual)
     biased = float(fit.stiffness[fit.bins].mean())
     closed = biased + float(missing.sum())
     what = (
-        f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with {reference!r} as the reference, "
+        f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with "
+        f"{reference!r} as the reference, "
         f"which predicts {_percent(explained)} of the angle; identify by --method "
         f"kbr:reference={reference},weighting=residual"
     )
@@ -113,8 +122,9 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
 def applied(data: FittedEnsemble, channel: str) -> Seen:
     """What ``channel`` mends as a reference, if it is what was applied: it moves the angle, the angle does not move it.
 
-    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are the torque and noise; and
-    EMG that makes the torque's noise gives a stiffness that is lower still, which is the load's.
+    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are
+    the torque and noise; and EMG that makes the torque's noise gives a stiffness that is lower
+    still, which is the load's.
     """
     data.require(LEAST_REALIZATIONS)
     values = data.signal(channel)
@@ -165,9 +175,12 @@ def reflex(data: FittedEnsemble) -> Seen:
     data.require()
     one_path, two_paths = test.stiffness
     what = (
-        f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least {_percent(test.share)} of the "
-        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, which neither no reflex does "
-        f"(p = {test.over_none:.1g}) nor one that is linear (p = {test.over_linear:.1g}); the mean stiffness is "
+        f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
+        f"{_percent(test.share)} of the "
+        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, which neither no "
+        "reflex does "
+        f"(p = {test.over_none:.1g}) nor one that is linear (p = {test.over_linear:.1g}); the "
+        "mean stiffness is "
         f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
     if two_paths > 0:

@@ -25,13 +25,16 @@ SLOWEST, FASTEST = (
     3.3,
 )  # cycles in a realization that may be another period: the clock of a PRBS is faster
 BEAT = 1.25  # times as coherent in the inertia as in the stiffness that a line is no behaviour
-# Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts.
+# Distance from a harmonic, in one over the record's length, where no line is another period; so if
+# all drifts.
 BESIDE, BESIDE_DRIFT = 0.2, 4.0
 NEAR_HARMONIC = 0.1  # share of a harmonic's number by which a line may be off it
 RESOLUTION = 0.25  # step in frequency, as a share of one over the record's length
-# Harmonics of stiffness by which it repeats within a realization, and Hz: a perturbation's lines beat faster.
+# Harmonics of stiffness by which it repeats within a realization, and Hz: a perturbation's lines
+# beat faster.
 MOST_HARMONICS, FASTEST_CHANGE = 12, 3.0
-ALIKE = 0.25  # RMS of what does not repeat there, over that of what does: of a constant both are noise, and alike
+# RMS of what does not repeat there, over that of what does: of a constant both are noise, and alike
+ALIKE = 0.25
 LEAST_VARIATION = 0.05  # RMS of what repeats over the mean stiffness
 BEYOND_NOISE = 5.0  # power of what repeats over that of its noise
 
@@ -50,7 +53,8 @@ def drift(data: FittedEnsemble) -> Seen:
     change, error = second - first, math.sqrt(first_variance + second_variance)
     value = 100 * change / max(abs(first), 0.01)
     what = (
-        f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of "
+        f"the stiffness of the second half is {abs(value):.2g} % "
+        f"{'higher' if change > 0 else 'lower'} than that of "
         f"the first, ± {100 * error:.2g} %"
     )
     return Seen(value, what, p_value(change, error, len(data)) < SIGNIFICANT)
@@ -68,18 +72,23 @@ def _contradiction(data: FittedEnsemble) -> Seen:
         raise NotJudged(NOT_SEPARATE)
     error = math.hypot(first_error, second_error)
     value = 100 * (after - before) / max(abs(before), np.finfo(float).tiny)
-    what = f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}"
+    what = (
+        f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the "
+        f"second, ± {error:.2g}"
+    )
     return Seen(value, what, p_value(after - before, error, len(data)) < SIGNIFICANT)
 
 
 def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
-    What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
-    harmonics of the period is a behaviour of another period. The series has no part at the harmonics only if it is of
-    the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
-    error, which slow noise makes large, is the same in all realizations. The test compares the power of a line with
-    that of realizations of random phase. No line is looked for near the harmonics of a behaviour that ``drifts``.
+    What the fit left is projected on the torque of stiffness at each sample; a line in that
+    series between the harmonics of the period is a behaviour of another period. The series has
+    no part at the harmonics only if it is of the signals that were fitted: as they are whitened,
+    stiffness and viscosity are fitted again, for the first fit's error, which slow noise makes
+    large, is the same in all realizations. The test compares the power of a line with that of
+    realizations of random phase. No line is looked for near the harmonics of a behaviour that
+    ``drifts``.
     """
     ensemble, trials = data.ensemble, _trials(data)
     if len(trials) == len(data):
@@ -87,7 +96,8 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     data.require(LEAST_REALIZATIONS)
     left = data.white_fit.residual
     frequencies, coherent, power = lines(left * data.white_parts[0], data)
-    # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with the sampling.
+    # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with
+    # the sampling.
     _, beating, _ = lines(left * data.white_parts[2], data)
     width = 2 * round(1 / RESOLUTION) + 1
     beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
@@ -104,7 +114,8 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     period, given = number / float(frequencies[best]), ensemble.duration
     digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
     what = (
-        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, "
+        "beside what "
         f"repeats every {given:g} s"
     )
     ratio = period / given
@@ -113,15 +124,18 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
         data, trials
     ):
         side = "higher" if ratio > 1 else "lower"
-        what += f"; if that should be {given:g} s, the sampling rate is {round(factor)} times {side} than stated"
+        what += (
+            f"; if that should be {given:g} s, the sampling rate is {round(factor)} times "
+            f"{side} than stated"
+        )
     return Seen(float(amplitude[best]), what, probability < SIGNIFICANT)
 
 
 def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
     """Say that stiffness repeats itself with a third or a half of the period, and what a cut with that gains.
 
-    Harmonics of stiffness are fitted to the realization, not whitened, as that takes its beginning away. Those
-    that such a period has make up what repeats, the others what does not.
+    Harmonics of stiffness are fitted to the realization, not whitened, as that takes its
+    beginning away. Those that such a period has make up what repeats, the others what does not.
     """
     ensemble, fit, given = data.ensemble, data.fit, data.ensemble.duration
     count = min(MOST_HARMONICS, int(FASTEST_CHANGE * given))
@@ -156,9 +170,12 @@ def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
         if varies and same and repeats > BEYOND_NOISE * noise[own].sum():
             share = 100 * math.sqrt(differs / repeats)
             return (
-                f"stiffness repeats every {given / parts:.4g} s; what does not repeat, {share:.0f} % of its variation, "
-                f"is hardly more than noise: cut with that period, there are {words} as many realizations, and the "
-                f"random error is some {100 * (1 - parts**-0.5):.0f} % smaller (birf and kbr follow faster changes "
+                f"stiffness repeats every {given / parts:.4g} s; what does not repeat, "
+                f"{share:.0f} % of its variation, "
+                f"is hardly more than noise: cut with that period, there are {words} as many "
+                "realizations, and the "
+                f"random error is some {100 * (1 - parts**-0.5):.0f} % smaller (birf and kbr "
+                "follow faster changes "
                 "instead)",
             )
     return ()
@@ -177,10 +194,13 @@ def _longest(data: FittedEnsemble, trials: list[NDArray[np.intp]]) -> float:
 
 
 def lines(scores: Array, data: FittedEnsemble) -> tuple[Array, Array, Array]:
-    """Frequencies in Hz; power of trials over that of realizations of random phase; and power of trials.
+    """Frequencies in Hz; power of trials over that of realizations of random phase.
 
-    Trials are put together and transformed at once; the power of single realizations follows from the sum of their
-    autocorrelations, so that memory and time grow with the record's length and no faster.
+    And power of trials.
+
+    Trials are put together and transformed at once; the power of single realizations follows
+    from the sum of their autocorrelations, so that memory and time grow with the record's length
+    and no faster.
     """
     duration, rate, trials, samples = (
         data.ensemble.duration,

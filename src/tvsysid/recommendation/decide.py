@@ -24,7 +24,8 @@ from tvsysid.signals import Ensemble
 
 SAID = ("reflex", "loop-bias", "feedback")  # faults that the rules speak of
 MAY_BE_A_LOOP = (
-    "the torque's noise is slow or strong. If the actuator is compliant, this noise moves the angle, and stiffness is "
+    "the torque's noise is slow or strong. If the actuator is compliant, this noise moves the "
+    "angle, and stiffness is "
     "underestimated. Only the actuator's command as the reference shows it"
 )
 
@@ -36,12 +37,13 @@ class Recommendation(Frozen):
     Parameters
     ----------
     suited
-        The method as the command line takes it, as in ``"kbr:weighting=residual,tuned=true"``, and after it what to go
-        by where that was not run; empty where none is right.
+        The method as the command line takes it, as in ``"kbr:weighting=residual,tuned=true"``, and
+        after it what to go by where that was not run; empty where none is right.
     why
         In a sentence.
     measured
-        Properties of the data by name, each with its unit; NaN where it is not shown, or the data do not tell it.
+        Properties of the data by name, each with its unit; NaN where it is not shown, or the data
+        do not tell it.
     against
         What speaks against the other usual methods, by key.
     caveats
@@ -62,11 +64,17 @@ class Recommendation(Frozen):
 
     @property
     def method(self) -> Identifies | None:
-        """The method, ready to run: ``recommend(ensemble).method.identify(ensemble)``; None where none is right."""
+        """The method, ready to run: ``recommend(ensemble).method.identify(ensemble)``.
+
+        None where none is right.
+        """
         return parse(self.suited[0]) if self.suited else None
 
     def leading(self, methods: Mapping[str, object], tuned: Container[str] = ()) -> str | None:
-        """Label of the first of these ``methods`` that suits; None if none does. The settings of some are ``tuned``."""
+        """Label of the first of these ``methods`` that suits; None if none does.
+
+        The settings of some are ``tuned``.
+        """
         for wanted in map(parse, self.suited):
             for label, method in methods.items():
                 if isinstance(wanted, Tuned) and not (label in tuned or isinstance(method, Tuned)):
@@ -120,15 +128,17 @@ def recommend(
 ) -> Recommendation:
     """Say which method suits an ensemble, and why, by what is measured in it.
 
-    The properties are held against :data:`tvsysid.recommendation.RULES`, each of which a kind of simulated data in
-    ``benchmarks/recommend.py`` stands for; docs/which-method.md has the table and how often it is right.
+    The properties are held against :data:`tvsysid.recommendation.RULES`, each of which a kind of
+    simulated data in ``benchmarks/recommend.py`` stands for; docs/which-method.md has the table and
+    how often it is right.
 
     Parameters
     ----------
     ensemble
         Realizations, mean subtracted.
     reference
-        Channel with the disturbance that was applied, or the actuator's command, if the angle may not be imposed.
+        Channel with the disturbance that was applied, or the actuator's command, if the angle may
+        not be imposed.
     scheduling
         Channel with a variable that the joint follows and that differs between realizations.
     model
@@ -188,7 +198,10 @@ def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
     for name in channels:
         seen = find_reference(ensemble, name)
         if seen.found:
-            yield f"Channel {name!r} moves the angle, and was not named as the reference: {seen.what}."
+            yield (
+                f"Channel {name!r} moves the angle, and was not named as the reference: "
+                f"{seen.what}."
+            )
 
 
 def _against(

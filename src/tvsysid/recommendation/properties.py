@@ -98,7 +98,8 @@ def _slowness(diagnosis: Diagnosis) -> float:
 def _noise_bias(ensemble: Ensemble) -> float:
     """By how much, in per cent, stiffness is lower than where frequencies count by how little noise they hold.
 
-    Noise that does not move the angle leaves both alike; in a closed loop, stiffness is too low where there is noise.
+    Noise that does not move the angle leaves both alike; in a closed loop, stiffness is too low
+    where there is noise.
     """
     models = [_model(KernelRegression(weighting=each), ensemble) for each in ("white", "residual")]
     plain, weighted = (math.nan if each is None else mean_of(each.stiffness) for each in models)

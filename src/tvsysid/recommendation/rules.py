@@ -18,10 +18,11 @@ Measured = Mapping[str, tuple[float, str]]  # value and unit by property
 class Rule(NamedTuple):
     """A row of the decision table: the first whose conditions all hold decides.
 
-    ``conditions`` are ``property > limit`` or ``property < limit``, in the property's unit. The first of the
-    ``methods``, as typed on the command line, that applies is recommended; there is none where none is right. ``why``
-    is a sentence, with values of properties in it; ``scenario`` is the kind of data in ``benchmarks/recommend.py`` that
-    shows it, empty where none does.
+    ``conditions`` are ``property > limit`` or ``property < limit``, in the property's unit. The
+    first of the ``methods``, as typed on the command line, that applies is recommended; there is
+    none where none is right. ``why`` is a sentence, with values of properties in it;
+    ``scenario`` is the kind of data in ``benchmarks/recommend.py`` that shows it, empty where
+    none does.
     """
 
     conditions: tuple[str, ...]
@@ -43,14 +44,16 @@ RULES = (
     Rule(
         ("wrong period > 0",),
         (),
-        "the behaviour does not repeat every {duration:g} s, so that its time variation averages out whatever the "
+        "the behaviour does not repeat every {duration:g} s, so that its time variation averages "
+        "out whatever the "
         "method; cut with the true period, if it has one",
         "",
     ),
     Rule(
         ("information < 2",),
         (),
-        "the torque that answers the angle is too weak for a stiffness over time (as {information:.1f} realizations at "
+        "the torque that answers the angle is too weak for a stiffness over time (as "
+        "{information:.1f} realizations at "
         "0 dB): perturb more, or record more",
         "weak excitation",
     ),
@@ -61,13 +64,15 @@ RULES = (
             f"kbr:{REFERENCE},weighting=residual",
             f"birf:{REFERENCE}",
         ),
-        f"{LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by how little of it they hold",
+        f"{LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by how "
+        "little of it they hold",
         "loop with a reference",
     ),
     Rule(
         ("loop bias > 5", "switches > 0", "shape over level > 1"),
         ("adaptive",),
-        f"{LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high; methods that take {{reference!r}} for "
+        f"{LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high; methods that take "
+        f"{{reference!r}} for "
         "reference smear its switches, which costs more",
         "loop with a reference",
     ),
@@ -86,27 +91,32 @@ RULES = (
     Rule(
         ("feedback > 0",),
         (),
-        f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the actuator's command",
+        f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the "
+        "actuator's command",
         "loop without a reference",
     ),
     Rule(
         ("mean stiffness < 0",),
         (),
-        "stiffness is negative ({mean stiffness:.0f} N·m/rad). If the actuator imposes the angle, the torque's sign is "
-        "reversed: read it with --torque-sign -1 (in Python torque_sign=-1), or without that; if it gives way, noise "
+        "stiffness is negative ({mean stiffness:.0f} N·m/rad). If the actuator imposes the angle, "
+        "the torque's sign is "
+        "reversed: read it with --torque-sign -1 (in Python torque_sign=-1), or without that; if "
+        "it gives way, noise "
         "moves the angle more than the perturbation does: record the actuator's command",
         "loop without a reference",
     ),
     Rule(  # before what tells a loop by frequencies, of which a reflex answers some
         ("reflex > 0",),
         ("adaptive", "cascade"),
-        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of the reflex itself)",
+        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of "
+        "the reflex itself)",
         "reflex",
     ),
     Rule(
         (IS_SLOW, "noise bias > 30"),
         (),
-        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
+        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little "
+        f"noise, so that {LOOP}; "
         "no method is free of it: record the disturbance or the actuator's command",
         "loop without a reference",
     ),
@@ -115,7 +125,8 @@ RULES = (
         (
             "kbr:weighting=residual",
         ),  # tuned, it may leave out the inertia, which predicts better and is biased
-        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
+        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little "
+        f"noise, so that {LOOP}; "
         "these count most",
         "loop without a reference",
     ),
@@ -128,32 +139,38 @@ RULES = (
     Rule(
         (IS_SLOW, "realizations > 3"),
         (WEIGHTED, "adaptive"),
-        "the torque's noise is slow, and frequencies count by how little of it they hold; stiffness does not switch",
+        "the torque's noise is slow, and frequencies count by how little of it they hold; "
+        "stiffness does not switch",
         "slow noise",
     ),
     Rule(
         ("evidence of few harmonics > 5",),
         ("birf:tuned=true", "adaptive", "kbr"),
-        f"stiffness changes as at most {FEW_HARMONICS} harmonics of the period, which the evidence prefers to other "
-        "functions by {evidence of few harmonics:.0f} nat; few coefficients have the least random error",
+        f"stiffness changes as at most {FEW_HARMONICS} harmonics of the period, which the "
+        "evidence prefers to other "
+        "functions by {evidence of few harmonics:.0f} nat; few coefficients have the least random "
+        "error",
         "slow change, few realizations, short record",
     ),
     Rule(
         ("constant > 50",),
         ("birf:tuned=true", "adaptive", "kbr"),
-        "stiffness is most probably constant ({constant:.0f} %), and of a single coefficient the random error is least",
+        "stiffness is most probably constant ({constant:.0f} %), and of a single coefficient the "
+        "random error is least",
         "slow change",
     ),
     Rule(
         ("realizations < 4",),
         ("cascade", "kbr"),
-        "realizations are too few to tell a switch from noise, and it finds how smooth stiffness is without them",
+        "realizations are too few to tell a switch from noise, and it finds how smooth stiffness "
+        "is without them",
         "few realizations",
     ),
     Rule(
         (),
         ("adaptive", "kbr:tuned=true", "kbr"),
-        "the behaviour repeats, and it finds from the data how fast stiffness changes, and whether it switches",
+        "the behaviour repeats, and it finds from the data how fast stiffness changes, and "
+        "whether it switches",
         "fast change, short record, few realizations",
     ),
 )
@@ -167,12 +184,14 @@ AGAINST = (  # a condition, the methods against which it speaks, and what it say
     (
         "shape over level > 1",
         ("sds", "esm", "birf", "kbr"),
-        "It smears a switch, of which stiffness has {switches:.0f}, and that costs more than the loop.",
+        "It smears a switch, of which stiffness has {switches:.0f}, and that costs more than the "
+        "loop.",
     ),
     (
         "loop bias > 5",
         ("adaptive", *ONE_PATHWAY),
-        "It takes the angle as imposed, which makes its stiffness {loop bias:.0f} % too low or high.",
+        "It takes the angle as imposed, which makes its stiffness {loop bias:.0f} % too low or "
+        "high.",
     ),
     (
         "reflex > 0",
@@ -182,7 +201,8 @@ AGAINST = (  # a condition, the methods against which it speaks, and what it say
     (
         "information < 500",
         ("eirf",),
-        "It takes each time by itself, and these data are worth no more than {information:.0f} realizations at 0 dB.",
+        "It takes each time by itself, and these data are worth no more than {information:.0f} "
+        "realizations at 0 dB.",
     ),
     (
         "switches > 0",
@@ -192,12 +212,14 @@ AGAINST = (  # a condition, the methods against which it speaks, and what it say
     (
         "noise bias > 10",
         ("adaptive", "sds", "esm", "birf"),
-        "It counts frequencies that hold the noise as much as others, by which stiffness is {noise bias:.0f} % lower.",
+        "It counts frequencies that hold the noise as much as others, by which stiffness is "
+        "{noise bias:.0f} % lower.",
     ),
     (
         "evidence of few harmonics > 5",
         ("adaptive",),
-        "It does not know of harmonics, which the evidence prefers by {evidence of few harmonics:.0f} nat.",
+        "It does not know of harmonics, which the evidence prefers by {evidence of few "
+        "harmonics:.0f} nat.",
     ),
 )
 

@@ -35,35 +35,46 @@ DOUBTFUL = (
     "mains",
 )
 REVERSED = (
-    "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign -1 (in Python "
-    "torque_sign=-1), or leave it out if it is there. If the sign is right, the actuator is compliant: record its "
+    "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign "
+    "-1 (in Python "
+    "torque_sign=-1), or leave it out if it is there. If the sign is right, the actuator is "
+    "compliant: record its "
     "command."
 )
 SWAPPED = (
-    "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other way round (--angle, "
+    "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other "
+    "way round (--angle, "
     "--torque). If they are right, the angle may be in degrees: --angle-unit deg."
 )
 WRONG = {  # faults that make every method's stiffness wrong, the cause of others first
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
-    "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit deg.",
-    "torque-unit": "No joint is so stiff or so soft: {what}. Check the units: add --torque-unit Nmm, or leave out a "
+    "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
+    "deg.",
+    "torque-unit": "No joint is so stiff or so soft: {what}. Check the units: add --torque-unit "
+    "Nmm, or leave out a "
     "unit that is there.",
     "reversed-torque": REVERSED,
-    "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes of stiffness cancel "
+    "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes "
+    "of stiffness cancel "
     "out. Check --period and --rate.",
 }
 LOOP = {  # those that a reference mends
     "loop-bias": "The torque moves the angle (a closed loop): {what}.",
-    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, or one channel was "
+    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, "
+    "or one channel was "
     "filtered alone. Record the actuator's "
-    "command, and identify with it: --channel command=… --method kbr:reference=command,weighting=residual.",
+    "command, and identify with it: --channel command=… --method "
+    "kbr:reference=command,weighting=residual.",
 }
 
 CHECK_CHANNELS = "Check the channels (--angle, --torque), or record more."
 
 
 class Trust(NamedTuple):
-    """Level of trust in a stiffness, and reasons for doubt or caution; at the level ``"none"`` none is stated."""
+    """Level of trust in a stiffness, and reasons for doubt or caution.
+
+    At the level ``"none"`` none is stated.
+    """
 
     level: Literal["good", "doubtful", "none"]
     reasons: tuple[str, ...] = ()
@@ -97,7 +108,8 @@ def trust_in(
     by_reference = any(item.kind == "reference" for item in inputs_of(method))
     texts = WRONG if by_reference or is_suited or unnamed_references else WRONG | LOOP
     wrong = list(_faults(model, faults, texts, () if by_reference else unnamed_references))
-    # In a closed loop, the right impedance may predict none of the torque; a weak torque is weak with a reference too.
+    # In a closed loop, the right impedance may predict none of the torque; a weak torque is weak
+    # with a reference too.
     if not wrong and (not by_reference or holds("information < 2", recommendation.measured)):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
@@ -148,14 +160,21 @@ def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iter
     """Yield what may make the stiffness wrong, and what to do."""
     if share := negative_reflex(model):
         yield (
-            f"The reflex gain is negative over {share}, as no stretch reflex's is. The difference from a method with "
+            f"The reflex gain is negative over {share}, as no stretch reflex's is. The difference "
+            "from a method with "
             "one pathway (as kbr) is an uncertainty of this stiffness."
         )
     if "reflex" in faults and has_one_pathway(method, model):
-        yield f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. {faults['reflex'].fault.remedy}."
+        yield (
+            f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. "
+            f"{faults['reflex'].fault.remedy}."
+        )
     for fault in (faults[name] for name in DOUBTFUL if name in faults):
         if fault.name != "delay" or abs(fault.value) > MAX_DELAY_MS:
-            yield f"{fault.fault.title}: {fault.what.partition(';')[0]}. {sentence(fault.fault.remedy)}"
+            yield (
+                f"{fault.fault.title}: {fault.what.partition(';')[0]}. "
+                f"{sentence(fault.fault.remedy)}"
+            )
 
 
 def sentence(text: str) -> str:

@@ -1,7 +1,7 @@
 """Recordings and models from and to files.
 
-Everything is imported when it is first used, so that the process that reads files starts quickly; ``__init__.pyi``
-beside this file lists the names.
+Everything is imported when it is first used, so that the process that reads files starts
+quickly; ``__init__.pyi`` beside this file lists the names.
 """
 
 import lazy_loader

@@ -28,14 +28,16 @@ FOLDERS = (
 def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     """Channels of ``sub-1_task-ankle_tracksys-robot_motion.tsv`` by their names in ``…_channels.tsv``.
 
-    Units are those of that file, the rate is the ``SamplingFrequency`` of ``…_motion.json``, or that of the times in a
-    channel of type LATENCY. Both files may also be in folders above, with fewer words in their names.
+    Units are those of that file, the rate is the ``SamplingFrequency`` of ``…_motion.json``, or
+    that of the times in a channel of type LATENCY. Both files may also be in folders above, with
+    fewer words in their names.
     """
     rows = _rows(file)
     first = first_row(file, "\t")
     if not are_numbers(first):
         raise InputError(
-            f"{file}: expected numbers in the first line, as Motion-BIDS has no names there; got {first[:3]}"
+            f"{file}: expected numbers in the first line, as Motion-BIDS has no names there; got "
+            f"{first[:3]}"
         )
     if len(first) != len(rows):
         raise InputError(
@@ -66,7 +68,8 @@ def _rows(file: Path) -> list[dict[str, Any]]:
             )
         return rows
     raise InputError(
-        f"{file}: no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its columns; put it "
+        f"{file}: no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names "
+        "its columns; put it "
         "there, or give the file another name if its first line has names"
     )
 

@@ -28,7 +28,8 @@ UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
 MOST_CHANNELS = 10_000  # of a file
-MOST_JITTER = 0.1  # of a step in time: what clocks of computers and times of 32 bits leave; a lost sample is more
+# of a step in time: what clocks of computers and times of 32 bits leave; a lost sample is more
+MOST_JITTER = 0.1
 UNEVEN = "values at times that are not evenly spaced"
 TIMES_ITS_SIZE = 3  # values as read, as columns of trials one after the other, and in SI units
 
@@ -48,7 +49,8 @@ class Channel:
     sampling_rate
         In Hz, as the file states it, or None.
     trial_starts
-        First sample of each trial, where the file states trials that follow each other in one vector.
+        First sample of each trial, where the file states trials that follow each other in one
+        vector.
     values
         Reads the values; None for what cannot be a signal.
     held
@@ -91,7 +93,8 @@ class Channel:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
         if self.values is None:
             raise InputError(
-                f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it"
+                f"{name}: expected real numbers, got {self.dtype}; name another channel or "
+                "convert it"
             )
         check_fits(name, self.needed)
         return self.values()
@@ -150,7 +153,9 @@ def stated_rate(value: object) -> float | None:
 
 
 def even_rate(times: NDArray[Any]) -> float | None:
-    """Rate of samples at these times in s, of shape (time,); None if their steps differ by more than a tenth.
+    """Rate of samples at these times in s, of shape (time,).
+
+    None if their steps differ by more than a tenth.
 
     Examples
     --------
@@ -164,7 +169,10 @@ def even_rate(times: NDArray[Any]) -> float | None:
 
 
 def stated(*attributes: Mapping[str, object]) -> tuple[str, float | None]:
-    """Unit and sampling rate that attributes state; those of the first mapping go before those of the next."""
+    """Unit and sampling rate that attributes state.
+
+    Those of the first mapping go before those of the next.
+    """
     unit, rate = "", None
     for item in attributes:
         for name, value in item.items():

@@ -54,14 +54,17 @@ def write_nwb(
     description: str = "Joint perturbation experiment",
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write a recording as Neurodata Without Borders; :func:`tvsysid.read_recording` and other programs read it.
+    """Write a recording as Neurodata Without Borders.
+
+    :func:`tvsysid.read_recording` and other programs read it.
 
     Parameters
     ----------
     path
         File to write, ``.nwb``.
     recording
-        Angle (rad), torque (N·m) and channels become the time series ``acquisition/angle`` and so on.
+        Angle (rad), torque (N·m) and channels become the time series ``acquisition/angle`` and so
+        on.
     session_start
         When the recording began, with a time zone, as NWB demands.
     description
@@ -72,8 +75,9 @@ def write_nwb(
     Raises
     ------
     InputError
-        For another ending, a time without a zone, a channel whose name has a slash, or more than one trial: NWB has
-        one axis of time, so write each trial to a file of its own, which :func:`tvsysid.read_trials` joins.
+        For another ending, a time without a zone, a channel whose name has a slash, or more than
+        one trial: NWB has one axis of time, so write each trial to a file of its own, which
+        :func:`tvsysid.read_trials` joins.
 
     Examples
     --------
@@ -93,7 +97,8 @@ def write_nwb(
         raise InputError(f"{file}: unknown ending {file.suffix!r}; give .nwb")
     if session_start.tzinfo is None:
         raise InputError(
-            f"session_start: {session_start} has no time zone; give tzinfo, such as datetime.timezone.utc"
+            f"session_start: {session_start} has no time zone; give tzinfo, such as "
+            "datetime.timezone.utc"
         )
     if len(recording.trial_starts) > 1:
         raise InputError(f"{file}: NWB has one axis of time; write each trial to a file of its own")
@@ -139,7 +144,10 @@ def _write_series(
 
 
 def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> None:
-    """Say what a group is; its identifier follows from the recording, so that the same one gives the same file."""
+    """Say what a group is.
+
+    Its identifier follows from the recording, so that the same one gives the same file.
+    """
     identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, identity))
     group.attrs.update(
         {"namespace": "core", "neurodata_type": kind, "object_id": identifier, **attributes}
@@ -147,7 +155,9 @@ def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> No
 
 
 def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
-    """Write estimates over time as a table of a BIDS derivative, with a description beside it; returns the table.
+    """Write estimates over time as a table of a BIDS derivative, with a description beside it.
+
+    Returns the table.
 
     The derivative's ``dataset_description.json`` is written if there is none.
 
@@ -184,7 +194,8 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
     words = name.split("_")
     if not re.fullmatch(r"sub-[A-Za-z0-9]+", words[0]) or len(words) < 2:
         raise InputError(
-            f"{name}: not the name of a BIDS file; expected one such as sub-01_task-ankle_motion.tsv"
+            f"{name}: not the name of a BIDS file; expected one such as "
+            "sub-01_task-ankle_motion.tsv"
         )
     above = [word for word in words[:2] if word.startswith(("sub-", "ses-"))]
     file = Path(folder).joinpath(

@@ -33,7 +33,8 @@ HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = (
 EDF, BDF, TABLE = "EDF file", "BDF file", "text table with a header line"
 PICKLE = "Python pickle, which is never read"
 HDF5_BYTES = b"\x89HDF\r\n\x1a\n"
-# Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of its own.
+# Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of
+# its own.
 SIGNATURES = {
     b"MATLAB 5.0 MAT-file": MAT_5,
     b"MATLAB 7.3 MAT-file": MAT_73,
@@ -72,7 +73,8 @@ class Format(NamedTuple):
 
 
 FORMATS = {
-    # Of version 4 the first bytes say nothing, and text in an old encoding is not told from noise by them.
+    # Of version 4 the first bytes say nothing, and text in an old encoding is not told from noise
+    # by them.
     ".mat": Format("MAT file", {MAT_5: read_mat_5, MAT_73: read_mat_73, "": read_mat_5}),
     ".csv": Format(TABLE, dict.fromkeys((TEXT, ""), partial(read_text, separator=","))),
     ".tsv": Format(TABLE, dict.fromkeys((TEXT, ""), partial(read_text, separator="\t"))),
@@ -96,7 +98,10 @@ def format_of(file: Path) -> Format | None:
 
 
 def channels_of(file: Path, header: bool = True) -> dict[str, Channel]:
-    """Channels that a file holds, in this process; elsewhere, files are read by :func:`.process.describe_file`."""
+    """Channels that a file holds, in this process.
+
+    Elsewhere, files are read by :func:`.process.describe_file`.
+    """
     if not file.exists():
         raise InputError(f"{file}: no such file")
     if not file.is_file():
@@ -106,7 +111,8 @@ def channels_of(file: Path, header: bool = True) -> dict[str, Channel]:
     kind = format_of(file)
     if kind is None:
         raise InputError(
-            f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}"
+            f"{file}: unknown ending {file.suffix!r}; files that can be read end in "
+            f"{', '.join(FORMATS)}"
         )
     if not header and kind.name != TABLE:
         raise InputError(
@@ -150,10 +156,14 @@ def contents_of(file: Path) -> dict[str, object]:
 
 
 def content_of(file: Path) -> str:
-    """What a file's first bytes say that it is, whatever it is called; empty if they say nothing."""
+    """What a file's first bytes say that it is, whatever it is called.
+
+    Empty if they say nothing.
+    """
     with file.open("rb") as stream:
         head = stream.read(HEAD)
-    # MATLAB writes objects of version 7.3 below a header of its own, which some programs leave empty.
+    # MATLAB writes objects of version 7.3 below a header of its own, which some programs leave
+    # empty.
     if head[512:].startswith(HDF5_BYTES):
         return MAT_73
     for signature, content in SIGNATURES.items():
@@ -194,7 +204,8 @@ def _advice(content: str) -> str:
 
 def _too_much(file: Path) -> str:
     return (
-        f"{file}: reading this file of {file.stat().st_size / 1e6:.3g} MB takes more memory than there is, or than "
+        f"{file}: reading this file of {file.stat().st_size / 1e6:.3g} MB takes more memory than "
+        "there is, or than "
         f"what it holds accounts for; if it is whole, {SMALLER}, else copy it again"
     )
 
@@ -209,7 +220,10 @@ def explained(file: Path) -> Iterator[None]:
     except InputError:
         raise
     except (PermissionError, BlockingIOError) as error:
-        reason = f"cannot be opened ({error.strerror or error}); close it in other programs, or change its permissions"
+        reason = (
+            f"cannot be opened ({error.strerror or error}); close it in other programs, or "
+            "change its permissions"
+        )
         raise InputError(f"{file}: {reason}") from error
     except MemoryError as error:
         raise InputError(_too_much(file)) from error

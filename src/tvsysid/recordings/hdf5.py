@@ -40,8 +40,9 @@ class Item(NamedTuple):
 def items_of(file: Path, root: h5py.File) -> dict[str, Item]:
     """Everything in an HDF5 file by path, each group once.
 
-    This is the one place that decides what is followed: links within the file to what is there. Links to other files,
-    and datasets that have their values in others, could make any file of the computer part of a recording.
+    This is the one place that decides what is followed: links within the file to what is there.
+    Links to other files, and datasets that have their values in others, could make any file of
+    the computer part of a recording.
     """
     found: dict[str, Item] = {}
     targets: dict[str, str] = {}
@@ -61,7 +62,10 @@ def items_of(file: Path, root: h5py.File) -> dict[str, Item]:
 
 
 def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, object]]:
-    """Path, what it leads to, and the link itself; a group comes before what it holds, and only once."""
+    """Path, what it leads to, and the link itself.
+
+    A group comes before what it holds, and only once.
+    """
     seen = {h5py.h5o.get_info(root.id).addr}
     waiting: list[tuple[str, Item, object]] = [("", Item(root, ()), None)]
     while waiting:
@@ -72,7 +76,8 @@ def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, object]]:
             continue
         if len(above) > DEEPEST:
             raise InputError(
-                f"{file}: groups are nested more than {DEEPEST} deep; save the signals further outside"
+                f"{file}: groups are nested more than {DEEPEST} deep; save the signals further "
+                "outside"
             )
         around = (dict(thing.attrs), *above)
         for name in reversed(list(thing)):
@@ -100,9 +105,12 @@ def _followed(group: h5py.Group, name: str, link: object) -> Any:
 
 
 def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Datasets of an HDF5 file by path, such as ``run1/angle``; links to other files are not followed.
+    """Datasets of an HDF5 file by path, such as ``run1/angle``.
 
-    Units and sampling rates are those of the attributes of a dataset, of the groups around it and of the file.
+    Links to other files are not followed.
+
+    Units and sampling rates are those of the attributes of a dataset, of the groups around it
+    and of the file.
     """
     with h5py.File(file, "r") as root:
         for path, item in items_of(file, root).items():
@@ -131,7 +139,8 @@ def values_of(file: Path, name: str, part: object = ()) -> NDArray[Any]:
 def read_netcdf(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a NetCDF file of version 4 by name, those in groups by path.
 
-    Where a variable has a dimension called time, it comes first. Units and sampling rates are those of the attributes.
+    Where a variable has a dimension called time, it comes first. Units and sampling rates are
+    those of the attributes.
     """
     source, elsewhere = _without_links(file)
 

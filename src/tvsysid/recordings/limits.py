@@ -17,8 +17,10 @@ except ImportError:  # not on Windows
 SMALLER = "save the part that is needed to a file of its own"
 SPARE = (
     768 * 2**20
-)  # bytes that a file may take beyond those that it accounts for: libraries, their tables and blocks
-# Processor time that a file may take, and each byte of it and of its values: ten times that of a sound one.
+    # bytes that a file may take beyond those that it accounts for: libraries, their tables and blocks
+)
+# Processor time that a file may take, and each byte of it and of its values: ten times that of a
+# sound one.
 SECONDS, SECONDS_PER_BYTE, SECONDS_PER_VALUE_BYTE = 5.0, 1e-6, 5e-8
 CLOCK = getattr(signal, "ITIMER_PROF", None)  # of the processor's time; Windows has none
 PATIENCE = (
@@ -27,11 +29,15 @@ PATIENCE = (
 
 
 def check_fits(name: str, size: int) -> None:
-    """Raise an InputError if so many bytes are more than there is memory for; ``name`` is what takes them."""
+    """Raise an InputError if so many bytes are more than there is memory for.
+
+    ``name`` is what takes them.
+    """
     room = _reading.room if _reading.room is not None else available()
     if room is not None and size > room:
         raise InputError(
-            f"{name}: reading it takes {size / 1e9:.3g} GB, and {room / 1e9:.3g} GB of memory are free; {SMALLER}"
+            f"{name}: reading it takes {size / 1e9:.3g} GB, and {room / 1e9:.3g} GB of memory are "
+            f"free; {SMALLER}"
         )
 
 
@@ -48,7 +54,10 @@ def seconds_for(size: int) -> float:
 
 
 class _Reading:
-    """Limits of this process while it reads a file; only the process that does nothing else has any."""
+    """Limits of this process while it reads a file.
+
+    Only the process that does nothing else has any.
+    """
 
     room: int | None = None
     """Bytes that were available when it began."""
@@ -56,9 +65,12 @@ class _Reading:
 
     @contextmanager
     def limited(self, size: int) -> Iterator[None]:
-        """Let a file of ``size`` bytes take memory and time as befits it; beyond its time the system ends the process.
+        """Let a file of ``size`` bytes take memory and time as befits it.
 
-        Memory is limited where the system counts addresses (Linux), time where it has such a clock (not on Windows).
+        Beyond its time the system ends the process.
+
+        Memory is limited where the system counts addresses (Linux), time where it has such a
+        clock (not on Windows).
         """
         outer = None
         if resource is not None:

@@ -33,7 +33,8 @@ SEGMENTS = (
     "segLength",
 )  # where the segments of a segdat begin, counted from 1, and how long they are
 EXPORT = (
-    "in MATLAB: s = struct('dataSet', z.dataSet, 'chanNames', {z.chanNames}, 'onsetPointer', get(z, 'onsetPointer'), "
+    "in MATLAB: s = struct('dataSet', z.dataSet, 'chanNames', {z.chanNames}, 'onsetPointer', "
+    "get(z, 'onsetPointer'), "
     "'segLength', get(z, 'segLength')), and save s"
 )
 PLAIN_CLASSES = (
@@ -52,8 +53,8 @@ PLAIN_CLASSES = (
 def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 4 to 7 by name, matrices as time x trial.
 
-    A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
-    units and the increment of time that it states.
+    A structure's fields are channels ``name.field``. An ``nldat`` object's channels are
+    ``name.channel``, with the units and the increment of time that it states.
     """
     bytes_stored = values = _inflated(file)
     with suppress(TypeError):  # it knows no objects
@@ -83,7 +84,10 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
 
 
 def _inflated(file: Path) -> int:
-    """Bytes that the variables of a file take by their tags; what is compressed begins with the tag of what was."""
+    """Bytes that the variables of a file take by their tags.
+
+    What is compressed begins with the tag of what was.
+    """
     size = file.stat().st_size
     with file.open("rb") as stream:
         header = stream.read(128)
@@ -207,7 +211,8 @@ def _segments(properties: Mapping[str, Any], number: int, channels: int) -> list
     if any((table != np.round(table)).any() for table in tables):  # NaN among them
         raise ValueError
     onsets = tables[0]
-    # A row of as many segments as channels is none of channels: segments begin at different samples.
+    # A row of as many segments as channels is none of channels: segments begin at different
+    # samples.
     by_channel = onsets.shape[1] == channels and (
         len(onsets) > 1 or bool((onsets == onsets[0, 0]).all())
     )

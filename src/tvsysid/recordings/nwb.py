@@ -18,10 +18,12 @@ from tvsysid.recordings.limits import claim
 
 
 def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Time series of an NWB file by path, ``acquisition/ankle_angle``; of several columns, ``acquisition/emg.1``.
+    """Time series of an NWB file by path, ``acquisition/ankle_angle``.
 
-    Values are as the file means them: ``data * conversion + offset``. The rate is the one that a series states, or that
-    of its timestamps.
+    Of several columns, ``acquisition/emg.1``.
+
+    Values are as the file means them: ``data * conversion + offset``. The rate is the one that a
+    series states, or that of its timestamps.
     """
     with h5py.File(file, "r") as root:
         things = {path: item.thing for path, item in items_of(file, root).items()}
@@ -71,7 +73,8 @@ def _factors(file: Path, path: str, data: h5py.Dataset, gains: object, count: in
     if isinstance(gains, h5py.Dataset):
         if gains.shape != (count,):
             raise InputError(
-                f"{file}: {path} has {count} channels, and a channel_conversion of shape {gains.shape}"
+                f"{file}: {path} has {count} channels, and a channel_conversion of shape "
+                f"{gains.shape}"
             )
         factors *= gains[()]
     return factors

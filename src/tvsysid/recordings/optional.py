@@ -20,7 +20,8 @@ from tvsysid.recordings.channel import Channel, in_memory, stated, stated_rate, 
 from tvsysid.recordings.limits import claim
 
 BIG_ENDIAN = 86  # processor that wrote a C3D file, as its parameter section tells: MIPS
-# What a model of the body computes is stored in C3D as if it were points: which parameter lists it, and its unit's.
+# What a model of the body computes is stored in C3D as if it were points: which parameter lists it,
+# and its unit's.
 MODELLED = {"ANGLES": "ANGLE_UNITS", "FORCES": "FORCE_UNITS", "MOMENTS": "MOMENT_UNITS"}
 MODELLED |= {"POWERS": "POWER_UNITS", "SCALARS": "SCALAR_UNITS"}
 
@@ -69,9 +70,9 @@ def _optional(module: str, files: str, extra: str) -> ModuleType:
 def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     """Signals of a C3D file of a motion laboratory by label, with the units and rates that it states.
 
-    Analog channels come first; then what is stored as points, an axis each, ``LAnkleAngles.x``: joint angles, forces,
-    moments, powers and scalars, and markers last. Labels that several share are followed by the number:
-    ``Voltage (3)``, ``C7 (4).x``.
+    Analog channels come first; then what is stored as points, an axis each, ``LAnkleAngles.x``:
+    joint angles, forces, moments, powers and scalars, and markers last. Labels that several
+    share are followed by the number: ``Voltage (3)``, ``C7 (4).x``.
     """
     ezc3d = _optional("ezc3d", "C3D", "c3d")
     size = file.stat().st_size
@@ -152,7 +153,10 @@ def _expected_size(file: Path) -> int:
 
 
 def read_edf(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Signals of an EDF, EDF+ or BDF file by label, in physical units; each is read when it is asked for."""
+    """Signals of an EDF, EDF+ or BDF file by label, in physical units.
+
+    Each is read when it is asked for.
+    """
     edfio = _optional("edfio", "EDF and BDF", "edf")
     size = file.stat().st_size
     claim(str(file), 4 * size, 20 * size)

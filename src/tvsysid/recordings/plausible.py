@@ -12,7 +12,8 @@ from tvsysid.quality.catalogue import FAULTS
 from tvsysid.recordings.channel import Channel
 from tvsysid.signals import Array, Recording
 
-UNLIKE = 10.0  # ratio of a trial's size to that of the others from which on it is probably in another unit
+# ratio of a trial's size to that of the others from which on it is probably in another unit
+UNLIKE = 10.0
 AT_A_LEVEL = 0.02  # part of a signal's range that is counted to its lowest or highest level
 SAME_RATE = 1e-3  # relative difference of rates that counts as none: files round them
 SPELLINGS = {
@@ -48,16 +49,23 @@ def contradictions(
                 name for name, channel in channels.items() if channel.sampling_rate == rate
             )
             yield (
-                f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check the rate"
+                f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check "
+                "the rate"
             )
     for name, unit in units.items():
         told = channels[name].unit
         if told and re.sub(r"[\s·⋅.*\-_()\[\]]", "", told.lower()) not in SPELLINGS[unit]:
-            yield f"the file states the unit {told!r} for {name}, and is read in {unit}; convert it, or name its unit"
+            yield (
+                f"the file states the unit {told!r} for {name}, and is read in {unit}; convert "
+                "it, or name its unit"
+            )
 
 
 def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) -> Iterator[str]:
-    """What looks wrong in the signals themselves; ``angle`` and ``torque`` are their names in the file."""
+    """What looks wrong in the signals themselves.
+
+    ``angle`` and ``torque`` are their names in the file.
+    """
     with np.errstate(over="ignore"):  # of a damaged file's numbers
         size = float(np.std(recording.angle))
     if FAULTS["angle-unit"].beyond(size):
@@ -69,7 +77,10 @@ def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) 
         yield f"{angle} has an RMS of {size:.3g} rad about its mean; {advice}"
     for name, values in recording.channels.items():
         if values.min() == values.max():
-            yield f"all {len(values)} values of channel {name} are {values[0]:g}; is this the right channel?"
+            yield (
+                f"all {len(values)} values of channel {name} are {values[0]:g}; is this the "
+                "right channel?"
+            )
     # A joint may be held before and after it is moved; but a torque sensor always has noise.
     yield from _standstills(recording, angle, "angle")
     yield from _standstills(recording, torque, "torque")
@@ -86,14 +97,18 @@ def unlike_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iter
             ratio = max(size / usual, usual / size) if size > 0 and usual > 0 else np.inf
             if ratio > UNLIKE:
                 side = "large" if size > usual else "small"
-                yield f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is it in another unit?"
+                yield (
+                    f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is "
+                    "it in another unit?"
+                )
 
 
 def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
     """Where a signal keeps exactly one value for too long; the angle, only between other values."""
     for number, trial in enumerate(recording.trials):
         values = recording.signal(which)[trial]
-        # Only standstills are looked at: all steps of a long signal would take several times its memory.
+        # Only standstills are looked at: all steps of a long signal would take several times its
+        # memory.
         edges = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1, [len(values)]])
         standing = np.flatnonzero(np.diff(edges) > 2)
         starts, lengths = edges[standing], edges[standing + 1] - edges[standing]
@@ -108,7 +123,8 @@ def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
             more = f", and {len(places) - 1} times more" if len(places) > 1 else ""
             yield (
                 f"{name} stays at {values[starts[longest]]:g} for {seconds[longest]:.3g} s from "
-                f"{recording.start + starts[longest] / recording.sampling_rate:.6g} s in trial {number + 1} of "
+                f"{recording.start + starts[longest] / recording.sampling_rate:.6g} s in trial "
+                f"{number + 1} of "
                 f"{len(recording.trials)}{more}; if the signal was lost there, cut that out"
             )
 

@@ -1,9 +1,10 @@
 """Files are read in a process of their own, so that no file can crash, stop or fill the one that asks.
 
-The libraries beneath are not made for damaged files: a changed byte makes some of them (ezc3d, SciPy's and mat-io's
-readers of MAT files, at times HDF5) follow a wild pointer, run in circles, or ask for all memory. So one process reads
-all files, with limits (:mod:`.limits`) that befit each; if it dies, that is an InputError, and the next file gets a new
-one. It starts with the first file, which takes some tenths of a second, and ends with the process that asks. What comes
+The libraries beneath are not made for damaged files: a changed byte makes some of them (ezc3d,
+SciPy's and mat-io's readers of MAT files, at times HDF5) follow a wild pointer, run in circles,
+or ask for all memory. So one process reads all files, with limits (:mod:`.limits`) that befit
+each; if it dies, that is an InputError, and the next file gets a new one. It starts with the
+first file, which takes some tenths of a second, and ends with the process that asks. What comes
 back are JSON and the bytes of arrays: nothing is unpickled.
 """
 
@@ -30,7 +31,10 @@ from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel
 from tvsysid.recordings.limits import PATIENCE, SMALLER, seconds_for
 
-PROGRAM = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from tvsysid.recordings.serve import serve; serve()"
+PROGRAM = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from tvsysid.recordings.serve "
+    "import serve; serve()"
+)
 SETTINGS = {
     "HDF5_PLUGIN_PRELOAD": "::",  # HDF5 loads no filters from folders
     "ARROW_DEFAULT_MEMORY_POOL": "system",  # the others reserve addresses, which are limited
@@ -42,9 +46,10 @@ Answer = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
     """Channels that a file holds, each with shape, type, and unit and sampling rate where the file states them.
 
-    By name, in the file's order, for any format that :func:`tvsysid.read_recording` reads. Values are read when asked
-    for: ``channel.read(name)``. Of text without a line of names (``header=False``), columns are called 1, 2, ... An
-    InputError is raised if the file cannot be read, or is not what its ending says.
+    By name, in the file's order, for any format that :func:`tvsysid.read_recording` reads.
+    Values are read when asked for: ``channel.read(name)``. Of text without a line of names
+    (``header=False``), columns are called 1, 2, ... An InputError is raised if the file cannot
+    be read, or is not what its ending says.
     """
     file = Path(path)
     told, arrays = _reader.ask("describe", file, header)
@@ -70,7 +75,10 @@ def contents_of(file: Path) -> dict[str, Any]:
 
 
 class _Reader:
-    """The process that reads files, as long as it lives; one for all threads, and none that a fork would share."""
+    """The process that reads files, as long as it lives.
+
+    One for all threads, and none that a fork would share.
+    """
 
     def __init__(self) -> None:
         self.lock = threading.Lock()

@@ -44,26 +44,30 @@ def read_recording(
     Parameters
     ----------
     path
-        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS (``_motion.tsv``), Parquet
-        (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF (``tvsysid[edf]``), by its ending.
+        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS
+        (``_motion.tsv``), Parquet (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF
+        (``tvsysid[edf]``), by its ending.
     angle, torque
-        Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid inspect`` list
-        them: ``run.angle`` in a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
+        Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid
+        inspect`` list them: ``run.angle`` in a MATLAB structure or object, ``run/angle`` in a group
+        of an HDF5 or NetCDF file.
     sampling_rate
         In Hz. What the file says of itself is compared with it, and never used in its place.
     angle_unit
         Unit of the angle in the file.
     torque_sign
-        -1 where the file counts torque positive that assists a positive angle; a stiff joint would else come out with
-        negative stiffness.
+        -1 where the file counts torque positive that assists a positive angle; a stiff joint would
+        else come out with negative stiffness.
     columns
-        What the columns of a time x trial matrix are: ``"contiguous"``, each follows the one before it in time, or
-        ``"trials"``, each is a trial of its own, as are the segments of the Kearney laboratory's ``segdat``.
+        What the columns of a time x trial matrix are: ``"contiguous"``, each follows the one before
+        it in time, or ``"trials"``, each is a trial of its own, as are the segments of the Kearney
+        laboratory's ``segdat``.
     start
         Time of the first sample (of each trial) in s.
     channels
-        Further signals to take along, as they are (EMG, a reference torque, a scheduling variable): the name that each
-        gets in the recording, and its name in the file, ``{"emg": "EMG_SIGNAL"}``.
+        Further signals to take along, as they are (EMG, a reference torque, a scheduling variable):
+        the name that each gets in the recording, and its name in the file, ``{"emg":
+        "EMG_SIGNAL"}``.
     header
         Whether the first line of a text table has names; if not, columns are called 1, 2, ...
     torque_unit
@@ -72,13 +76,15 @@ def read_recording(
     Raises
     ------
     InputError
-        If the file cannot be read, lacks a channel (the message lists those that it holds), or holds no usable numbers.
+        If the file cannot be read, lacks a channel (the message lists those that it holds), or
+        holds no usable numbers.
 
     Warns
     -----
     DataQualityWarning
-        If the angle, said to be in rad, is so large that it is probably in degrees; if the file states another unit or
-        sampling rate; if angle or torque stand still while the joint moves, or a channel does throughout.
+        If the angle, said to be in rad, is so large that it is probably in degrees; if the file
+        states another unit or sampling rate; if angle or torque stand still while the joint moves,
+        or a channel does throughout.
 
     Examples
     --------
@@ -141,18 +147,21 @@ class _Request:
             raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
         if self.angle == self.torque:
             raise InputError(
-                f"angle and torque are both {self.angle!r}; name the channel of each (--angle, --torque)"
+                f"angle and torque are both {self.angle!r}; name the channel of each (--angle, "
+                "--torque)"
             )
         if self.columns not in ("contiguous", "trials"):
             raise InputError(f"columns must be 'contiguous' or 'trials'; got {self.columns!r}")
         if not isinstance(self.channels, Mapping):
             raise InputError(
-                f"channels: expected a name in the recording and one in the file for each, got {self.channels!r}; "
+                "channels: expected a name in the recording and one in the file for each, got "
+                f"{self.channels!r}; "
                 "give them as in {'emg': 'EMG_SIGNAL'}"
             )
         if taken := [name for name in ("angle", "torque") if name in self.channels]:
             raise InputError(
-                f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
+                f"channels: {taken[0]!r} is the name of a signal already; give the channel "
+                "another one"
             )
 
     @property
@@ -219,8 +228,9 @@ def read_usable_trials(
 ) -> UsableTrials:
     """Read trials as :func:`tvsysid.read_trials` does, and leave out those that cannot be used instead of giving up.
 
-    Files are in the order of the trials, by what they are called. A trial must last ``shortest`` seconds. Settings are
-    those of :func:`tvsysid.read_recording`; an InputError is raised if they are wrong by themselves.
+    Files are in the order of the trials, by what they are called. A trial must last ``shortest``
+    seconds. Settings are those of :func:`tvsysid.read_recording`; an InputError is raised if
+    they are wrong by themselves.
     """
     request = _Request(**settings)
     usable: dict[str, Recording] = {}
@@ -248,7 +258,8 @@ def read_usable_trials(
                 continue
             if recording.duration < shortest:
                 refused[name] = (
-                    f"it lasts {recording.duration:g} s, and a realization with the ends that are cut off takes "
+                    f"it lasts {recording.duration:g} s, and a realization with the ends that are "
+                    "cut off takes "
                     f"{shortest:g} s"
                 )
                 continue
@@ -264,8 +275,9 @@ def read_usable_trials(
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     """Read trials that are in files of their own, in their order, one after the other.
 
-    Several trials in one file are the columns of its matrices (``columns="trials"``), or have names of their own: then
-    read each by :func:`tvsysid.read_recording`, and put them together by :func:`tvsysid.recordings.join_trials`.
+    Several trials in one file are the columns of its matrices (``columns="trials"``), or have names
+    of their own: then read each by :func:`tvsysid.read_recording`, and put them together by
+    :func:`tvsysid.recordings.join_trials`.
 
     Parameters
     ----------
@@ -364,7 +376,8 @@ def _signals(
             else ""
         )
         raise InputError(
-            f"{file.name}: the channels have different lengths: {told}{f' (sampled at {at})' if at else ''}; name "
+            f"{file.name}: the channels have different lengths: "
+            f"{told}{f' (sampled at {at})' if at else ''}; name "
             "channels that were sampled together, or cut or resample them to one rate before"
         )
     check_fits(file.name, sum(found[name].needed for name in shapes))
@@ -390,7 +403,8 @@ def _trial_starts(
         return next(iter(stated)) or tuple(range(0, shape[0] * shape[1], shape[0]))
     if len(segments := next(iter(stated))) > 1:
         raise InputError(
-            f"{file.name}: the channels are {len(segments)} segments with gaps between them; read each as a trial "
+            f"{file.name}: the channels are {len(segments)} segments with gaps between them; read "
+            "each as a trial "
             "(--columns trials)"
         )
     return (0,)

@@ -27,8 +27,10 @@ def read_text(file: Path, separator: str, header: bool = True) -> Iterator[tuple
     first = first_row(file, separator)
     if header and are_numbers(first):
         raise InputError(
-            f"{file}: the first line is all numbers, and would be lost as names; if the file has no names, say "
-            "--no-header (header=False in Python) and call its columns 1, 2, ...; if these are names, make them words"
+            f"{file}: the first line is all numbers, and would be lost as names; if the file has "
+            "no names, say "
+            "--no-header (header=False in Python) and call its columns 1, 2, ...; if these are "
+            "names, make them words"
         )
     if not header and not are_numbers(first):
         raise InputError(
@@ -47,7 +49,10 @@ def read_text(file: Path, separator: str, header: bool = True) -> Iterator[tuple
 def columns_of(
     file: Path, separator: str, headerless: int = 0
 ) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Name and values of each column; ``headerless`` is the number of columns if no line has their names."""
+    """Name and values of each column.
+
+    ``headerless`` is the number of columns if no line has their names.
+    """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     size = file.stat().st_size
@@ -86,7 +91,8 @@ def first_row(file: Path, separator: str) -> list[str]:
     ]
     if len(line) == LONGEST_LINE or len(cells) > MOST_CHANNELS:
         raise InputError(
-            f"{file}: the first line has {len(cells)} columns or more; expected {MOST_CHANNELS} at most: give "
+            f"{file}: the first line has {len(cells)} columns or more; expected {MOST_CHANNELS} "
+            "at most: give "
             "each signal a column, and each sample a line"
         )
     return cells
@@ -101,7 +107,10 @@ def are_numbers(cells: Sequence[str]) -> bool:
 
 
 def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Arrays of an NPZ file by name; each is read when it is asked for, and nothing is unpickled."""
+    """Arrays of an NPZ file by name.
+
+    Each is read when it is asked for, and nothing is unpickled.
+    """
 
     def values(member: str) -> NDArray[Any]:
         with zipfile.ZipFile(file) as archive, archive.open(member) as stream:

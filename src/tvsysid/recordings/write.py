@@ -63,8 +63,9 @@ def write_simulation(
 ) -> None:
     """Write signals of one length to a MAT file, or to a CSV or TSV file with a header line.
 
-    Columns are signals by name, each of shape (time,), in a MAT file (time, trial) as well, which also keeps the
-    ``sampling_rate``. An InputError is raised for a path with another ending.
+    Columns are signals by name, each of shape (time,), in a MAT file (time, trial) as well,
+    which also keeps the ``sampling_rate``. An InputError is raised for a path with another
+    ending.
     """
     file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:
@@ -102,9 +103,10 @@ def write_models(
 ) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
-    A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
-    and 95 % limits, and what the method has identified besides; the torque of each pathway for an ensemble, if one is
-    given. NetCDF has no complex numbers: a frequency response becomes ``frequency_response_real`` and ``_imag``.
+    A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error,
+    degrees of freedom and 95 % limits, and what the method has identified besides; the torque of
+    each pathway for an ensemble, if one is given. NetCDF has no complex numbers: a frequency
+    response becomes ``frequency_response_real`` and ``_imag``.
 
     Parameters
     ----------
@@ -122,7 +124,8 @@ def write_models(
     ...     tree = xarray.open_datatree(f"{folder}/models.nc", engine="h5netcdf").load()
     ...     tree.close()
     >>> sorted(name for name in tree["birf"].data_vars if name.startswith("stiffness"))
-    ['stiffness', 'stiffness_freedom', 'stiffness_lower', 'stiffness_standard_error', 'stiffness_upper']
+    ['stiffness', 'stiffness_freedom', 'stiffness_lower', 'stiffness_standard_error',
+    'stiffness_upper']
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
@@ -154,7 +157,10 @@ def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
 
 
 def _netcdf(groups: Mapping[str, Content]) -> bytes:
-    """Return the content of a NetCDF file with these groups; to import xarray would take longer than to write it."""
+    """Return the content of a NetCDF file with these groups.
+
+    To import xarray would take longer than to write it.
+    """
     import h5netcdf  # noqa: PLC0415  # heavy
     import h5py  # noqa: PLC0415  # heavy
 
@@ -201,9 +207,9 @@ def _without_complex(variables: Variables) -> Variables:
 def write_recording(path: str | Path, recording: Recording) -> None:
     """Write a recording to a NetCDF or a MAT file; :func:`load_recording` reads it back unchanged.
 
-    Any program reads the file: angle (rad), torque (N·m) and further channels are variables of their own names, as far
-    as the format allows. An InputError is raised for an ending that is not .nc or .mat, or for more than a MAT file
-    holds.
+    Any program reads the file: angle (rad), torque (N·m) and further channels are variables of
+    their own names, as far as the format allows. An InputError is raised for an ending that is not
+    .nc or .mat, or for more than a MAT file holds.
 
     Examples
     --------
@@ -250,7 +256,8 @@ def load_recording(path: str | Path) -> Recording:
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
     """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
 
-    Its signals become matrices of realization x time, context and all; otherwise as :func:`write_recording`.
+    Its signals become matrices of realization x time, context and all; otherwise as
+    :func:`write_recording`.
     """
     names = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
     about = {name: getattr(ensemble, name) for name in names}
@@ -325,7 +332,10 @@ def _write(
 def _loaded(
     path: str | Path, kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[np.float64]]]]:
-    """What a file holds by the names of variables, and its channels by theirs; errors in using it name the file."""
+    """What a file holds by the names of variables, and its channels by theirs.
+
+    Errors in using it name the file.
+    """
     file = _checked(path, ".nc", ".mat")
     found = contents_of(file)
     if str(found.get("tvsysid", "")) != kind:

@@ -16,9 +16,12 @@ NOTABLE, CERTAIN = (
     2.0,
 )  # per cent of the stiffness, and standard errors, beyond which something is to be done
 REMEDY = (
-    "The shift that fits the target best answers to the perturbation too, and takes a part of its response away. With "
-    "reference = false under [preparation] in the study file (reference=None in Python) nothing is shifted, nor "
-    "excluded for its shift; compare with that. kbr takes the time of the target, which the shift does not touch."
+    "The shift that fits the target best answers to the perturbation too, and takes a part of its "
+    "response away. With "
+    "reference = false under [preparation] in the study file (reference=None in Python) nothing "
+    "is shifted, nor "
+    "excluded for its shift; compare with that. kbr takes the time of the target, which the shift "
+    "does not touch."
 )
 
 
@@ -29,15 +32,20 @@ def notable(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def sentence(table: pd.DataFrame) -> str:
-    """What the alignment does to the stiffness of one or more recordings; empty if none was aligned."""
+    """What the alignment does to the stiffness of one or more recordings.
+
+    Empty if none was aligned.
+    """
     if not len(table):
         return ""
     aligned, unshifted = table.aligned.mean(), table.unshifted.mean()
     error = float(np.sqrt(np.sum(table.standard_error**2))) / len(table)
     several = f" in the mean of {len(table)} recordings" if len(table) > 1 else ""
     text = (
-        f"Aligning realizations to the target changes the stiffness by {aligned - unshifted:.1f} ± {error:.1f} N·m/rad "
-        f"({100 * (aligned / unshifted - 1):.0f} %){several}: {aligned:.1f} instead of {unshifted:.1f}, by sds from "
+        f"Aligning realizations to the target changes the stiffness by {aligned - unshifted:.1f} "
+        f"± {error:.1f} N·m/rad "
+        f"({100 * (aligned / unshifted - 1):.0f} %){several}: {aligned:.1f} instead of "
+        f"{unshifted:.1f}, by sds from "
         "all that were kept."
     )
     return text.replace("-", "−")
@@ -46,7 +54,8 @@ def sentence(table: pd.DataFrame) -> str:
 def alignment_table(table: pd.DataFrame) -> page.Table:
     """What the alignment does to each recording."""
     caption = (
-        "Mean stiffness over time of the realizations that were kept, identified by sds with the shifts that align "
+        "Mean stiffness over time of the realizations that were kept, identified by sds with the "
+        "shifts that align "
         f"them to the target and as they were recorded; after ± stands one standard error. {REMEDY}"
     )
     unit = "N·m/rad"

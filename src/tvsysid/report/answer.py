@@ -40,11 +40,12 @@ EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five 
 class Account:
     """All that is known of an identification.
 
-    What was ``found``; the ``held_out`` VAF of :meth:`tvsysid.Comparison.held_out_vaf`, if it was computed; the
-    ``diagnosis`` of the same ensemble, or why there is none (``undiagnosed``); the ``source`` of the data, as rows of a
-    table (``{"file": "ankle.mat", "angle": "channel pos"}``); what was ``turned`` when the file was read, for the
-    methods paragraph (``["the torque's sign was reversed"]``); ``unnamed_references``, a sentence for each channel of
-    the file that moves the angle and was not read.
+    What was ``found``; the ``held_out`` VAF of :meth:`tvsysid.Comparison.held_out_vaf`, if it
+    was computed; the ``diagnosis`` of the same ensemble, or why there is none (``undiagnosed``);
+    the ``source`` of the data, as rows of a table (``{"file": "ankle.mat", "angle": "channel
+    pos"}``); what was ``turned`` when the file was read, for the methods paragraph (``["the
+    torque's sign was reversed"]``); ``unnamed_references``, a sentence for each channel of the
+    file that moves the angle and was not read.
     """
 
     found: Comparison
@@ -65,7 +66,10 @@ class Account:
         return self.found.trust(self.diagnosis, typical, self.unnamed_references)
 
     def held_out_mean(self, label: str) -> float:
-        """Held-out VAF of a method in per cent, mean over realizations or by the method itself; NaN if not known."""
+        """Held-out VAF of a method in per cent, mean over realizations or by the method itself.
+
+        NaN if not known.
+        """
         values = self.held_out.get(label, np.array([]))
         if np.isfinite(values).any() or label not in self.found.models:
             return mean_of(values)
@@ -112,8 +116,10 @@ def answer(account: Account) -> list[str]:
         else "without a band"
     )
     lines.append(
-        f"{'over time:' if lines else f'{stated}: stiffness'} {known.min():.1f} to {known.max():.1f} N·m/rad, "
-        f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
+        f"{'over time:' if lines else f'{stated}: stiffness'} {known.min():.1f} to "
+        f"{known.max():.1f} N·m/rad, "
+        f"{known.mean():.1f} on average, "
+        f"{f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
     )
     return [*lines, *trust.reasons, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
 
@@ -126,7 +132,10 @@ def is_recommended(found: Comparison) -> bool:
 
 
 def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
-    """Stiffness at both ends and in the middle of a variable that it was estimated over; empty if there is none."""
+    """Stiffness at both ends and in the middle of a variable that it was estimated over.
+
+    Empty if there is none.
+    """
     if not found.rows_over_variables():
         return []
     table = found.over_variables()
@@ -139,7 +148,8 @@ def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
         for value, each, lower, upper in rows
     ]
     return [
-        f"{stated}: stiffness over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"
+        f"{stated}: stiffness over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % "
+        "band)"
     ]
 
 
@@ -175,7 +185,8 @@ def why_leading(account: Account) -> str:
             return ""
         if isinstance(found.models[label], AdaptiveModel):
             why = (
-                "it has no settings that could be chosen wrongly, and its band counts how unsure it is of how fast "
+                "it has no settings that could be chosen wrongly, and its band counts how unsure "
+                "it is of how fast "
                 "stiffness changes, and of when it switches"
             )
         else:
@@ -189,7 +200,10 @@ def why_leading(account: Account) -> str:
     ]
     if len(found.models) == 1:
         return f"{''.join(reasons)}{label} is the only method that was used."
-    return f"{''.join(reasons)}{label} comes first among the methods that were asked for; the data did not choose it."
+    return (
+        f"{''.join(reasons)}{label} comes first among the methods that were asked for; the "
+        "data did not choose it."
+    )
 
 
 def taken(seconds: float) -> str:

@@ -16,9 +16,12 @@ from tvsysid.report import page
 
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 HOW = (
-    "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the "
-    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals feedback and lost "
-    "signals; how both vary over realizations reveals drift and misalignment. Models with and without one, judged by "
+    "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to "
+    "the deviations from the "
+    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals "
+    "feedback and lost "
+    "signals; how both vary over realizations reveals drift and misalignment. Models with and "
+    "without one, judged by "
     "what they predict, reveal reflexes."
 )
 FOUND = page.columns(
@@ -53,9 +56,11 @@ def write_diagnosis(
     path
         Of the file, which appears whole or not at all.
     diagnoses
-        Of :func:`tvsysid.diagnose`, by what the ensembles are called. ``InputError`` for anything else, and for none.
+        Of :func:`tvsysid.diagnose`, by what the ensembles are called. ``InputError`` for anything
+        else, and for none.
     command, pool
-        What was typed, if it is to be mentioned; processes of :func:`tvsysid.figures.helpers`, which draw too.
+        What was typed, if it is to be mentioned; processes of :func:`tvsysid.figures.helpers`,
+        which draw too.
     beside
         What else is known of ensembles, in sentences, by their names.
     """
@@ -83,7 +88,8 @@ def write_diagnosis(
 def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     """Part of a page: for each ensemble its findings, what to do, pictures, and all that was looked at.
 
-    HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
+    HTML, escaped, whose headings are of the third and fourth level; it takes the style of the
+    report's pages.
     """
     return page.html(_blocks(diagnoses))
 
@@ -135,8 +141,14 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         if math.isfinite(value)
     ]
     looked_at = f"All checks of {name}"
-    limits = "All that was looked for. A fault is beyond its limit and, where noise reaches it, significant (p < 0.00001)."
-    values = f"Useful values about {name}; its impedance is taken as constant over time, and fitted by least squares."
+    limits = (
+        "All that was looked for. A fault is beyond its limit and, where noise reaches it, "
+        "significant (p < 0.00001)."
+    )
+    values = (
+        f"Useful values about {name}; its impedance is taken as constant over time, and "
+        "fitted by least squares."
+    )
     return [
         page.Heading(name, anchor),
         f"{diagnosis.ensemble}: {diagnosis.verdict}.",
@@ -150,7 +162,10 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
 
 
 def findings_table(diagnosis: Diagnosis, name: str) -> list[page.Block]:
-    """What is wrong with an ensemble of this name, what that does to the result, and what to do; none if nothing is."""
+    """What is wrong with an ensemble of this name, what that does to the result, and what to do.
+
+    None if nothing is.
+    """
     rows = [
         page.Row(
             (

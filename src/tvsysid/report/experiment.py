@@ -45,7 +45,8 @@ COUNTS = {
     "survivors": "kept",
 }  # heading of each count of realizations
 CLAIMS = (
-    "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show it. Estimate and limits "
+    "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show "
+    "it. Estimate and limits "
     "(95 %) are those of the value that decides."
 )
 KNOWN = {
@@ -75,10 +76,11 @@ def write_experiment_report(
     exclusions
         A row for each realization recorded: columns recording, excluded_by and shift_s are used.
     reported
-        Realizations recorded, excluded by each step, and kept, as a paper reports them, by perturbation; shown beside
-        recordings of as many realizations.
+        Realizations recorded, excluded by each step, and kept, as a paper reports them, by
+        perturbation; shown beside recordings of as many realizations.
     aligned
-        What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if nothing was aligned.
+        What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if
+        nothing was aligned.
     """
     there = results.checksums.transpose("recording", "analysis", ...).values.any(axis=-1)
     draws = results.vaf.transpose("recording", "analysis", "bootstrap").values[there]
@@ -90,7 +92,8 @@ def write_experiment_report(
     known = "all" if len(virtual) == len(people) else "some" if virtual else "none"
     done = (
         f"{recorded} of {participants}; {methods} with one or more amounts of data, "
-        f"{count(results.sizes['bootstrap'], 'bootstrap')} each; {count(draws.size, 'identification')} in all, "
+        f"{count(results.sizes['bootstrap'], 'bootstrap')} each; "
+        f"{count(draws.size, 'identification')} in all, "
         f"of which {failed or 'none'} failed."
     )
     shown = {stem: each for stem, each in pictures.items() if stem not in DETAILS}
@@ -108,7 +111,8 @@ def write_experiment_report(
     shifted = [] if aligned is None or not len(aligned) else [alignment.alignment_table(aligned)]
     if aligned is not None and shifted:
         lines.append(
-            f"{alignment.sentence(aligned)} {alignment.REMEDY if len(alignment.notable(aligned)) else ''}"
+            f"{alignment.sentence(aligned)} "
+            f"{alignment.REMEDY if len(alignment.notable(aligned)) else ''}"
         )
     parts = [
         page.Section(
@@ -137,8 +141,10 @@ def write_experiment_report(
         ),
         sections.again_section(
             command,
-            f'results.estimate.sel(quantity="stiffness", recording="{first}", analysis="{smallest}")  # N·m/rad',
-            same="The same files, settings and version give the same numbers, except for computing times.",
+            f'results.estimate.sel(quantity="stiffness", recording="{first}", '
+            f'analysis="{smallest}")  # N·m/rad',
+            same="The same files, settings and version give the same numbers, except for "
+            "computing times.",
         ),
     ]
     title = f"Time-varying joint stiffness of {participants}"
@@ -149,13 +155,17 @@ def write_experiment_report(
 def _definitions(known: bool, several: bool) -> str:
     """What the numbers mean."""
     bias = (
-        " Bias is the mean estimate over bootstraps minus the true stiffness: bias error is its root mean square over "
+        " Bias is the mean estimate over bootstraps minus the true stiffness: bias error is its "
+        "root mean square over "
         "time, mean bias its mean over time."
     )
     return (
-        "A bootstrap draws realizations with replacement from those that were kept. Random error is the spread of the "
-        "estimated stiffness over bootstraps. VAF (variance accounted for) is the share of the recorded torque, after "
-        "its mean over realizations is subtracted, that the identified model predicts; it is computed in the same "
+        "A bootstrap draws realizations with replacement from those that were kept. Random error "
+        "is the spread of the "
+        "estimated stiffness over bootstraps. VAF (variance accounted for) is the share of the "
+        "recorded torque, after "
+        "its mean over realizations is subtracted, that the identified model predicts; it is "
+        "computed in the same "
         f"realizations that the model was identified from.{bias * known}"
         f"{' After ± stands one standard deviation over participants.' * several}"
     )
@@ -171,7 +181,10 @@ def over_participants(values: Array, decimals: int | None) -> page.Cell:
 
 
 def metrics(summary: pd.DataFrame, bootstraps: int) -> list[page.Block]:
-    """Metrics of each method, amount of data and perturbation; those of every participant fold away."""
+    """Metrics of each method, amount of data and perturbation.
+
+    Those of every participant fold away.
+    """
     if not len(summary):
         return ["There is none yet."]
     blocks: list[page.Block] = [_metrics(summary, bootstraps, "method")]
@@ -261,9 +274,12 @@ def recordings(
         if theirs and theirs[0] in unique(chosen.recorded.values):
             paper.append(page.Row([f"the paper’s, {name}", "10", "", *theirs, ""], total=True))
     caption = (
-        "What became of the realizations of each recording. Excluded are those whose alignment to the torque to be "
-        "followed takes too large a shift, and those whose component at the task’s frequency or whose low-passed "
-        "residual differs too much from the others’. Shifts are those of the realizations kept, mean ± standard "
+        "What became of the realizations of each recording. Excluded are those whose alignment to "
+        "the torque to be "
+        "followed takes too large a shift, and those whose component at the task’s frequency or "
+        "whose low-passed "
+        "residual differs too much from the others’. Shifts are those of the realizations kept, "
+        "mean ± standard "
         "deviation, positive where the torque came late."
     )
     headings = ("trials", "trials left out", *COUNTS.values())

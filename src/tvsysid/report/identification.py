@@ -39,20 +39,27 @@ from tvsysid.report.diagnosis import findings_table
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
 
 BAND = (
-    "At each time, the true value should lie in the band with a probability of 95 %. The band counts noise, and "
+    "At each time, the true value should lie in the band with a probability of 95 %. The band "
+    "counts noise, and "
     "nothing that the method smooths away."
 )
 ADAPTIVE_BAND = (
-    "At each time, the true value should lie in the band with a probability of 95 %. The band counts noise, and how "
+    "At each time, the true value should lie in the band with a probability of 95 %. The band "
+    "counts noise, and how "
     "unsure the method is of how fast stiffness changes and of when it switches."
 )
 VAF = (
-    "VAF is the share of the torque’s variance that a model predicts; a prediction worse than none counts as 0. In "
-    "sample, it is that of the data that the model was identified from, and rises with every parameter, whatever it "
-    "means. Held out, it is that of realizations that the model was not identified from: compare methods by this one. "
-    "For this, adaptive keeps the smooth part and the number of switches that it found in all realizations, and fits "
+    "VAF is the share of the torque’s variance that a model predicts; a prediction worse than "
+    "none counts as 0. In "
+    "sample, it is that of the data that the model was identified from, and rises with every "
+    "parameter, whatever it "
+    "means. Held out, it is that of realizations that the model was not identified from: compare "
+    "methods by this one. "
+    "For this, adaptive keeps the smooth part and the number of switches that it found in all "
+    "realizations, and fits "
     "their amplitudes and places anew. "
-    "Noise of the torque, which nothing predicts, keeps both below 100 %. A high VAF does not make a stiffness right: "
+    "Noise of the torque, which nothing predicts, keeps both below 100 %. A high VAF does not "
+    "make a stiffness right: "
     "a reflex that is taken for stiffness is predicted too."
 )
 
@@ -127,7 +134,10 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
         drawn[stem] = Illustration(picture, titles[stem], f"{text}, with 95 % bands{below}.")
     if not variable or withdrawn:
         return drawn
-    text = f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near each of its values."
+    text = (
+        f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was "
+        "near each of its values."
+    )
     picture = partial(scheduled_estimates, found.models, found.ensemble, variable)
     return {
         "answer": drawn.pop("answer"),
@@ -214,7 +224,10 @@ def _quantities(account: Account) -> list[page.Block]:
         rows.append(
             page.Row((name.replace("_", " "), unit, page.number(mean_of(values)), half, *ends))
         )
-    caption = f"By {label}: mean over time, half width of the pointwise 95 % band (also its mean), and both extremes."
+    caption = (
+        f"By {label}: mean over time, half width of the pointwise 95 % band (also its "
+        "mean), and both extremes."
+    )
     columns = [page.Column("quantity"), page.Column("unit")]
     columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±")]
     for end in ("lowest", "highest"):
@@ -265,8 +278,10 @@ def _made(account: Account) -> page.Section:
         **account.source,
         "recorded at": f"{rate * ratio:g} Hz",
         "identified at": f"{rate:g} Hz{', low-pass filtered and decimated' if ratio > 1 else ''}",
-        "realizations": f"{len(ensemble)} of {ensemble.duration:g} s, from {count(trials, 'trial')}",
-        "realizations left out": f"{ensemble.left_out or 'none'}{': no context' if ensemble.left_out else ''}",
+        "realizations": f"{len(ensemble)} of {ensemble.duration:g} s, from "
+        f"{count(trials, 'trial')}",
+        "realizations left "
+        "out": f"{ensemble.left_out or 'none'}{': no context' if ensemble.left_out else ''}",
         "context": context,
         "mean over realizations": "subtracted" if ensemble.mean_subtracted else "not subtracted",
         "delay between the channels": taken(ensemble.delay_removed)
@@ -311,7 +326,8 @@ def _diagnosed(account: Account) -> page.Section:
         else "the record in pieces"
     )
     blocks.append(
-        f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the recorded rate, where "
+        f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the "
+        "recorded rate, where "
         "clipped and lost signals show better, and draws what it sees."
     )
     return page.Section("diagnosis", title, blocks, contents="Diagnosis")
@@ -331,7 +347,10 @@ def _suited(account: Account) -> page.Section:
         for name, (value, unit) in suited.measured.items()
     ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
-    caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
+    caption = (
+        "What was measured in the data; nothing where it is not shown, or cannot be told "
+        "from these data."
+    )
     lines = [sentence(each) for each in (*suited.objections, *suited.caveats)]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
     return page.Section(
@@ -468,7 +487,8 @@ def _paragraph(account: Account) -> list[page.Section]:
     if account.trust.level == "none":
         return []
     blocks: list[page.Block] = [
-        "For the methods section of a paper. Numbers and settings are those of this identification; say yourself who "
+        "For the methods section of a paper. Numbers and settings are those of this "
+        "identification; say yourself who "
         "was measured, with which apparatus, doing what.",
         page.Box([methods_paragraph(account)]),
         "The publications cited, as BibTeX:",
@@ -486,9 +506,13 @@ def _again(command: str) -> page.Section:
     blocks: list[page.Block] = (
         ["This command made the page:", page.Code("Command", command)] if command else []
     )
-    reading = 'import xarray as xr\n\nmodels = xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
+    reading = (
+        "import xarray as xr\n\nmodels = "
+        'xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
+    )
     blocks += [
-        "All estimates with their standard errors and bands are in models.nc beside this page, and over time in "
+        "All estimates with their standard errors and bands are in models.nc beside this page, "
+        "and over time in "
         "stiffness.csv. To read them in Python:",
         page.Code("Reading the results", reading),
     ]

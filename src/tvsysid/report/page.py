@@ -31,7 +31,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table; ``"label"`` breaks within words on paper only, ``"long"`` is wide, ``"verdict"`` is bold."""
+    """Column of a table.
+
+    ``"label"`` breaks within words on paper only, ``"long"`` is wide, ``"verdict"`` is bold.
+    """
 
     heading: str
     unit: str = ""
@@ -45,7 +48,10 @@ def columns(kinds: Mapping[str, Kind]) -> list[Column]:
 
 @dataclass(frozen=True)
 class Row:
-    """Row of a table, a cell for each column; the first one is its heading. ``total``: it sums up others."""
+    """Row of a table, a cell for each column; the first one is its heading.
+
+    ``total``: it sums up others.
+    """
 
     cells: Sequence[Cell | str | float]
     group: str = ""
@@ -56,9 +62,9 @@ class Row:
 class Table:
     """Table with a caption in full sentences.
 
-    ``label`` is its name for a screen reader. If it is ``sortable``, a click on a heading sorts it; in a ``narrow``
-    one, headings of numbers may be broken. ``groups`` of rows have a name in words: the reader chooses one or all, and
-    sees ``chosen`` first.
+    ``label`` is its name for a screen reader. If it is ``sortable``, a click on a heading sorts
+    it; in a ``narrow`` one, headings of numbers may be broken. ``groups`` of rows have a name in
+    words: the reader chooses one or all, and sees ``chosen`` first.
     """
 
     kind: ClassVar = "table"
@@ -119,7 +125,10 @@ class Fold:
 
 @dataclass(frozen=True)
 class Figure:
-    """Picture with its title and description; a number of 0 is not shown, nor the anchor unless a file is ``saved``."""
+    """Picture with its title and description.
+
+    A number of 0 is not shown, nor the anchor unless a file is ``saved``.
+    """
 
     kind: ClassVar = "figure"
     anchor: str
@@ -150,7 +159,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page, with the version of this package that its results came from; a ``notice`` stands at its head."""
+    """A whole page, with the version of this package that its results came from.
+
+    A ``notice`` stands at its head.
+    """
 
     title: str
     subtitle: str
@@ -196,14 +208,20 @@ def _template(name: str) -> Template:
 
 
 def typeset(text: str) -> str:
-    """Text whose numbers have the minus sign of tables, and stay with their signs and units; options stay as typed."""
+    """Text whose numbers have the minus sign of tables, and stay with their signs and units.
+
+    Options stay as typed.
+    """
     kind = type(text)  # markup stays markup
     text = re.sub(r"(--[\w-]+ -\d)|(?<![\w=-])-(?=\d)", lambda found: found[1] or "−", text)
     return kind(text.replace("± ", "±\u00a0").replace(" %", "\u00a0%"))
 
 
 def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:
-    """Value ± standard error with so many decimals, or to three digits; a dash where there is no value."""
+    """Value ± standard error with so many decimals, or to three digits.
+
+    A dash where there is no value.
+    """
     if not math.isfinite(value):
         return Cell("–", None)
     if decimals is None:

@@ -29,7 +29,8 @@ def methods_paragraph(account: Account) -> str:
         else ""
     )
     sentences = [
-        "Joint impedance was identified from a perturbation experiment with the software tvsysid, version "
+        "Joint impedance was identified from a perturbation experiment with the software tvsysid, "
+        "version "
         f"{__version__} (the tvsysid developers; see {cited(['vanderuit2021']).strip('()')}).",
         *_data(found.ensemble),
         *([f"When the file was read, {' and '.join(account.turned)}."] if account.turned else []),
@@ -50,7 +51,9 @@ def methods_bibliography(account: Account) -> str:
 
 
 def settings_of(method: Identifies) -> str:
-    """Settings of a method as they were used, such as ``max_lag=0.12, window=0.1``; empty where it has none.
+    """Settings of a method as they were used, such as ``max_lag=0.12, window=0.1``.
+
+    Empty where it has none.
 
     Those of None are left out: they turn something off, or let the method find a value.
     """
@@ -90,17 +93,23 @@ def _data(ensemble: Ensemble) -> list[str]:
     rate, trials = ensemble.sampling_rate, len(np.unique(np.asarray(ensemble.trials)))
     lowered = f", low-pass filtered and decimated to {rate:g} Hz" if ratio > 1 else ""
     cut = (
-        f"Angle and torque, recorded at {rate * ratio:g} Hz in {count(trials, 'trial')}{lowered}, were cut into "
-        f"{count(len(ensemble), 'realization')} of {ensemble.duration:g} s with {ensemble.context / rate:g} s of "
+        f"Angle and torque, recorded at {rate * ratio:g} Hz in {count(trials, 'trial')}{lowered}, "
+        "were cut into "
+        f"{count(len(ensemble), 'realization')} of {ensemble.duration:g} s with "
+        f"{ensemble.context / rate:g} s of "
         "context on either side"
     )
-    lost = f"; {count(ensemble.left_out, 'realization')} too near the ends of a trial for the context were left out"
+    lost = (
+        f"; {count(ensemble.left_out, 'realization')} too near the ends of a trial for the "
+        "context were left out"
+    )
     sentences = [f"{cut}{lost if ensemble.left_out else ''}."]
     if ensemble.delay_removed:
         way = "earlier" if ensemble.delay_removed > 0 else "later"
         sentences.insert(
             0,
-            f"The torque was taken {abs(1000 * ensemble.delay_removed):.3g} ms {way} than recorded.",
+            f"The torque was taken {abs(1000 * ensemble.delay_removed):.3g} ms {way} than "
+            "recorded.",
         )
     if ensemble.mean_subtracted:
         sentences.append("At each time, the mean over realizations was subtracted from both.")
@@ -114,7 +123,8 @@ def _perturbation(account: Account) -> list[str]:
         account.diagnosis.measures[name][0] for name in ("angle RMS", "bandwidth of the angle")
     )
     return [
-        f"What remained of the angle, the perturbation, had {rms:.3g} rad RMS and 95 % of its power below {width:.3g} "
+        f"What remained of the angle, the perturbation, had {rms:.3g} rad RMS and 95 % of its "
+        f"power below {width:.3g} "
         "Hz."
     ]
 
@@ -132,12 +142,15 @@ def _pathways(account: Account, label: str) -> list[str]:
     if label not in blamed:
         if not reflex_shown(account.found.models[label]):
             return [
-                "The data show no stretch reflex, and this stiffness is that of a joint without one."
+                "The data show no stretch reflex, and this stiffness is that of a joint without "
+                "one."
             ]
         share = negative_reflex(account.found.models[label])
         intrinsic = (
-            f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
-            "stretch reflex's is: the difference from methods with one pathway is an uncertainty of this estimate."
+            "A stretch reflex was modelled beside this stiffness, but its gain was negative over "
+            f"{share}, as no "
+            "stretch reflex's is: the difference from methods with one pathway is an uncertainty "
+            "of this estimate."
             if share
             else "This stiffness is the intrinsic one: a stretch reflex was estimated beside it."
         )
@@ -167,7 +180,8 @@ def _results(account: Account, label: str) -> list[str]:
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
     sentences = [
-        f"By {label}, stiffness was {known.mean():.1f} N·m/rad on average over time, from {known.min():.1f} to "
+        f"By {label}, stiffness was {known.mean():.1f} N·m/rad on average over time, from "
+        f"{known.min():.1f} to "
         f"{known.max():.1f}"
         + (
             f" (half width of the pointwise 95 % band {band:.1f} on average)."
@@ -180,11 +194,13 @@ def _results(account: Account, label: str) -> list[str]:
         count_of = min(FOLDS, len(found.ensemble))
         folds = f" ({count_of} folds of consecutive realizations)" if count_of > 1 else ""
         sentences.append(
-            f"It accounted for {held_out:.1f} % of the variance of the torque in {account.where_held_out} that it was "
+            f"It accounted for {held_out:.1f} % of the variance of the torque in "
+            f"{account.where_held_out} that it was "
             f"not identified from{folds}, and for {inside:.1f} % in what it was."
         )
     elif np.isfinite(inside):
         sentences.append(
-            f"It accounted for {inside:.1f} % of the variance of the torque that it was identified from."
+            f"It accounted for {inside:.1f} % of the variance of the torque that it was "
+            "identified from."
         )
     return sentences

@@ -54,9 +54,9 @@ class Problem(TypedDict):
 def problems(results: xr.Dataset) -> list[Problem]:
     """What failed or gave warnings in a study: how often, and the first reason.
 
-    A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
-    identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``), ``count`` of how many ``trials``, and the
-    ``first`` reason.
+    A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which
+    nothing could be identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``),
+    ``count`` of how many ``trials``, and the ``first`` reason.
     """
     found: list[Problem] = []
     if "recording" not in results.dims:
@@ -122,7 +122,10 @@ def problems_section(found: Iterable[Problem], what: str, caption: str = LEFT_OU
 
 
 def claims_section(claims: pd.DataFrame, caption: str, fold: bool = False) -> Section:
-    """What a paper claims, and whether the study confirms it; claims that it does not bear on may be folded away."""
+    """What a paper claims, and whether the study confirms it.
+
+    Claims that it does not bear on may be folded away.
+    """
     folded = claims[claims.verdict == "not studied"] if fold else claims[:0]
     shown = claims.drop(folded.index)
     blocks: list[Block] = (
@@ -173,7 +176,10 @@ def verdicts(claims: pd.DataFrame) -> list[str]:
 
 
 def methods_section(labels: Iterable[str]) -> Section:
-    """What each method is called and assumes; nothing is known of those that are not this package's."""
+    """What each method is called and assumes.
+
+    Nothing is known of those that are not this package's.
+    """
     blocks: list[Block] = []
     for label in labels:
         method = METHODS.get(label.partition(":")[0])
@@ -216,7 +222,10 @@ def again_section(command: str, selection: str, toml: str = "", same: str = "") 
     if command:
         blocks += ["This command made the page:", Code("Command", command)]
     if toml:
-        again = "The study as TOML. The same settings and version give the same numbers, except for computing times:"
+        again = (
+            "The study as TOML. The same settings and version give the same numbers, except "
+            "for computing times:"
+        )
         blocks += [again, Code("Study as TOML", toml)]
     if same:
         blocks.append(same)
@@ -259,7 +268,10 @@ def unfinished(results: xr.Dataset, what: str) -> list[str]:
 
 
 def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
-    """Attribute that holds settings as JSON text; empty where it is missing or is something else."""
+    """Attribute that holds settings as JSON text.
+
+    Empty where it is missing or is something else.
+    """
     try:
         settings = json.loads(results.attrs.get(name, "{}"))
     except (TypeError, ValueError):

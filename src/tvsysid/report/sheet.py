@@ -24,10 +24,15 @@ if TYPE_CHECKING:
 MODELS = "models.nc"  # where tvsysid identify keeps what it found, in its folder
 MOST = 6  # visits on one page
 NOTICE = "Research use only. Not for diagnosis, and not for decisions about treatment."
-BY_HAND = "Person: ____________________   Visit: ____________   Date: ____________   Signed: ____________________"
+BY_HAND = (
+    "Person: ____________________   Visit: ____________   Date: ____________   Signed: "
+    "____________________"
+)
 NOTE = (
-    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up or told to hold the "
-    "joint. No test was made of whether visits differ. VAF is the share of the torque’s variance that is predicted in "
+    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up "
+    "or told to hold the "
+    "joint. No test was made of whether visits differ. VAF is the share of the torque’s variance "
+    "that is predicted in "
     "realizations held out. Of the faults, report.html beside each result says what they do."
 )
 
@@ -134,7 +139,8 @@ def _read(folder: Path) -> Known:
             model = tree[about["leading"]].to_dataset().load()
     except (KeyError, OSError, ValueError) as error:
         raise InputError(
-            f"{file}: cannot be read, or an older version wrote it; identify the recording again ({error})"
+            f"{file}: cannot be read, or an older version wrote it; identify the recording again "
+            f"({error})"
         ) from error
     stiffness = _over_time(model, "stiffness")
     if not np.isfinite(stiffness).any():
@@ -150,7 +156,10 @@ def _read(folder: Path) -> Known:
 
 
 def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
-    """Variable over time, NaN where there is none; limits of single realizations are none of the mean."""
+    """Variable over time, NaN where there is none.
+
+    Limits of single realizations are none of the mean.
+    """
     missing = np.full(model.sizes["time"], np.nan)
     if name not in model or "time" not in model[name].dims:
         return missing
@@ -202,5 +211,8 @@ def _table(known: Sequence[Known]) -> page.Table:
         page.Column("inertia", "kg·m²", "number"),
     ]
     columns += [page.Column("VAF", "%", "number"), page.Column("faults of the data")]
-    caption = "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: realizations and their duration."
+    caption = (
+        "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: "
+        "realizations and their duration."
+    )
     return page.Table("Values", caption, columns, rows, narrow=True)

@@ -68,17 +68,25 @@ TRAIT_COLUMNS = {
 }
 USUAL = {"profile": "square", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
 METRICS = (
-    "Bias is the error of the mean estimate over trials, random error the spread about that mean, and total error both "
-    "together. The mean of a finite number of trials still varies; the claims compare the bias without that part. Rise "
-    "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the share of the "
-    "noiseless torque that the identified model predicts. “In 95 % band” is the share of times and trials at which the "
-    "method’s own band holds the true stiffness: a band covers noise, not what a method smooths away, so it misses the "
-    "truth near a switch. “Error of reflex gain” is its total error; the VAF of a pathway is that of its own torque. "
+    "Bias is the error of the mean estimate over trials, random error the spread about that mean, "
+    "and total error both "
+    "together. The mean of a finite number of trials still varies; the claims compare the bias "
+    "without that part. Rise "
+    "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the "
+    "share of the "
+    "noiseless torque that the identified model predicts. “In 95 % band” is the share of times "
+    "and trials at which the "
+    "method’s own band holds the true stiffness: a band covers noise, not what a method smooths "
+    "away, so it misses the "
+    "truth near a switch. “Error of reflex gain” is its total error; the VAF of a pathway is that "
+    "of its own torque. "
     "The value after ± is one standard error of the Monte-Carlo estimate."
 )
 CLAIMS = (
-    "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 %) are those of the "
-    "comparison that decides: a difference above 0 or a ratio above 1 speaks for the claim. For “does not hold” the "
+    "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 "
+    "%) are those of the "
+    "comparison that decides: a difference above 0 or a ratio above 1 speaks for the claim. For "
+    "“does not hold” the "
     "confidence is 95 % for all comparisons together."
 )
 
@@ -121,7 +129,8 @@ def write_report(
         for dim, word in (("method_key", "method"), ("scenario", "scenario"))
     )
     done = (
-        f"{methods} identified the same simulated data: {scenarios} with {count(sizes['trial'], 'trial')} each, "
+        f"{methods} identified the same simulated data: {scenarios} with "
+        f"{count(sizes['trial'], 'trial')} each, "
         f"{count(tried, 'identification')} in all, of which {failed or 'none'} failed."
     )
     # A system of one's own may have a stiffness that nobody can set.
@@ -145,12 +154,16 @@ def write_report(
         sections.problems_section(sections.problems(results), "method"),
         sections.again_section(
             command,
-            f'results.estimate.sel(scenario="{main}", quantity="stiffness")  # over trial, method_key and time',
+            f'results.estimate.sel(scenario="{main}", quantity="stiffness")  # over trial, '
+            "method_key and time",
             "" if _nameless(study) else tomli_w.dumps(study),
         ),
     ]
     title = "Comparison of time-varying identification methods"
-    subtitle = f"How well {methods} found the stiffness of a simulated joint, whose true stiffness is known."
+    subtitle = (
+        f"How well {methods} found the stiffness of a simulated joint, whose true "
+        "stiffness is known."
+    )
     page.write_page(path, page.Page(title, subtitle, parts, sections.version_of(results)))
 
 
@@ -199,7 +212,8 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
         rows += [row for _, row in sorted(mine, key=lambda pair: pair[0])]
     shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
     caption = (
-        "Metrics of each method, value ± standard error; the lowest total error comes first in each scenario. Click a "
+        "Metrics of each method, value ± standard error; the lowest total error comes first in "
+        "each scenario. Click a "
         f"heading to sort.{f' The same in all: {shared}.' if shared else ''}"
     )
     columns = [
@@ -249,7 +263,8 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
                 float(first.value), float(first.standard_error), RANKED[name][2]
             ).text
             parts.append(
-                f"{first.method} has the {words} ({value} {first.unit}){_runner_up(first, rows.iloc[1])}"
+                f"{first.method} has the {words} ({value} "
+                f"{first.unit}){_runner_up(first, rows.iloc[1])}"
             )
     if parts:
         sentences.append(f"With {described(traits[label])}: {'; '.join(parts)}.")
@@ -266,5 +281,8 @@ def _runner_up(first: Any, second: Any) -> str:
         np.hypot(*np.nan_to_num([float(each.standard_error) for each in (first, second)]))
     )
     if abs(float(second.value) - float(first.value)) <= 2 * noise:
-        return f", though not clearly {'lower' if first.value <= second.value else 'higher'} than {second.method}"
+        return (
+            f", though not clearly {'lower' if first.value <= second.value else 'higher'} than "
+            f"{second.method}"
+        )
     return ""

@@ -60,5 +60,8 @@ SYSTEMS: dict[str, Joint] = {
     "scheduled": ScheduledJoint(),
     "loaded": CompliantActuator(disturbance="torque"),
 }
-"""Systems by name. Each is a dataclass with fields ``stiffness``, ``viscosity`` and ``inertia``, so that
-``dataclasses.replace(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with another profile."""
+"""Systems by name.
+
+Each is a dataclass with fields ``stiffness``, ``viscosity`` and ``inertia``, so that
+``dataclasses.replace(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with
+another profile."""

@@ -34,7 +34,8 @@ def answer(
 ) -> Answer:
     """Impose the perturbation's angle on a joint; the streams are those of perturbation and noise.
 
-    The impedance is ``stiffness``, ``viscosity`` and ``inertia`` over time. The noise still has any size.
+    The impedance is ``stiffness``, ``viscosity`` and ``inertia`` over time. The noise still has
+    any size.
     """
     samples, run_in = len(setup.index), setup.run_in
     drive = generated(setup.perturbation, run_in + samples, setup.rate, streams[0])
@@ -90,8 +91,8 @@ class Actuator:
 def _actuator_filter(rate: float) -> tuple[Array, Array, Array, float, float]:
     """Exact discretisation of x'' = w (drive - x) - d x' for a drive that is linear between samples.
 
-    A drive held over each sample would lag half a sample behind the one in the acceleration's equation, and so add
-    0.6 N·m·s/rad of viscosity at 1 kHz.
+    A drive held over each sample would lag half a sample behind the one in the acceleration's
+    equation, and so add 0.6 N·m·s/rad of viscosity at 1 kHz.
     """
     _, (_, damping, stiffness) = scipy.signal.bessel(
         2, 2 * np.pi * BANDWIDTH, analog=True, norm="phase"

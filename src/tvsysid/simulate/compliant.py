@@ -30,26 +30,29 @@ class CompliantActuator(Joint):
     .. math:: y(t) = I\,\ddot\theta + b(t)\,\dot\theta + k(t)\,\theta + n(t), \qquad
               M\,\ddot\theta + B\,\dot\theta + A\,\theta = d(t) - y(t)
 
-    with a torque d as the disturbance (``disturbance="torque"``): the perturbation as it is. By default it is an
-    angle, and A d stands in the place of d, with M and B acting on :math:`\theta` as well: the reference of an actuator
-    that is not infinitely stiff, which is the perturbation after the 40-Hz filter of :class:`Joint`.
+    with a torque d as the disturbance (``disturbance="torque"``): the perturbation as it is. By
+    default it is an angle, and A d stands in the place of d, with M and B acting on :math:`\theta`
+    as well: the reference of an actuator that is not infinitely stiff, which is the perturbation
+    after the 40-Hz filter of :class:`Joint`.
 
-    The angle that the disturbance causes is scaled to an RMS of 0.5 degrees, and the noise such that the torque that
-    the disturbance causes and the noise have the ratio of variances asked for. Methods that take the angle as
-    independent of the noise are biased in such a loop, the more so the softer the actuator and the slower the noise.
+    The angle that the disturbance causes is scaled to an RMS of 0.5 degrees, and the noise such
+    that the torque that the disturbance causes and the noise have the ratio of variances asked for.
+    Methods that take the angle as independent of the noise are biased in such a loop, the more so
+    the softer the actuator and the slower the noise.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia`` (of the joint). Pathway: ``intrinsic``, which answers the whole
-    angle. Channel: ``disturbance``, d in rad or N·m.
+    Truth: ``stiffness``, ``viscosity``, ``inertia`` (of the joint). Pathway: ``intrinsic``, which
+    answers the whole angle. Channel: ``disturbance``, d in rad or N·m.
 
-    The load has a stiffness A in N·m/rad (``actuator_stiffness``), a viscosity B in N·m·s/rad (None for 0.7 of what
-    damps it critically, alone) and an inertia M in kg·m²: elastic, viscous and inertial loads, each of which may be 0
-    beside a torque. ``noise_bandwidth`` is the cut-off in Hz of the noise's second-order Butterworth filter.
+    The load has a stiffness A in N·m/rad (``actuator_stiffness``), a viscosity B in N·m·s/rad (None
+    for 0.7 of what damps it critically, alone) and an inertia M in kg·m²: elastic, viscous and
+    inertial loads, each of which may be 0 beside a torque. ``noise_bandwidth`` is the cut-off in Hz
+    of the noise's second-order Butterworth filter.
 
     Raises
     ------
     InputError
-        As for :class:`Joint`, for settings of the actuator that are not positive (with a torque: negative), and where
-        the stiffness of joint and actuator together is not.
+        As for :class:`Joint`, for settings of the actuator that are not positive (with a torque:
+        negative), and where the stiffness of joint and actuator together is not.
 
     References
     ----------
@@ -75,7 +78,8 @@ class CompliantActuator(Joint):
         super().__post_init__()
         if self.disturbance not in get_args(Disturbance):
             raise InputError(
-                f"CompliantActuator: disturbance must be 'angle' or 'torque', got {self.disturbance!r}"
+                "CompliantActuator: disturbance must be 'angle' or 'torque', got "
+                f"{self.disturbance!r}"
             )
         own = ["actuator_stiffness", "actuator_inertia"]
         if self.actuator_viscosity is not None:
@@ -96,8 +100,10 @@ class CompliantActuator(Joint):
         lowest = float(load[0].min())
         if lowest <= 0:
             raise InputError(
-                f"CompliantActuator: the stiffness of joint (lowest: {lowest - self.actuator_stiffness:g} N·m/rad) and "
-                f"actuator ({self.actuator_stiffness:g} N·m/rad) together must be positive; stiffen either"
+                "CompliantActuator: the stiffness of joint (lowest: "
+                f"{lowest - self.actuator_stiffness:g} N·m/rad) and "
+                f"actuator ({self.actuator_stiffness:g} N·m/rad) together must be positive; "
+                "stiffen either"
             )
         # What the disturbance and what the noise moves apart, for the system is linear.
         if self.disturbance == "torque":
@@ -140,8 +146,9 @@ class CompliantActuator(Joint):
     def _followed(self, load: Array, rate: float) -> float:
         """Share of the reference that the joint follows at once: none of a soft actuator's, all of a stiff one's.
 
-        Integrated as the angle itself, the motion on a stiff actuator would ring between samples; as a deviation from
-        all of the reference, that on a soft one would be a small difference of two large ones.
+        Integrated as the angle itself, the motion on a stiff actuator would ring between
+        samples; as a deviation from all of the reference, that on a soft one would be a small
+        difference of two large ones.
         """
         turned = (
             float(load[0].mean()) / (self.inertia + self.actuator_inertia) / rate**2

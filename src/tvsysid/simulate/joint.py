@@ -33,8 +33,8 @@ class Joint:
 
     Its truth holds ``stiffness``, ``viscosity`` and ``inertia``; its one pathway is ``intrinsic``.
 
-    Stiffness is a callable of time in s, to N·m/rad; one with an attribute ``period`` (in s) is evaluated over one
-    period. Viscosity is in N·m·s/rad, or such a callable; inertia in kg·m².
+    Stiffness is a callable of time in s, to N·m/rad; one with an attribute ``period`` (in s) is
+    evaluated over one period. Viscosity is in N·m·s/rad, or such a callable; inertia in kg·m².
 
     Raises
     ------
@@ -50,7 +50,8 @@ class Joint:
     >>> import tvsysid as tv
     >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
     >>> joint.simulate(40, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
-    Simulation(Recording(42 s at 1000 Hz; ...); stiffness 50 to 150, viscosity 2.2, inertia 0.02; pathways intrinsic)
+    Simulation(Recording(42 s at 1000 Hz; ...); stiffness 50 to 150, viscosity 2.2, inertia 0.02;
+    pathways intrinsic)
     """
 
     stiffness: Profile = field(default_factory=SquareWave)
@@ -74,10 +75,11 @@ class Joint:
     ) -> Simulation:
         """Record so many seconds.
 
-        The perturbation passes a 40-Hz second-order Bessel filter (the actuator), whose states are angle and velocity
-        and give the acceleration, so that nothing is differenced. The angle is scaled to an RMS of 0.5 degrees. The
-        noise is white noise through a 40-Hz second-order Butterworth filter, scaled so that noiseless torque and
-        noise have the ratio of variances asked for. Both scales are those of the samples from time 0 to the duration.
+        The perturbation passes a 40-Hz second-order Bessel filter (the actuator), whose states are
+        angle and velocity and give the acceleration, so that nothing is differenced. The angle is
+        scaled to an RMS of 0.5 degrees. The noise is white noise through a 40-Hz second-order
+        Butterworth filter, scaled so that noiseless torque and noise have the ratio of variances
+        asked for. Both scales are those of the samples from time 0 to the duration.
 
         Parameters
         ----------
@@ -88,16 +90,16 @@ class Joint:
         snr_db
             Ratio of the variances of noiseless torque and noise in dB; ``inf`` for no noise.
         seed
-            Integer, SeedSequence or generator; the same one gives the same numbers. Perturbation and noise have
-            streams of their own.
+            Integer, SeedSequence or generator; the same one gives the same numbers. Perturbation
+            and noise have streams of their own.
         rate
             Sampling rate in Hz, above twice the 40 Hz of the filters.
 
         Raises
         ------
         InputError
-            For a duration or rate that is not positive, or a profile that does not give one finite number for each
-            time.
+            For a duration or rate that is not positive, or a profile that does not give one finite
+            number for each time.
         """
         return self._simulated(
             Setup(type(self).__name__, duration, perturbation, snr_db, seed, rate)
@@ -129,10 +131,11 @@ class StretchReflex:
     .. math:: \ddot r(t) + 2 \zeta \omega\, \dot r(t) + \omega^2\, r(t) = \omega^2\, g(t)\, f(t - d), \qquad
               f = s \max(s\, \dot\theta - c, 0)
 
-    The ``delay`` d is in s, rounded to a sample; ``frequency`` ω of the muscle in rad/s, ``damping`` its ratio ζ;
-    ``threshold`` c in rad/s, the velocity below which nothing is answered; ``direction`` s is 1 where a positive
-    velocity stretches the muscle, -1 where a negative one does. The gain g acts before the muscle, or on what leaves
-    it where ``gain_after`` is true. A frequency that is a callable of time makes a muscle that changes.
+    The ``delay`` d is in s, rounded to a sample; ``frequency`` ω of the muscle in rad/s,
+    ``damping`` its ratio ζ; ``threshold`` c in rad/s, the velocity below which nothing is
+    answered; ``direction`` s is 1 where a positive velocity stretches the muscle, -1 where a
+    negative one does. The gain g acts before the muscle, or on what leaves it where
+    ``gain_after`` is true. A frequency that is a callable of time makes a muscle that changes.
     """
 
     delay: float = 0.040
@@ -151,14 +154,19 @@ class StretchReflex:
             raise InputError(f"StretchReflex: direction must be 1 or -1, got {self.direction!r}")
 
     def stretch(self, velocity: Array, rate: float, early: float = 0.0) -> Array:
-        """What arrives at the muscle, f(t - d) in rad/s, or so many seconds before it does; shape (time,)."""
+        """What arrives at the muscle, f(t - d) in rad/s, or so many seconds before it does.
+
+        Shape (time,).
+        """
         late = round(max(self.delay - early, 0.0) * rate)
         beyond = np.zeros_like(velocity)
         beyond[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold
         return self.direction * np.maximum(beyond, 0.0, out=beyond)
 
     def torque(self, velocity: Array, gain: float | Array, rate: float, start: int = 0) -> Array:
-        """Torque r in N·m that answers a velocity in rad/s, shape (time,); the gain g is in N·m·s/rad.
+        """Torque r in N·m that answers a velocity in rad/s, shape (time,).
+
+        The gain g is in N·m·s/rad.
 
         The first sample is at time start / rate.
         """
@@ -179,7 +187,8 @@ class StretchReflex:
         frequency = over_time("StretchReflex: frequency", self.frequency, index, rate)
         if frequency.min() <= 0:
             raise InputError(
-                f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} rad/s"
+                f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} "
+                "rad/s"
             )
         force = np.square(frequency) * drive
         moved = driven_motion(np.square(frequency), 2 * self.damping * frequency, force[None], rate)
@@ -192,15 +201,17 @@ class ReflexJoint(Joint):
 
     .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(t)\,\theta(t) + r(t) + n(t)
 
-    with the torque r of :class:`StretchReflex`; the gain at a time scales what arrives at the muscle at that time. The
-    noise is sized by the whole noiseless torque; all else is as for :class:`Joint`.
+    with the torque r of :class:`StretchReflex`; the gain at a time scales what arrives at the
+    muscle at that time. The noise is sized by the whole noiseless torque; all else is as for
+    :class:`Joint`.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex``. Channel:
-    ``emg``, the rectified EMG in rad/s: what arrives at the muscle, 10 ms before it pulls, times the magnitude of white
-    noise, whose mean is 1. The electrode does not see the gain.
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``,
+    ``reflex``. Channel: ``emg``, the rectified EMG in rad/s: what arrives at the muscle, 10 ms
+    before it pulls, times the magnitude of white noise, whose mean is 1. The electrode does not see
+    the gain.
 
-    The gain g is in N·m·s/rad, or a callable of time in s; ``noise_bandwidth`` the cut-off in Hz of the noise of the
-    torque, for instance 1 Hz for slow voluntary torque.
+    The gain g is in N·m·s/rad, or a callable of time in s; ``noise_bandwidth`` the cut-off in Hz of
+    the noise of the torque, for instance 1 Hz for slow voluntary torque.
 
     Raises
     ------
@@ -256,26 +267,28 @@ class ScheduledJoint(Joint):
     .. math:: y(t) = I\,\ddot\theta(t) + b\,\dot\theta(t) + k(\rho(t))\,\theta(t) + r(t) + n(t), \qquad
               \rho(t) = (1 + \sigma\, g(t))\, k^{-1}(k_0(t))
 
-    The variable ρ would give the profile k₀ of the stiffness, were it not stronger or weaker each time: g is drawn anew
-    every so many seconds, Gaussian with unit variance, and changes linearly in between; its factor is never negative.
-    A ``schedule`` takes the place of :math:`k^{-1}(k_0(t))`: the variable itself over time, as where a joint is moved
-    slowly. Viscosity and reflex may follow the variable too. All else is as for :class:`Joint`.
+    The variable ρ would give the profile k₀ of the stiffness, were it not stronger or weaker each
+    time: g is drawn anew every so many seconds, Gaussian with unit variance, and changes linearly
+    in between; its factor is never negative. A ``schedule`` takes the place of
+    :math:`k^{-1}(k_0(t))`: the variable itself over time, as where a joint is moved slowly.
+    Viscosity and reflex may follow the variable too. All else is as for :class:`Joint`.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia``, and ``reflex_gain`` where there is a reflex. Pathways:
-    ``intrinsic``, and ``reflex``. Channel: the variable, by its name.
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, and ``reflex_gain`` where there is a reflex.
+    Pathways: ``intrinsic``, and ``reflex``. Channel: the variable, by its name.
 
-    ``stiffness`` is k₀; ``relation`` k, a callable of the variable, to N·m/rad, which without a schedule rises from 0
-    to 1 and covers the profile there; ``viscosity_relation``, to N·m·s/rad, takes the place of ``viscosity``, and
-    ``gain_relation`` gives the gain of the ``reflex`` in N·m·s/rad from the variable at the time of the stretch.
-    ``variation`` σ is the standard deviation of the variable's strength relative to its mean; ``interval`` the seconds
-    after which the strength is drawn anew; ``variable`` the name of the channel; ``noise_bandwidth`` the cut-off in Hz
-    of the torque's noise.
+    ``stiffness`` is k₀; ``relation`` k, a callable of the variable, to N·m/rad, which without a
+    schedule rises from 0 to 1 and covers the profile there; ``viscosity_relation``, to N·m·s/rad,
+    takes the place of ``viscosity``, and ``gain_relation`` gives the gain of the ``reflex`` in
+    N·m·s/rad from the variable at the time of the stretch. ``variation`` σ is the standard
+    deviation of the variable's strength relative to its mean; ``interval`` the seconds after which
+    the strength is drawn anew; ``variable`` the name of the channel; ``noise_bandwidth`` the
+    cut-off in Hz of the torque's noise.
 
     Raises
     ------
     InputError
-        As for :class:`Joint`, and for a relation that is no callable or, without a schedule, does not rise or does not
-        cover the profile.
+        As for :class:`Joint`, and for a relation that is no callable or, without a schedule, does
+        not rise or does not cover the profile.
 
     References
     ----------
@@ -335,7 +348,8 @@ class ScheduledJoint(Joint):
             gain = impedance["reflex_gain"] = self._related(
                 "gain_relation", self.gain_relation, variable
             )
-            # Before the record the variable is as at its beginning; the gain is that at the time of the stretch.
+            # Before the record the variable is as at its beginning; the gain is that at the time of
+            # the stretch.
             late = np.pad(gain, (setup.run_in + round(self.reflex.delay * setup.rate), 0), "edge")[
                 : len(found.velocity)
             ]
@@ -350,7 +364,8 @@ class ScheduledJoint(Joint):
         values = np.asarray(relation(variable), dtype=np.float64)
         if values.shape != variable.shape or not np.isfinite(values).all():
             raise InputError(
-                f"ScheduledJoint: {name} must give one finite number for each value, got {relation!r}"
+                f"ScheduledJoint: {name} must give one finite number for each value, got "
+                f"{relation!r}"
             )
         return values
 
@@ -360,11 +375,13 @@ class ScheduledJoint(Joint):
         values = np.asarray(self.relation(grid), dtype=np.float64)
         if values.shape != grid.shape or not np.all(np.diff(values) > 0):
             raise InputError(
-                f"ScheduledJoint: relation must rise from 0 to 1, one number for each, got {self.relation!r}"
+                "ScheduledJoint: relation must rise from 0 to 1, one number for each, got "
+                f"{self.relation!r}"
             )
         if not (values[0] <= stiffness.min() and stiffness.max() <= values[-1]):
             raise InputError(
-                f"ScheduledJoint: stiffness goes from {stiffness.min():g} to {stiffness.max():g} N·m/rad, but relation "
+                f"ScheduledJoint: stiffness goes from {stiffness.min():g} to {stiffness.max():g} "
+                "N·m/rad, but relation "
                 f"gives {values[0]:g} to {values[-1]:g} N·m/rad from 0 to 1; change one of them"
             )
         return np.interp(stiffness, values, grid)

@@ -18,9 +18,9 @@ def driven_motion(
 ) -> Array:
     r"""Motion of :math:`\ddot x + d(t)\,\dot x + w(t)\,x = f(t)` from rest.
 
-    Exact for a stiffness w in 1/s² and damping d in 1/s (time,) ``held`` over each step, at the mean of its ends if not
-    given, and ``forces`` f in rad/s² (force, time) that are linear between samples. Position, velocity and acceleration
-    are (3, force, time).
+    Exact for a stiffness w in 1/s² and damping d in 1/s (time,) ``held`` over each step, at the
+    mean of its ends if not given, and ``forces`` f in rad/s² (force, time) that are linear
+    between samples. Position, velocity and acceleration are (3, force, time).
     """
     held = held or ((stiffness[1:] + stiffness[:-1]) / 2, (damping[1:] + damping[:-1]) / 2)
     transition, early, late = _steps(*held, rate)
@@ -28,13 +28,17 @@ def driven_motion(
     count = -(-(samples - 1) // BLOCK)
 
     def blocked(values: Array) -> Array:
-        """Steps by their place in a block and block, (BLOCK, ..., block); the last block is filled with zeros."""
+        """Steps by their place in a block and block, (BLOCK, ..., block).
+
+        The last block is filled with zeros.
+        """
         padded = np.pad(values, [*[(0, 0)] * (values.ndim - 1), (0, count * BLOCK - samples + 1)])
         return np.moveaxis(padded.reshape(*values.shape[:-1], count, BLOCK), -1, 0).copy()
 
     push = blocked(early[:, None] * forces[:, :-1] + late[:, None] * forces[:, 1:])
     transition = blocked(transition)
-    # All blocks are stepped through at once: first from rest and, unforced, from unit states, which says with what
+    # All blocks are stepped through at once: first from rest and, unforced, from unit states, which
+    # says with what
     # state each block really begins.
     ends = np.zeros((2, forced + 2, count))
     ends[0, forced], ends[1, forced + 1] = 1.0, 1.0

@@ -22,7 +22,8 @@ from tvsysid.simulate.simulation import Simulation
 RATE = 1024.0
 TRIALS = 10
 TRIAL = 70.0  # duration of a trial in s
-REST = 5.0  # seconds without perturbation at both ends of a trial; time 0 is where the perturbation begins
+# seconds without perturbation at both ends of a trial; time 0 is where the perturbation begins
+REST = 5.0
 PERIOD = 2.0
 LOWEST, HIGHEST = 0.05, 0.50  # the target's range, as shares of the maximal voluntary torque
 FLUCTUATION_BANDWIDTH = 3.0  # cut-off in Hz of the fluctuations of voluntary torque
@@ -33,15 +34,17 @@ MEMORY = 0.9  # how much of the drift in amplitude is left after a period
 class Traits:
     """What makes one person differ from another.
 
-    Maximal voluntary torque in N·m; ``inertia`` of foot and footplate together in kg·m²; stiffness without voluntary
-    torque in N·m/rad, and its rise with that torque in 1/rad; ``damping_ratio``, the share of critical damping: the
-    viscosity is 2 · damping ratio · √(stiffness · inertia); ``reflex_gain``, torque per velocity of stretch in
-    N·m·s/rad, 0 for no stretch reflex; ``delay`` in s by which the voluntary torque follows the target on average.
+    Maximal voluntary torque in N·m; ``inertia`` of foot and footplate together in kg·m²; stiffness
+    without voluntary torque in N·m/rad, and its rise with that torque in 1/rad; ``damping_ratio``,
+    the share of critical damping: the viscosity is 2 · damping ratio · √(stiffness · inertia);
+    ``reflex_gain``, torque per velocity of stretch in N·m·s/rad, 0 for no stretch reflex; ``delay``
+    in s by which the voluntary torque follows the target on average.
 
-    Jitters are standard deviations from period to period, of the delay in s, of the amplitude as a share of it, and of
-    the mean torque (offset) as a share of the amplitude, which also drifts slowly. ``fluctuation`` is the standard
-    deviation of the torque's fluctuations up to some 3 Hz as a share of the torque, ``sensor_noise`` in N·m. The last
-    four are shares of the periods: in which the rhythm is lost (under either perturbation), the amplitude lapses
+    Jitters are standard deviations from period to period, of the delay in s, of the amplitude as
+    a share of it, and of the mean torque (offset) as a share of the amplitude, which also drifts
+    slowly. ``fluctuation`` is the standard deviation of the torque's fluctuations up to some 3
+    Hz as a share of the torque, ``sensor_noise`` in N·m. The last four are shares of the
+    periods: in which the rhythm is lost (under either perturbation), the amplitude lapses
     (``weak``), and the foot twitches.
     """
 
@@ -124,16 +127,17 @@ class Participant:
     .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(t)\,\theta(t) + r(t) + v(t) + n(t), \qquad
               k(t) = k_0 + s\,v(t), \quad b(t) = 2 \zeta \sqrt{k(t)\, I}
 
-    The voluntary torque v follows a 0.5-Hz sinusoid between 5 and 50 % of the maximal voluntary torque, as people do:
-    late by a delay that varies, with an amplitude that drifts and jitters, with fluctuations in proportion to the
-    torque, and at times not at all. Stiffness follows what the person does, not the target. The stretch reflex r, if
-    any, is that of :class:`ReflexJoint`; actuator and size of the angle (0.5 degrees RMS) are those of :class:`Joint`.
+    The voluntary torque v follows a 0.5-Hz sinusoid between 5 and 50 % of the maximal voluntary
+    torque, as people do: late by a delay that varies, with an amplitude that drifts and jitters,
+    with fluctuations in proportion to the torque, and at times not at all. Stiffness follows what
+    the person does, not the target. The stretch reflex r, if any, is that of :class:`ReflexJoint`;
+    actuator and size of the angle (0.5 degrees RMS) are those of :class:`Joint`.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex`` and
-    ``voluntary``. Channel: ``target``, the torque to be followed in N·m.
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``,
+    ``reflex`` and ``voluntary``. Channel: ``target``, the torque to be followed in N·m.
 
-    The ``number``, 0 or more, says which person: the same one gives the same numbers. ``traits`` take the place of the
-    person's own, for instance ``replace(Traits.of(1), reflex_gain=5.0)``.
+    The ``number``, 0 or more, says which person: the same one gives the same numbers. ``traits``
+    take the place of the person's own, for instance ``replace(Traits.of(1), reflex_gain=5.0)``.
 
     Raises
     ------
@@ -148,7 +152,8 @@ class Participant:
     --------
     >>> import tvsysid as tv
     >>> tv.simulate.Participant(1).simulate(perturbation=tv.simulate.PRBS())
-    Simulation(Recording(700 s in 10 trials at 1024 Hz; ...); stiffness ...; pathways intrinsic, reflex, voluntary)
+    Simulation(Recording(700 s in 10 trials at 1024 Hz; ...); stiffness ...; pathways intrinsic,
+    reflex, voluntary)
     """
 
     number: int
@@ -162,14 +167,14 @@ class Participant:
     def simulate(self, *, perturbation: Perturbation = PERTURBATIONS["noise"]) -> Simulation:
         """Record ten trials of 70 s at 1024 Hz, each with 5 s of rest before time 0 and 5 s of rest at its end.
 
-        The protocol and the person's noise are fixed, so that nothing else can be chosen; the random numbers follow
-        from the person's number.
+        The protocol and the person's noise are fixed, so that nothing else can be chosen; the
+        random numbers follow from the person's number.
 
         The trials come one after the other; rests let actuator and reflex settle between them.
 
-        The perturbation is :class:`FilteredNoise`, :class:`PRBS`, or anything with their ``generate``. A PRBS has
-        random numbers of its own and loses the person's rhythm more often (``late_prbs``) than anything else does
-        (``late_noise``).
+        The perturbation is :class:`FilteredNoise`, :class:`PRBS`, or anything with their
+        ``generate``. A PRBS has random numbers of its own and loses the person's rhythm more
+        often (``late_prbs``) than anything else does (``late_noise``).
         """
         traits, prbs = self.traits, isinstance(perturbation, PRBS)
         for_angle, for_person, for_sensor = streams_of(self.number)[2 if prbs else 1].spawn(3)
@@ -224,7 +229,8 @@ def _voluntary_torque(
 ) -> Array:
     """Voluntary torque in N·m over one trial, shape (time,).
 
-    Delay, amplitude and mean are drawn for the middle of each period, and change linearly from one to the next.
+    Delay, amplitude and mean are drawn for the middle of each period, and change linearly from
+    one to the next.
     """
     target = _target(traits)
     middles = np.arange(time[0] - PERIOD / 2, time[-1] + PERIOD, PERIOD)

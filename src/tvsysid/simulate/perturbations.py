@@ -34,7 +34,8 @@ def generated(
             else f"shape {np.shape(values)}"
         )
         raise InputError(
-            f"{type(perturbation).__name__}: generate(samples, rate, random) must return one finite number for each "
+            f"{type(perturbation).__name__}: generate(samples, rate, random) must return one "
+            "finite number for each "
             f"sample, shape ({samples},); got {came}"
         )
     return np.asarray(values)
@@ -53,7 +54,8 @@ class FilteredNoise:
         """Samples at the rate in Hz, shape (samples,); starts from rest."""
         if self.cutoff >= rate / 2:
             raise InputError(
-                f"FilteredNoise: cutoff {self.cutoff:g} Hz must be below half the sampling rate of {rate:g} Hz"
+                f"FilteredNoise: cutoff {self.cutoff:g} Hz must be below half the sampling rate "
+                f"of {rate:g} Hz"
             )
         numerator, denominator = scipy.signal.butter(2, self.cutoff, fs=rate)
         return np.asarray(
@@ -65,8 +67,9 @@ class FilteredNoise:
 class PRBS:
     """Pseudo-random binary sequence: each ``switch_interval`` (s) takes one of two levels with equal probability.
 
-    The paper states a switching rate of 147 ms and a mean absolute velocity of 0.08 rad/s, which do not go together: a
-    147-ms clock gives 0.06 rad/s, and 0.08 rad/s take some 109 ms. The stated interval is the default.
+    The paper states a switching rate of 147 ms and a mean absolute velocity of 0.08 rad/s, which
+    do not go together: a 147-ms clock gives 0.06 rad/s, and 0.08 rad/s take some 109 ms. The
+    stated interval is the default.
     """
 
     switch_interval: float = 0.147
@@ -75,11 +78,15 @@ class PRBS:
         positive("PRBS", switch_interval=self.switch_interval)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,), of 1 and -1; starts at a random phase of the clock."""
+        """Samples at the rate in Hz, shape (samples,), of 1 and -1.
+
+        Starts at a random phase of the clock.
+        """
         interval = self.switch_interval * rate
         if interval < 1:
             raise InputError(
-                f"PRBS: switch_interval {self.switch_interval:g} s is shorter than a sample at {rate:g} Hz"
+                f"PRBS: switch_interval {self.switch_interval:g} s is shorter than a sample at "
+                f"{rate:g} Hz"
             )
         phase = random.uniform(0, interval)
         levels = 2.0 * random.integers(0, 2, math.ceil((samples + phase) / interval) + 1) - 1.0
@@ -92,10 +99,10 @@ class PRBS:
 class Pulses:
     """Pulses to either side with rests between them, as the ankle is often perturbed while its muscles contract.
 
-    A pulse lasts ``duration`` s, to either side with equal probability; the next begins ``interval`` s after it. Both
-    pulses and rests vary, each by up to the share ``variation`` of its length. With the defaults, which are those of
-    the tonic contractions in the public toolbox of Kearney's laboratory, the usual RMS of 0.5 degrees makes pulses of
-    0.7 degrees.
+    A pulse lasts ``duration`` s, to either side with equal probability; the next begins
+    ``interval`` s after it. Both pulses and rests vary, each by up to the share ``variation`` of
+    its length. With the defaults, which are those of the tonic contractions in the public
+    toolbox of Kearney's laboratory, the usual RMS of 0.5 degrees makes pulses of 0.7 degrees.
     """
 
     duration: float = 0.25
@@ -107,11 +114,15 @@ class Pulses:
         not_negative("Pulses", variation=self.variation)
         if self.duration >= self.interval or self.variation >= 1:
             raise InputError(
-                f"Pulses: expected a duration below the interval, and a variation below 1, got {self!r}"
+                "Pulses: expected a duration below the interval, and a variation below 1, got "
+                f"{self!r}"
             )
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,), of 1, 0 and -1; starts at a random time between two pulses."""
+        """Samples at the rate in Hz, shape (samples,), of 1, 0 and -1.
+
+        Starts at a random time between two pulses.
+        """
         if self.duration * rate * (1 - self.variation) < 1:
             raise InputError(
                 f"Pulses: {self!r} has pulses that are shorter than a sample at {rate:g} Hz"
@@ -129,10 +140,11 @@ class Pulses:
 class Multisine:
     """Sum of sines of equal amplitude at these ``frequencies`` in Hz, each at a random phase.
 
-    A line that is a multiple of 1/period moves the joint alike in every realization. Where all are, nothing is left
-    when the mean over realizations is subtracted, which :func:`tvsysid.preprocess.subtract_mean` refuses; the default
-    lines have no common multiple below 10 s with a period of 2 s. So a line needs some tenths of 1/period between it
-    and the next multiple.
+    A line that is a multiple of 1/period moves the joint alike in every realization. Where all
+    are, nothing is left when the mean over realizations is subtracted, which
+    :func:`tvsysid.preprocess.subtract_mean` refuses; the default lines have no common multiple
+    below 10 s with a period of 2 s. So a line needs some tenths of 1/period between it and the
+    next multiple.
     """
 
     frequencies: tuple[float, ...] = (1.2, 5.2, 9.2, 13.2, 17.2)
@@ -149,7 +161,8 @@ class Multisine:
         """Samples at the rate in Hz, shape (samples,)."""
         if max(self.frequencies) >= rate / 2:
             raise InputError(
-                f"Multisine: frequencies must be below half the sampling rate of {rate:g} Hz, got {self.frequencies}"
+                f"Multisine: frequencies must be below half the sampling rate of {rate:g} Hz, got "
+                f"{self.frequencies}"
             )
         turns = np.outer(self.frequencies, np.arange(samples) / rate) + random.random(
             (len(self.frequencies), 1)

@@ -1,4 +1,7 @@
-"""How stiffness, viscosity or a gain changes over time: any callable of time serves; these are the usual ones."""
+"""How stiffness, viscosity or a gain changes over time: any callable of time serves.
+
+These are the usual ones.
+"""
 
 from __future__ import annotations
 
@@ -88,8 +91,8 @@ class SineWave:
 class CovaryingViscosity:
     """Viscosity that rises and falls with a stiffness, a profile in N·m/rad.
 
-    It is ``low`` and ``high``, in N·m·s/rad, where the stiffness is 50 and 150 N·m/rad; in proportion elsewhere. The
-    defaults are the range that van de Ruit et al. 2021 tried.
+    It is ``low`` and ``high``, in N·m·s/rad, where the stiffness is 50 and 150 N·m/rad; in
+    proportion elsewhere. The defaults are the range that van de Ruit et al. 2021 tried.
 
     Examples
     --------
@@ -136,7 +139,10 @@ def checked_profile(system: str, name: str, profile: object, *, number: bool = F
 
 
 def over_time(name: str, profile: float | Profile, index: NDArray[np.int64], rate: float) -> Array:
-    """Profile at the times index / rate; one period is computed and repeated where that is exact."""
+    """Profile at the times index / rate.
+
+    One period is computed and repeated where that is exact.
+    """
     if not callable(profile):
         return np.broadcast_to(np.float64(profile), len(index))
     period = getattr(profile, "period", None)
@@ -147,8 +153,10 @@ def over_time(name: str, profile: float | Profile, index: NDArray[np.int64], rat
     values = np.asarray(profile(needed / rate), dtype=np.float64)
     if values.shape != needed.shape or not np.isfinite(values).all():
         raise InputError(
-            f"{name} must be one finite number for each time; for {len(needed)} times its profile gave "
-            f"values of shape {values.shape}{'' if np.isfinite(values).all() else ', some of them not finite'}"
+            f"{name} must be one finite number for each time; for {len(needed)} times its profile "
+            "gave "
+            "values of shape "
+            f"{values.shape}{'' if np.isfinite(values).all() else ', some of them not finite'}"
         )
     if not repeats:
         return np.array(values)

@@ -19,9 +19,12 @@ from tvsysid.simulate.settings import positive
 from tvsysid.simulate.simulation import Seed, Simulation
 
 RMS_ANGLE = math.radians(0.5)
-BANDWIDTH = 40.0  # cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)
-MARGIN = 1.0  # seconds recorded before time 0 and after the duration, so that every realization has context
-RUN_IN = 1.0  # seconds simulated before that and thrown away, so that the filters' start from rest is forgotten
+# cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)
+BANDWIDTH = 40.0
+# seconds recorded before time 0 and after the duration, so that every realization has context
+MARGIN = 1.0
+# seconds simulated before that and thrown away, so that the filters' start from rest is forgotten
+RUN_IN = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,8 @@ class Setup:
             )
         if not callable(getattr(self.perturbation, "generate", None)):
             raise InputError(
-                f"{name}: perturbation must be FilteredNoise, PRBS, Pulses, Multisine or have generate, "
+                f"{name}: perturbation must be FilteredNoise, PRBS, Pulses, Multisine or have "
+                "generate, "
                 f"got {self.perturbation!r}"
             )
 
@@ -87,7 +91,8 @@ class Setup:
         seed = self.seed
         try:
             if isinstance(seed, np.random.SeedSequence):
-                # Spawning counts in the sequence: with a copy, the same one gives the same numbers again.
+                # Spawning counts in the sequence: with a copy, the same one gives the same numbers
+                # again.
                 seed = np.random.SeedSequence(
                     seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size
                 )
@@ -103,7 +108,8 @@ class Setup:
         """Noise of the torque, of any size; ``cutoff`` is the system's ``noise_bandwidth``."""
         if cutoff >= self.rate / 2:
             raise InputError(
-                f"{self.system}: noise_bandwidth must be below half the sampling rate of {self.rate:g} Hz, "
+                f"{self.system}: noise_bandwidth must be below half the sampling rate of "
+                f"{self.rate:g} Hz, "
                 f"got {cutoff:g} Hz"
             )
         return LowPassedNoise(random, cutoff, self.rate, settling)
@@ -131,8 +137,8 @@ class Setup:
     ) -> Simulation:
         """Simulation of these signals.
 
-        The noise, of any size, is sized by the torque ``answered`` (the sum of the pathways if not given) and becomes
-        the noisy torque in place.
+        The noise, of any size, is sized by the torque ``answered`` (the sum of the pathways if
+        not given) and becomes the noisy torque in place.
         """
         torque = reduce(np.add, pathways.values())
         noise *= self.noise_scale(torque if answered is None else answered, noise)
@@ -144,7 +150,10 @@ class Setup:
 
 
 class LowPassedNoise:
-    """White noise through a second-order Butterworth low-pass, block after block; after so many samples to settle."""
+    """White noise through a second-order Butterworth low-pass, block after block.
+
+    After so many samples to settle.
+    """
 
     def __init__(
         self, random: np.random.Generator, cutoff: float, rate: float, settling: int

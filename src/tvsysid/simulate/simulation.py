@@ -39,14 +39,15 @@ class System(Protocol):
 class Simulation(Shown, Frozen):
     """A simulated recording and the truth about it, sample by sample.
 
-    The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds quantities by name,
-    such as ``stiffness`` in N·m/rad, ``pathways`` the noiseless torque in N·m by where it comes from, such as
-    ``intrinsic``; each of shape (time,).
+    The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds
+    quantities by name, such as ``stiffness`` in N·m/rad, ``pathways`` the noiseless torque in N·m
+    by where it comes from, such as ``intrinsic``; each of shape (time,).
 
     Raises
     ------
     InputError
-        For a quantity or pathway that is not one finite number for each sample of the recording, or no pathway.
+        For a quantity or pathway that is not one finite number for each sample of the recording, or
+        no pathway.
     """
 
     recording: Recording
@@ -60,7 +61,8 @@ class Simulation(Shown, Frozen):
                 checked[name] = checked_array(f"{kind} {name!r}", values, ("time",))
                 if len(checked[name]) != len(self.recording):
                     raise InputError(
-                        f"{kind} {name!r}: expected a value for each of the recording's {len(self.recording)} samples, "
+                        f"{kind} {name!r}: expected a value for each of the recording's "
+                        f"{len(self.recording)} samples, "
                         f"got {len(checked[name])}"
                     )
             object.__setattr__(self, kind, MappingProxyType(checked))
@@ -85,8 +87,8 @@ class Simulation(Shown, Frozen):
     def truth_of(self, ensemble: Ensemble) -> dict[str, Array]:
         """Truth at each sample of an ensemble that was cut from the recording: (realization, samples), by quantity.
 
-        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned and selected; its
-        context is not counted.
+        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned
+        and selected; its context is not counted.
 
         Raises
         ------
@@ -118,6 +120,7 @@ def checked_simulation(made: object, system: str) -> Simulation:
     """Return what a system gave, if it is a simulation."""
     if not isinstance(made, Simulation):
         raise InputError(
-            f"{system}: simulate must return a tvsysid.simulate.Simulation, got {type(made).__name__}"
+            f"{system}: simulate must return a tvsysid.simulate.Simulation, got "
+            f"{type(made).__name__}"
         )
     return made

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 HOW_DECIDED = (
-    "Estimate and limits (95 %) are those of the comparison that decides: a difference above 0 or a ratio above 1 "
+    "Estimate and limits (95 %) are those of the comparison that decides: a difference above 0 or "
+    "a ratio above 1 "
     "speaks for the claim. For “does not hold” the confidence is 95 % for all comparisons together."
 )
 Place = tuple[Scenario, str, str]  # scenario, method and metric

@@ -1,8 +1,9 @@
 """How a sentence is held against figures.
 
-Each claim becomes a set of margins, numbers that must be positive for it to be true. It holds if the 95 % limits of
-every one are above zero: to establish that all are positive, each may be tested by itself. It does not hold if one is
-below zero with 95 % confidence for all of them jointly (Bonferroni). It is undecided otherwise.
+Each claim becomes a set of margins, numbers that must be positive for it to be true. It holds if
+the 95 % limits of every one are above zero: to establish that all are positive, each may be
+tested by itself. It does not hold if one is below zero with 95 % confidence for all of them
+jointly (Bonferroni). It is undecided otherwise.
 """
 
 from __future__ import annotations
@@ -31,15 +32,19 @@ class Margin(Protocol):
         """The number."""
 
     def limits(self, tail: float) -> tuple[float, float]:
-        """Limits outside of which it lies with this probability on either side; NaN where nothing is known."""
+        """Limits outside of which it lies with this probability on either side.
+
+        NaN where nothing is known.
+        """
 
 
 @dataclass(frozen=True)
 class Claim:
     """A sentence of the paper with its section, and how to hold it against figures.
 
-    ``margins`` gives none where a study does not have what the claim ``needs``; their unit ``RATIO`` says that they are
-    logarithms. ``disagreement`` says why the claim may fail, where that is known.
+    ``margins`` gives none where a study does not have what the claim ``needs``; their unit
+    ``RATIO`` says that they are logarithms. ``disagreement`` says why the claim may fail, where
+    that is known.
     """
 
     sentence: str
@@ -60,7 +65,8 @@ def judged(
 ) -> tuple[object, ...]:
     """Row of ``COLUMNS`` for a claim; without margins it was not studied.
 
-    In words: what every claim needs ``also``, why there is ``too_few`` to decide by, and what to have ``more`` of.
+    In words: what every claim needs ``also``, why there is ``too_few`` to decide by, and what to
+    have ``more`` of.
     """
     nothing = (np.nan, np.nan, np.nan, claim.unit)
     known = [margin for margin in margins if np.isfinite(margin.estimate)]
@@ -92,7 +98,9 @@ def judged(
         told = f"{count} of {len(margins)} comparisons {'is' if count == 1 else 'are'} open; " + (
             "the most so: " if unsure else "the closest of the others: "
         )
-        remark = f"{'A method gave no results.' if lost else f'More {more} may decide.'} {remark}".strip()
+        remark = (
+            f"{'A method gave no results.' if lost else f'More {more} may decide.'} {remark}"
+        ).strip()
     else:
         verdict, deciding = HOLDS, min(range(len(known)), key=lambda place: bounds[place][0])
         told = (

@@ -34,7 +34,8 @@ UNKNOWN = AlignmentEffect(math.nan, math.nan, math.nan)
 def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
     r"""Identify what was kept with and without its shifts, by sds, which is quick and takes little for granted.
 
-    The standard error is a jackknife over groups of realizations, of which each is left out of both:
+    The standard error is a jackknife over groups of realizations, of which each is left out of
+    both:
 
     .. math:: \sqrt{\tfrac{G - 1}{G} \sum_g (d_g - \bar d)^2}
 

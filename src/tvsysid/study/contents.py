@@ -39,7 +39,10 @@ STEPS = {"alignment": "alignment", "task": "task component", "residual": "residu
 
 
 class Variable(NamedTuple):
-    """What each task measures: its dimensions there, what it means, and its unit; texts have none."""
+    """What each task measures: its dimensions there, what it means, and its unit.
+
+    Texts have none.
+    """
 
     dims: tuple[str, ...]
     meaning: str
@@ -157,10 +160,11 @@ SCHEDULED_OF_ANALYSIS = {
 class Layout:
     """What the store of a study holds.
 
-    ``title`` and ``number`` say of which kind it is, and in which version; tasks lie along the two dimensions
-    ``places``; ``fixed`` has the values of each dimension under its name, ``coordinates`` names those of the others
-    that are coordinates too. ``measured`` stands in the order in which it is written. ``identity`` holds the attributes
-    that tell one study from another, as mappings, each with words for a difference.
+    ``title`` and ``number`` say of which kind it is, and in which version; tasks lie along the
+    two dimensions ``places``; ``fixed`` has the values of each dimension under its name,
+    ``coordinates`` names those of the others that are coordinates too. ``measured`` stands in
+    the order in which it is written. ``identity`` holds the attributes that tell one study from
+    another, as mappings, each with words for a difference.
     """
 
     title: str
@@ -314,7 +318,10 @@ def _shared(
 
 
 def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Dataset:
-    """What became of each recording, over recording and time; kept beside the store, and made anew with each run."""
+    """What became of each recording, over recording and time.
+
+    Kept beside the store, and made anew with each run.
+    """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     counts = [{} if item.account is None else item.account.counts for item in prepared]

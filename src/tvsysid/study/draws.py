@@ -20,8 +20,8 @@ from tvsysid.study.task import Known, Outcome, Row
 class DrawsTask(task.Task):
     """Draws of so many realizations from one recording, identified by the one method there is.
 
-    The ensemble, of that ``digest``, is None where nothing could be prepared, for that ``reason``. Draws that are
-    ``contiguous`` are in one piece.
+    The ensemble, of that ``digest``, is None where nothing could be prepared, for that
+    ``reason``. Draws that are ``contiguous`` are in one piece.
     """
 
     ensemble: Ensemble | None
@@ -36,10 +36,12 @@ class DrawsTask(task.Task):
     reason: str
 
     def work(self) -> Outcome:
-        """Identify every draw; equal ones once, for a draw is no more than a weight on each realization.
+        """Identify every draw.
 
-        Gives arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``warnings`` and
-        ``failure`` of all together.
+        Equal ones once, for a draw is no more than a weight on each realization.
+
+        Gives arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed;
+        ``seconds``, ``warnings`` and ``failure`` of all together.
         """
         (name,) = self.methods
         ensemble = self.ensemble
@@ -92,11 +94,13 @@ class DrawsTask(task.Task):
     def _warnings(self, count: int, rows: list[Row], failures: list[str]) -> Iterator[str]:
         """Each warning once, whatever its numbers, with how often it was met.
 
-        Draws are the same each time: what failed in some will fail in them again, and is a warning about the rest.
+        Draws are the same each time: what failed in some will fail in them again, and is a
+        warning about the rest.
         """
         if self.realizations > count:
             yield (
-                f"{self.realizations} realizations are drawn from {count}: they vary less than so many recorded ones "
+                f"{self.realizations} realizations are drawn from {count}: they vary less than so "
+                "many recorded ones "
                 f"would; draw {count} at most"
             )
         if 0 < len(failures) < len(rows):

@@ -18,11 +18,15 @@ BLOCK = 4096  # bytes that a disk writes at once
 
 
 def content_of(file: str | Path) -> bytes:
-    """What a file holds; nothing if there is none. Raises an InputError if it is there and cannot be read."""
+    """What a file holds; nothing if there is none.
+
+    Raises an InputError if it is there and cannot be read.
+    """
     try:
         if not stat.S_ISREG(os.stat(file).st_mode):  # opening a pipe would wait for ever
             raise InputError(
-                f"{file}: expected a file, found something else; move it away, and run the study again"
+                f"{file}: expected a file, found something else; move it away, and run the study "
+                "again"
             )
         with open(file, "rb") as opened:
             return opened.read()
@@ -30,7 +34,8 @@ def content_of(file: str | Path) -> bytes:
         return b""
     except OSError as error:
         raise InputError(
-            f"{file}: this file cannot be read: {error.strerror}; make it readable, or move away what is in its place"
+            f"{file}: this file cannot be read: {error.strerror}; make it readable, or move away "
+            "what is in its place"
         ) from error
 
 
@@ -75,7 +80,10 @@ def unsealed(content: bytes, key: int = 0) -> bytes | None:
 
 
 def torn(contents: Mapping[str, bytes], expected: Mapping[str, int], folder: Path) -> list[str]:
-    """Names of contents that are not whole; raises an InputError if there are damaged ones among them."""
+    """Names of contents that are not whole.
+
+    Raises an InputError if there are damaged ones among them.
+    """
     states = {name: state(content, expected[name]) for name, content in contents.items()}
     if damaged := [str(folder / name) for name, each in states.items() if each == DAMAGED]:
         raise damage(damaged)
@@ -88,9 +96,13 @@ def damage(files: Sequence[str]) -> InputError:
         what = f"{files[0]}: this file does not hold what was written there; remove it"
     else:
         more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
-        what = f"{len(files)} files do not hold what was written there; remove them: {', '.join(files[:NAMED])}{more}"
+        what = (
+            f"{len(files)} files do not hold what was written there; remove them: "
+            f"{', '.join(files[:NAMED])}{more}"
+        )
     return InputError(
-        f"{what}; then the command that ran the study makes {'it' if len(files) == 1 else 'them'} again"
+        f"{what}; then the command that ran the study makes {'it' if len(files) == 1 else 'them'} "
+        "again"
     )
 
 

@@ -1,8 +1,8 @@
 """What a store holds before any task is done: metadata, names and values along its dimensions, the truth.
 
-They follow from the study alone. So a store is known to be that of a study by holding what a new one would hold, and
-what was cut short can be written again. A manifest has the checksums of these files, for those who read a store and
-have no study to compare it with.
+They follow from the study alone. So a store is known to be that of a study by holding what a new
+one would hold, and what was cut short can be written again. A manifest has the checksums of
+these files, for those who read a store and have no study to compare it with.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ def contents_of(layout: Layout) -> dict[str, bytes]:
             attributes=dict(item.attributes), config={"write_empty_chunks": True},
         )  # fmt: skip
         created[...] = array
-    meaning = "length times 2**32 plus CRC-32 of each chunk's file, 0 where there is none; the last is that of the rest"
+    meaning = (
+        "length times 2**32 plus CRC-32 of each chunk's file, 0 where there is none; the "
+        "last is that of the rest"
+    )
     for name, variable in {**layout.measured, CHECKSUMS: Variable(("variable",), meaning)}.items():
         kinds: dict[bool, tuple[str, object]] = {True: ("string", ""), False: ("<f8", np.nan)}
         kind, fill = ("<u8", 0) if name == CHECKSUMS else kinds[variable.is_text]
@@ -70,14 +73,18 @@ def contents_of(layout: Layout) -> dict[str, bytes]:
         )
     group.update_attributes({"coordinates": " ".join(layout.coordinates)})
     with warnings.catch_warnings():
-        # That consolidated metadata is no part of Zarr's specification; xarray warns where there is none.
+        # That consolidated metadata is no part of Zarr's specification; xarray warns where there is
+        # none.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(memory, zarr_format=3)
     return {name: buffer.to_bytes() for name, buffer in written.items()}
 
 
 def make(path: Path, contents: Mapping[str, bytes], fresh: Path) -> None:
-    """Make a store without results, by way of a fresh folder; it is there as a whole or not at all."""
+    """Make a store without results, by way of a fresh folder.
+
+    It is there as a whole or not at all.
+    """
     for name, content in contents.items():
         files.write(fresh / name, content)
     files.write(fresh / MANIFEST, _manifest_of(contents))
@@ -87,7 +94,10 @@ def make(path: Path, contents: Mapping[str, bytes], fresh: Path) -> None:
 
 
 def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
-    """See that a store is the study's, and write again what was cut short; raise if it is another's, or damaged."""
+    """See that a store is the study's, and write again what was cut short.
+
+    Raise if it is another's, or damaged.
+    """
     if not path.is_dir() or _is_other(path, contents):
         raise InputError(
             f"{path}: something else is in the way; expected a store of results, or nothing"
@@ -109,7 +119,10 @@ def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
 
 
 def verified(path: Path) -> tuple[dict[str, bytes], str]:
-    """The fixed files of a store of any study, and the machine that made it; raise if they are not whole."""
+    """The fixed files of a store of any study, and the machine that made it.
+
+    Raise if they are not whole.
+    """
     manifest = _manifest(path)
     if manifest is None:
         raise _without_manifest(path)
@@ -126,7 +139,8 @@ def _read(path: Path, names: Iterable[str]) -> dict[str, bytes]:
 
 def _incomplete(path: Path, names: Sequence[str]) -> InputError:
     return InputError(
-        f"{path}: the store is incomplete: missing or cut short, as a loss of power leaves them: {', '.join(names)}; "
+        f"{path}: the store is incomplete: missing or cut short, as a loss of power leaves them: "
+        f"{', '.join(names)}; "
         "give the command that ran the study again, and they are made again"
     )
 
@@ -136,8 +150,10 @@ def _without_manifest(path: Path) -> InputError:
     kept = _attributes(files.content_of(path / ROOT))
     if kept is None:
         return InputError(
-            f"{path}: this is no store of results, or one whose files {ROOT} and {MANIFEST} are missing or cut short; "
-            "give the command that ran the study again, and they are made again, or give another folder"
+            f"{path}: this is no store of results, or one whose files {ROOT} and {MANIFEST} are "
+            "missing or cut short; "
+            "give the command that ran the study again, and they are made again, or give another "
+            "folder"
         )
     _check_kind(path, kept, NUMBERS, None)
     return _incomplete(path, [MANIFEST])
@@ -153,7 +169,8 @@ def _check_kind(
             f"{known!r} in tvsysid's layout {layout}" for known, layout in possible.items()
         )
         raise InputError(
-            f"{path}: expected {expected}, found {title!r}, layout {number}; {_other(path, manifest)}"
+            f"{path}: expected {expected}, found {title!r}, layout {number}; "
+            f"{_other(path, manifest)}"
         )
 
 
@@ -170,7 +187,8 @@ def _compare(
         here = json.loads(json.dumps(ours))
         if theirs != here:
             raise InputError(
-                f"{path}: the store is of {what}: {differences(theirs, here)}; {_other(path, manifest)} (--out)"
+                f"{path}: the store is of {what}: {differences(theirs, here)}; "
+                f"{_other(path, manifest)} (--out)"
             )
 
 

@@ -34,12 +34,14 @@ TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 class Prepared:
     """One recording, ready for identification.
 
-    ``ensemble`` holds the survivors, mean subtracted, with the channels that methods need, ``account`` what became of
-    each realization; both are None where nothing could be prepared, and ``failure`` says why. The torque to be followed
-    and the mean torque of the survivors are over one realization, in N·m, shape (time,); NaN where not known. ``truth``
-    has the survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques that the
-    experiment measures, shape (realization, time), less their mean. So many ``trials`` can be used; ``refused`` says
-    why others cannot, by file, and ``warnings`` what is doubtful. ``alignment`` is what the shifts do to the stiffness.
+    ``ensemble`` holds the survivors, mean subtracted, with the channels that methods need,
+    ``account`` what became of each realization; both are None where nothing could be prepared,
+    and ``failure`` says why. The torque to be followed and the mean torque of the survivors are
+    over one realization, in N·m, shape (time,); NaN where not known. ``truth`` has the
+    survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques
+    that the experiment measures, shape (realization, time), less their mean. So many ``trials``
+    can be used; ``refused`` says why others cannot, by file, and ``warnings`` what is doubtful.
+    ``alignment`` is what the shifts do to the stiffness.
     """
 
     recorded: Recorded
@@ -98,7 +100,10 @@ def prepared_recordings(
 
 
 def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
-    """Excerpt of a recording and its whole preparation, for figures; raises if it cannot be read or prepared."""
+    """Excerpt of a recording and its whole preparation, for figures.
+
+    Raises if it cannot be read or prepared.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
         recording, _ = _recording(experiment, recorded, _simulated(recorded))
@@ -186,7 +191,10 @@ def _simulated(recorded: Recorded) -> Simulation | None:
 def _recording(
     experiment: Experiment, recorded: Recorded, simulation: Simulation | None
 ) -> tuple[Recording, dict[str, str]]:
-    """All usable trials in one, each long enough for a realization, and why others are not; raises if there is none."""
+    """All usable trials in one, each long enough for a realization, and why others are not.
+
+    Raises if there is none.
+    """
     if simulation is not None:
         known = simulation.pathways
         beside = {PATHWAY + name: known[name] for name in experiment.pathways if name in known}

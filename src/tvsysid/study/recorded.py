@@ -65,7 +65,8 @@ class Preparing(Settings):
         if isinstance(values, Mapping):
             if values.get("period", True) in (None, False):
                 raise ValueError(
-                    "period must be given: an experiment draws realizations of a period; a record without one is "
+                    "period must be given: an experiment draws realizations of a period; a record "
+                    "without one is "
                     "identified by tvsysid identify --scheduling"
                 )
             optional = ("reference", "task_limit", "residual_limit")
@@ -145,9 +146,9 @@ class Experiment(StudySettings):
     Parameters
     ----------
     participants
-        Files by participant and perturbation: ``{"P1": {"noise": "P1/noise*.mat", "prbs": ["a.mat", "b.mat"]}}``; one
-        pattern or a list of files, each a trial or, with ``columns="trials"``, a matrix of trials. Any names will do
-        for participants and perturbations.
+        Files by participant and perturbation: ``{"P1": {"noise": "P1/noise*.mat", "prbs": ["a.mat",
+        "b.mat"]}}``; one pattern or a list of files, each a trial or, with ``columns="trials"``, a
+        matrix of trials. Any names will do for participants and perturbations.
     virtual
         Numbers of virtual participants; by default 1 to 6 if no files are given, else none.
     reading
@@ -155,21 +156,22 @@ class Experiment(StudySettings):
         :func:`tvsysid.read_recording`, ``channels`` among them: names that methods ask for, and those in the files
         (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
-        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file, ``false`` stands for
-        None: ``reference = false`` where there was no torque to follow.
+        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file,
+        ``false`` stands for None: ``reference = false`` where there was no torque to follow.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods
-        ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's settings for its
-        experiment. Others are keys with settings (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, objects with
-        ``identify``, or mappings with ``method`` and, if need be, a ``name``, ``realizations`` of its own, and
-        ``contiguous`` for draws in one piece (of itself true for kbr, and for a method whose attribute
-        ``contiguous`` is).
+        ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's
+        settings for its experiment. Others are keys with settings (``"sds:window=0.2"``),
+        ``"mymodule:MyMethod"``, objects with ``identify``, or mappings with ``method`` and, if need
+        be, a ``name``, ``realizations`` of its own, and ``contiguous`` for draws in one piece (of
+        itself true for kbr, and for a method whose attribute ``contiguous`` is).
     realizations
-        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
+        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in
+        the paper.
     bootstraps, seed
-        Number of draws, and their seed. The draws depend on the seed, the recording and the number of realizations
-        alone, so that all methods see the same ones.
+        Number of draws, and their seed. The draws depend on the seed, the recording and the number
+        of realizations alone, so that all methods see the same ones.
 
     Raises
     ------
@@ -214,7 +216,8 @@ class Experiment(StudySettings):
                 or name[0] in ".=+-@"
             ):
                 raise ValueError(
-                    f"expected names that files and tables may have: up to {LONGEST} characters, no slashes or colons, "
+                    f"expected names that files and tables may have: up to {LONGEST} characters, "
+                    "no slashes or colons, "
                     f"and none of . = + - @ first; got the name {name[: LONGEST + 1]!r}"
                 )
         if empty := [name for name, recorded in values.items() if not recorded]:
@@ -232,7 +235,8 @@ class Experiment(StudySettings):
     def _consistent(self) -> Experiment:
         if self.participants and self.reading is None:
             raise ValueError(
-                "reading: files need it: which channels are angle and torque, and the sampling rate, as in "
+                "reading: files need it: which channels are angle and torque, and the sampling "
+                "rate, as in "
                 "reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
             )
         if twice := _twice([analysis.label for analysis in self.analyses]):
@@ -247,7 +251,8 @@ class Experiment(StudySettings):
         }
         if both := sorted(virtual & set(self.participants)):
             raise ValueError(
-                f"participants: {both[0]} is a virtual one too; give the one with files another name"
+                f"participants: {both[0]} is a virtual one too; give the one with files another "
+                "name"
             )
         if twice := _twice([recorded.label for recorded in self.recordings]):
             raise ValueError(f"participants: {twice} is there twice; give each a name of its own")
@@ -299,8 +304,8 @@ class Experiment(StudySettings):
     def quantities(self) -> tuple[str, ...]:
         """Whose estimates are measured.
 
-        Stiffness, viscosity and inertia; of virtual participants, the gain of their reflex, which is known; and what a
-        method says that it estimates (``quantities``).
+        Stiffness, viscosity and inertia; of virtual participants, the gain of their reflex,
+        which is known; and what a method says that it estimates (``quantities``).
         """
         virtual = any(recorded.is_virtual for recorded in self.recordings)
         return self.said("quantities", *IMPEDANCE, *(["reflex_gain"] if virtual else []))
@@ -318,7 +323,10 @@ class Experiment(StudySettings):
 
     @property
     def identity(self) -> dict[str, object]:
-        """What is done with each recording; with the recordings themselves, it tells one experiment from another."""
+        """What is done with each recording.
+
+        With the recordings themselves, it tells one experiment from another.
+        """
         methods = []
         for item in self.methods:
             own = [each for each in self.analyses if each.name == item.name]

@@ -44,43 +44,49 @@ def run(
     study
         What to run: a simulation study or an experiment.
     prepared
-        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` gives them; None prepares them
-        first.
+        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` gives them;
+        None prepares them first.
     store
-        Zarr store for the results. Each trial of a simulation study is written when it is done; of an experiment, all
-        bootstraps of one method, number of realizations and recording. A store of the same study is resumed: only what
-        is missing, cut short or failed is run, and recordings whose data are others than before. None keeps the
-        results in memory.
+        Zarr store for the results. Each trial of a simulation study is written when it is done; of
+        an experiment, all bootstraps of one method, number of realizations and recording. A store
+        of the same study is resumed: only what is missing, cut short or failed is run, and
+        recordings whose data are others than before. None keeps the results in memory.
     workers
-        Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread. The results do not
-        depend on it.
+        Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread.
+        The results do not depend on it.
     executor
-        Runs the tasks in place of local processes: that of a Dask cluster (``client.get_executor()``), of MPI, Ray or
-        submitit. Then ``workers`` is the number of tasks that it runs at a time.
+        Runs the tasks in place of local processes: that of a Dask cluster
+        (``client.get_executor()``), of MPI, Ray or submitit. Then ``workers`` is the number of
+        tasks that it runs at a time.
     progress
-        Called with the numbers of tasks there and in all, first before any is run; None shows a bar in a notebook.
+        Called with the numbers of tasks there and in all, first before any is run; None shows a bar
+        in a notebook.
 
     Returns
     -------
     xarray.Dataset
-        Read from the store; more than 1 GB when it is used. Of a simulation study over (scenario, trial, method_key)
-        and, where it applies, quantity, time, statistic (over the realizations of a trial), pathway or stage:
-        ``estimate``, ``standard_error``, ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``,
-        ``vaf``, ``bandpassed_vaf`` (against the noiseless torque), ``pathway_vaf``, ``pathway_torque`` (of several
-        pathways), ``parameters`` (their effective number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure``
-        (why there is no result, or nothing), and ``truth`` over (scenario, quantity, time), with ``trial_truth`` where
-        it differs from trial to trial. Of methods that estimate something over a variable of their own also
-        ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over (scheduled, scheduling).
-        Of an experiment over (recording, analysis), bootstrap, quantity and time: the same without standard errors,
-        with VAFs of the torque recorded in the very realizations drawn; and over recording: numbers of realizations and
-        trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
+        Read from the store; more than 1 GB when it is used. Of a simulation study over (scenario,
+        trial, method_key) and, where it applies, quantity, time, statistic (over the realizations
+        of a trial), pathway or stage: ``estimate``, ``standard_error``, ``covered`` (whether the 95
+        % band holds the truth), ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (against the
+        noiseless torque), ``pathway_vaf``, ``pathway_torque`` (of several pathways), ``parameters``
+        (their effective number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure`` (why
+        there is no result, or nothing), and ``truth`` over (scenario, quantity, time), with
+        ``trial_truth`` where it differs from trial to trial. Of methods that estimate something
+        over a variable of their own also ``scheduled_estimate``, ``scheduled_standard_error``,
+        ``scheduling_variable`` over (scheduled, scheduling). Of an experiment over (recording,
+        analysis), bootstrap, quantity and time: the same without standard errors, with VAFs of the
+        torque recorded in the very realizations drawn; and over recording: numbers of realizations
+        and trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and ``truth`` (NaN
+        for people).
 
     Raises
     ------
     InputError
-        If the store holds something else, a method cannot be sent to a worker, the executor gives up, or what was
-        prepared are not the experiment's recordings. A method that fails raises nothing: its results are NaN, and
-        ``failure`` says why. Nor does a recording that cannot be used: ``remarks`` say so.
+        If the store holds something else, a method cannot be sent to a worker, the executor gives
+        up, or what was prepared are not the experiment's recordings. A method that fails raises
+        nothing: its results are NaN, and ``failure`` says why. Nor does a recording that cannot be
+        used: ``remarks`` say so.
 
     Warns
     -----
@@ -112,14 +118,15 @@ def run(
 def read_results(path: str | Path) -> xr.Dataset:
     """Results of a study of either kind from the folder of its store, finished or not.
 
-    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind. Every file is verified
-    before it is used, and what tasks left that did not finish is NaN: neither can be said of ``xarray.open_zarr``.
+    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind. Every
+    file is verified before it is used, and what tasks left that did not finish is NaN: neither can
+    be said of ``xarray.open_zarr``.
 
     Raises
     ------
     InputError
-        If the folder is not such a store, or files of it are missing, cut short or damaged; the message says how they
-        are made again.
+        If the folder is not such a store, or files of it are missing, cut short or damaged; the
+        message says how they are made again.
     """
     store = stored(Path(path))
     results = store.results()
@@ -132,8 +139,9 @@ def read_results(path: str | Path) -> xr.Dataset:
 class Plan:
     """What a study will take.
 
-    Trials of all scenarios, the seconds of data that they simulate, the seconds that they take one process, the size of
-    the results; and methods that gave no result in the trials that were timed, and why.
+    Trials of all scenarios, the seconds of data that they simulate, the seconds that they take
+    one process, the size of the results; and methods that gave no result in the trials that were
+    timed, and why.
     """
 
     trials: int
@@ -146,8 +154,8 @@ class Plan:
 def plan(study: Study) -> Plan:
     """Estimate from timing a trial of the shortest and one of the longest duration, but 600 s at most.
 
-    Time is taken to grow in proportion to the duration, beside a fixed part. Scenarios with methods of their own are
-    timed by themselves.
+    Time is taken to grow in proportion to the duration, beside a fixed part. Scenarios with
+    methods of their own are timed by themselves.
     """
     source, work = Simulations(study), 0.0
     alike: dict[frozenset[str], list[Scenario]] = {}

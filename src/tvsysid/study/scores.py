@@ -41,12 +41,15 @@ SCORED = (
 
 @dataclass(frozen=True)
 class Cell:
-    """What the trials of one method in one scenario gave of one quantity; attributes are named as metrics' arguments.
+    """What the trials of one method in one scenario gave of one quantity.
 
-    ``time`` and ``truth`` have shape (time,); estimates, whether their bands hold the truth, and time-varying VAF
-    (``over_time``) (trial, time); the trials' mean VAFs and the seconds that the identifications took (trial,). Where
-    the truth differs from trial to trial, the estimate's error is added to the truth of the study. ``weights`` of the
-    trials, shape (draw, trial), are for replicates.
+    Attributes are named as metrics' arguments.
+
+    ``time`` and ``truth`` have shape (time,); estimates, whether their bands hold the truth, and
+    time-varying VAF (``over_time``) (trial, time); the trials' mean VAFs and the seconds that
+    the identifications took (trial,). Where the truth differs from trial to trial, the
+    estimate's error is added to the truth of the study. ``weights`` of the trials, shape (draw,
+    trial), are for replicates.
     """
 
     time: Array
@@ -217,31 +220,34 @@ OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
 def score(results: xr.Dataset) -> xr.Dataset:
     """Every metric of every scenario and method, with bootstrap replicates.
 
-    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and scenarios, so that
-    the uncertainty of a difference between methods, which see the same data, is that of the difference of their
-    replicates.
+    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and
+    scenarios, so that the uncertainty of a difference between methods, which see the same data, is
+    that of the difference of their replicates.
 
-    The results are those of :func:`tvsysid.study.run` of a simulation study, finished or not. Trials in which a method
-    failed are left out for that method, and counted.
+    The results are those of :func:`tvsysid.study.run` of a simulation study, finished or not.
+    Trials in which a method failed are left out for that method, and counted.
 
     Returns
     -------
     xarray.Dataset
-        ``value`` and ``standard_error`` over (scenario, method_key, metric), ``replicates`` over (scenario,
-        method_key, metric, draw), and ``trials`` that count over (scenario, method_key). Along ``metric`` lie
-        ``measure``, ``quantity`` (empty for metrics of the torque) and ``unit``: those of the stiffness go by the name
-        of the measure, those of other quantities that are both estimated and known have their quantity before it
-        (``"viscosity bias_error"``).
+        ``value`` and ``standard_error`` over (scenario, method_key, metric), ``replicates`` over
+        (scenario, method_key, metric, draw), and ``trials`` that count over (scenario, method_key).
+        Along ``metric`` lie ``measure``, ``quantity`` (empty for metrics of the torque) and
+        ``unit``: those of the stiffness go by the name of the measure, those of other quantities
+        that are both estimated and known have their quantity before it (``"viscosity
+        bias_error"``).
 
-        ``vaf`` and ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial,
-        ``lowest_time_varying_vaf`` that of the worst time after averaging over trials; all are against the noiseless
-        torque. ``switch_dip`` (square wave) is the mean time-varying VAF 0.3 s and more from the switches minus that
-        within 0.05 s of one; ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time,
-        ``..._soft`` and ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of
-        times and trials at which the 95 % band holds the truth, of those that have a band; ``without_band`` is the
-        share that has none; ``coverage_at_switch`` and ``coverage_away`` (square wave) are the former within 0.05 s of
-        a switch and 0.3 s and more from one. ``left_out`` counts times without an estimate; ``failed`` counts trials;
-        ``seconds`` is the mean time an identification took.
+        ``vaf`` and ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst
+        trial, ``lowest_time_varying_vaf`` that of the worst time after averaging over trials; all
+        are against the noiseless torque. ``switch_dip`` (square wave) is the mean time-varying VAF
+        0.3 s and more from the switches minus that within 0.05 s of one; ``time_varying_vaf_sd`` is
+        its standard deviation over trials, averaged over time, ``..._soft`` and ``..._stiff`` over
+        times of less and more than the mean stiffness. ``coverage`` is the share of times and
+        trials at which the 95 % band holds the truth, of those that have a band; ``without_band``
+        is the share that has none; ``coverage_at_switch`` and ``coverage_away`` (square wave) are
+        the former within 0.05 s of a switch and 0.3 s and more from one. ``left_out`` counts times
+        without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an
+        identification took.
 
     References
     ----------
@@ -321,7 +327,10 @@ def score(results: xr.Dataset) -> xr.Dataset:
 
 
 def asked(results: xr.Dataset) -> NDArray[np.bool_]:
-    """Which methods identify each scenario, (scenario, method_key); all of them unless the study says otherwise."""
+    """Which methods identify each scenario, (scenario, method_key).
+
+    All of them unless the study says otherwise.
+    """
     shape = results.sizes["scenario"], results.sizes["method_key"]
     return (
         np.asarray(results.asked.values)
@@ -380,9 +389,10 @@ def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Val
 def _undraw(found: dict[str, Value], count: int) -> None:
     """Have replicates vary about what was measured: the one place where draws differ from samples.
 
-    A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random error's part twice, the
-    sample's and that of drawing from it, so that of the random error, as the draw has it, (2M - 1) / (M - 1)² is taken
-    from the square of the bias instead of 1 / (M - 1).
+    A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random
+    error's part twice, the sample's and that of drawing from it, so that of the random error, as
+    the draw has it, (2M - 1) / (M - 1)² is taken from the square of the bias instead of 1 / (M -
+    1).
     """
     part = np.square(found["random_error"]) * (2 * count - 1) / (count - 1) ** 2
     found["debiased_bias_error"] = np.sqrt(np.maximum(0.0, np.square(found["bias_error"]) - part))

@@ -75,7 +75,9 @@ class StudySettings(Settings):
 
     @classmethod
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
-        """Study from a TOML file whose keys are the settings; files that it names are sought beside it.
+        """Study from a TOML file whose keys are the settings.
+
+        Files that it names are sought beside it.
 
         Settings that are given here take the place of the file's, in its further scenarios too.
 
@@ -100,7 +102,10 @@ class StudySettings(Settings):
 
 
 def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[str, Any]:
-    """Settings with others in their place; further scenarios follow where they are of the kind expected."""
+    """Settings with others in their place.
+
+    Further scenarios follow where they are of the kind expected.
+    """
     merged = settings | others
     further = settings.get("also", ())
     if (
@@ -168,7 +173,8 @@ def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: st
     --------
     >>> differences({"trials": 9, "methods": [{"name": "sds", "realizations": [75]}]},
     ...             {"seed": 1, "methods": [{"name": "sds", "realizations": [75, 150]}]})
-    'trials: 9 there, nothing here; methods sds realizations: 75 there, 75, 150 here; seed: nothing there, 1 here'
+    'trials: 9 there, nothing here; methods sds realizations: 75 there, 75, 150 here; seed:
+    nothing there, 1 here'
     """
     found = []
     for name in dict.fromkeys([*theirs, *ours]):
@@ -209,7 +215,10 @@ def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
             name for name in _model_at(kind, first["loc"][:-1]).model_fields if name != "folder"
         ]
         close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        return f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: {', '.join(known)})"
+        return (
+            f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: "
+            f"{', '.join(known)})"
+        )
     if first["type"] == "missing":
         return f"{where}: this is missing; give it"
     message = str(first["msg"]).removeprefix("Value error, ")

@@ -65,7 +65,8 @@ def _scenarios(values: Any) -> Any:
     for name, found in named.items():
         if not isinstance(found, Mapping):
             raise ValueError(
-                f"scenario {name!r} must be a mapping of settings, such as 'duration_s', got {found!r}"
+                f"scenario {name!r} must be a mapping of settings, such as 'duration_s', got "
+                f"{found!r}"
             )
     return tuple(named[each] if isinstance(each, str) else each for each in listed(values))
 
@@ -107,11 +108,12 @@ class Scenario(NamedTuple):
 class Known(NamedTuple):
     """What simulations tell before any is identified.
 
-    ``quantities`` whose estimates are measured: stiffness, viscosity and inertia, what a simulation knows, and what a
-    method says that it estimates (``quantities``). ``pathways`` of the systems, and those that a method says it tells
-    apart (``pathway_names``); none unless they are several. ``truth`` of each scenario over one realization, shape
-    (quantity, time), NaN where it is not known; ``changes`` says whether it differs from trial to trial, as where the
-    joint is scheduled by a random signal.
+    ``quantities`` whose estimates are measured: stiffness, viscosity and inertia, what a
+    simulation knows, and what a method says that it estimates (``quantities``). ``pathways`` of
+    the systems, and those that a method says it tells apart (``pathway_names``); none unless
+    they are several. ``truth`` of each scenario over one realization, shape (quantity, time),
+    NaN where it is not known; ``changes`` says whether it differs from trial to trial, as where
+    the joint is scheduled by a random signal.
     """
 
     quantities: tuple[str, ...]
@@ -135,7 +137,8 @@ class _Grid(Settings):
                 raise ValueError(f"unknown {what} {value!r}; expected one of {', '.join(known)}")
             if verb and isinstance(found := found_as(value, known, what), Participant):
                 raise ValueError(
-                    "a virtual participant has a protocol of its own; give an Experiment virtual = its number"
+                    "a virtual participant has a protocol of its own; give an Experiment virtual "
+                    "= its number"
                 )
             if verb and not callable(getattr(found, verb, None)):
                 raise ValueError(
@@ -172,32 +175,35 @@ class Study(_Grid, StudySettings):
     Parameters
     ----------
     stiffness
-        Stiffness profiles: ``"square"``, ``"sine"``, ``"constant"``, ``"module:Object"``, or callables of time.
+        Stiffness profiles: ``"square"``, ``"sine"``, ``"constant"``, ``"module:Object"``, or
+        callables of time.
     perturbation
         ``"noise"``, ``"prbs"``, ``"module:Object"``, or objects with ``generate``.
     duration_s, snr_db
         Seconds of data, each a whole number of realizations; signal-to-noise ratios in dB.
     viscosity
-        ``"constant"`` (the system's own: 2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the stiffness).
+        ``"constant"`` (the system's own: 2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the
+        stiffness).
     system
-        What is simulated: names of :data:`tvsysid.simulate.SYSTEMS`, ``"module:Object"``, or objects with
-        ``simulate``. A dataclass with fields ``stiffness`` and ``viscosity`` is given those of the scenario; any other
-        has its own.
+        What is simulated: names of :data:`tvsysid.simulate.SYSTEMS`, ``"module:Object"``, or
+        objects with ``simulate``. A dataclass with fields ``stiffness`` and ``viscosity`` is given
+        those of the scenario; any other has its own.
     also
-        Further scenarios: mappings of the settings above and of ``methods``, each a grid of its own; what is not given
-        is as above. Or names: of such a mapping that an installed package offers, or ``"module:name"``.
+        Further scenarios: mappings of the settings above and of ``methods``, each a grid of its
+        own; what is not given is as above. Or names: of such a mapping that an installed package
+        offers, or ``"module:name"``.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     subtract_mean
-        Whether angle and torque lose their mean over realizations, as that which a reflex's torque has; the noiseless
-        torque then loses it too.
+        Whether angle and torque lose their mean over realizations, as that which a reflex's torque
+        has; the noiseless torque then loses it too.
     methods
-        Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
-        ``identify``; by default the paper's five, and ``adaptive``.
+        Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``,
+        or objects with ``identify``; by default the paper's five, and ``adaptive``.
     trials, seed
-        Monte-Carlo repetitions, and the seed of the whole study. Each trial of each scenario has a stream of its own,
-        so that adding a scenario, a trial or a method changes no other number. Scenarios that differ in viscosity only
-        share it, which pairs them.
+        Monte-Carlo repetitions, and the seed of the whole study. Each trial of each scenario has a
+        stream of its own, so that adding a scenario, a trial or a method changes no other number.
+        Scenarios that differ in viscosity only share it, which pairs them.
 
     Raises
     ------
@@ -207,7 +213,8 @@ class Study(_Grid, StudySettings):
     Examples
     --------
     >>> Study(perturbation="prbs", trials=5).scenarios[0]
-    Scenario(stiffness='square', perturbation='prbs', duration_s=150.0, snr_db=10.0, viscosity='constant',
+    Scenario(stiffness='square', perturbation='prbs', duration_s=150.0, snr_db=10.0,
+    viscosity='constant',
              system='joint')
     """
 
@@ -249,19 +256,22 @@ class Study(_Grid, StudySettings):
             ]
             if len(set(map(label_of, values))) < len(set(map(repr, values))):
                 raise ValueError(
-                    f"{name}: two {what}s have the same name; as dataclasses their settings tell them apart"
+                    f"{name}: two {what}s have the same name; as dataclasses their settings tell "
+                    "them apart"
                 )
         labels = [scenario.label for scenario in self.scenarios]
         if twice := next((label for label in labels if labels.count(label) > 1), ""):
             raise ValueError(
-                f"two scenarios are called {twice}; give their parts names that differ in letters or digits"
+                f"two scenarios are called {twice}; give their parts names that differ in letters "
+                "or digits"
             )
         for scenario in self.scenarios:
             if scenario.viscosity == "covarying" and isinstance(
                 self.parts[f"system {scenario.system}"], ScheduledJoint
             ):
                 raise ValueError(
-                    f"viscosity: covarying follows the profile, which the stiffness of system {scenario.system} does "
+                    "viscosity: covarying follows the profile, which the stiffness of system "
+                    f"{scenario.system} does "
                     "not; give constant, or another system"
                 )
         return self
@@ -271,7 +281,8 @@ class Study(_Grid, StudySettings):
         samples = self.period * self.rate
         if not 2 <= samples < math.inf or abs(samples - round(samples)) > 1e-6:
             raise ValueError(
-                f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are {samples:g}; give another "
+                f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are "
+                f"{samples:g}; give another "
                 "period or rate"
             )
         for value in itertools.chain(
@@ -280,7 +291,8 @@ class Study(_Grid, StudySettings):
             count = value / self.period
             if not 2 <= count < math.inf or abs(count - round(count)) > 1e-9:
                 raise ValueError(
-                    f"duration_s: expected whole realizations of {self.period:g} s, two at least: multiples of "
+                    f"duration_s: expected whole realizations of {self.period:g} s, two at least: "
+                    "multiples of "
                     f"{self.period:g} s; got {value!r}"
                 )
         return self
@@ -362,8 +374,8 @@ class Study(_Grid, StudySettings):
     def known(self) -> Known:
         """What the simulations know, from two of each system and profile, the second as long as the longest scenario.
 
-        Where these know other things from realization to realization, the truth is that of a simulation as long as the
-        scenario.
+        Where these know other things from realization to realization, the truth is that of a
+        simulation as long as the scenario.
         """
         kinds: dict[Scenario, list[Scenario]] = {}
         for scenario in self.scenarios:
@@ -412,7 +424,10 @@ class Study(_Grid, StudySettings):
         return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), trial))
 
     def to_json(self) -> str:
-        """The settings as text, methods and parts by their labels; what tells one study from another."""
+        """The settings as text, methods and parts by their labels.
+
+        What tells one study from another.
+        """
         settings: dict[str, object] = {name: _labels(getattr(self, name)) for name in GRID}
         if self.also:
             settings["also"] = [

@@ -146,13 +146,17 @@ def source_of(study: Study | Experiment, prepared: Sequence[Prepared] | None) ->
 
 
 def recordings_in(store: Store, results: xr.Dataset) -> xr.Dataset:
-    """What became of the recordings of an experiment; raises an InputError if it is damaged, or not of the results."""
+    """What became of the recordings of an experiment.
+
+    Raises an InputError if it is damaged, or not of the results.
+    """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     known = xr.load_dataset(BytesIO(store.kept(RECORDINGS)), engine="h5netcdf")
     if ((results.digest != "") & (results.digest.astype(object) != known.digest)).any():
         raise InputError(
-            f"{store.path / RECORDINGS}: this file is of other data than the results; give the command that ran the "
+            f"{store.path / RECORDINGS}: this file is of other data than the results; give the "
+            "command that ran the "
             "study again"
         )
     return known

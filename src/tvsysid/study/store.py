@@ -1,15 +1,16 @@
 """Where a study's results are kept: xarray on Zarr, a chunk of each variable for each task, whole or absent.
 
-A task's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's file, and of these
-checksums. A task is done if its files are as its checksums say. A file that is missing, cut short or blank is what a
-kill or a loss of power leaves, and the task is done again. A whole file with other content is damage, and is refused.
-Nothing is read that was not verified, and nothing of a task that is not done.
+A task's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's
+file, and of these checksums. A task is done if its files are as its checksums say. A file that is
+missing, cut short or blank is what a kill or a loss of power leaves, and the task is done again. A
+whole file with other content is damage, and is refused. Nothing is read that was not verified, and
+nothing of a task that is not done.
 
-A CRC begins with a key that follows from the study, the variable and the task: chunks that changed places, or are
-another study's, are damage.
+A CRC begins with a key that follows from the study, the variable and the task: chunks that changed
+places, or are another study's, are damage.
 
-Chunks are not compressed: a file is the array's bytes, or the texts, each with its length before it. They are written
-and read as such, which takes a tenth of the time that Zarr takes.
+Chunks are not compressed: a file is the array's bytes, or the texts, each with its length before
+it. They are written and read as such, which takes a tenth of the time that Zarr takes.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ Place = tuple[int, int]  # numbers of a task along the two dimensions of its sto
 FAILURE = "failure"  # the variable that says why a method gave no result; every layout has it
 IN_MEMORY = 1e9  # bytes of results up to which they are read at once
 ABSENT = "absent"  # state of a task without checksums
-TEXT = "TO"  # kinds of arrays of texts: strings, or objects as older versions of xarray and pandas have them
+# kinds of arrays of texts: strings, or objects as older versions of xarray and pandas have them
+TEXT = "TO"
 
 
 class Found(NamedTuple):
@@ -51,7 +53,10 @@ class Found(NamedTuple):
 
 
 class Store:
-    """An open store, from its verified fixed files; made by :func:`open_store` or :func:`stored`."""
+    """An open store, from its verified fixed files.
+
+    Made by :func:`open_store` or :func:`stored`.
+    """
 
     def __init__(self, path: Path, contents: Mapping[str, bytes], machine: str) -> None:
         from tvsysid.study.verified import Verified  # noqa: PLC0415  # heavy
@@ -93,7 +98,10 @@ class Store:
         files.write(self._file(CHECKSUMS, place), recorded + struct.pack("<Q", own))
 
     def forget_unless(self, name: str, expected: Callable[[Place], str]) -> list[Place]:
-        """Forget what tasks measured where a text among it is not the expected one; the places forgotten."""
+        """Forget what tasks measured where a text among it is not the expected one.
+
+        The places forgotten.
+        """
         forgotten = []
         for place, found in self._tasks():
             if found.state == files.WHOLE and self._values(
@@ -121,7 +129,8 @@ class Store:
                 }
         if torn:
             raise InputError(
-                f"{self.path}: {torn} results are cut short, as a loss of power leaves them; give the command that ran "
+                f"{self.path}: {torn} results are cut short, as a loss of power leaves them; give "
+                "the command that ran "
                 "the study again, and they are made again"
             )
         results = self._opened.assign(
@@ -139,13 +148,17 @@ class Store:
         content = files.unsealed(files.content_of(self.path / name), files.key_of(name, self._key))
         if content is None:
             raise InputError(
-                f"{self.path / name}: this file is missing, cut short or damaged; give the command that ran the study "
+                f"{self.path / name}: this file is missing, cut short or damaged; give the "
+                "command that ran the study "
                 "again, and it is made again"
             )
         return content
 
     def _tasks(self) -> Iterator[tuple[Place, Found]]:
-        """What there is of each task; raises an InputError at the end if files of full length hold something else."""
+        """What there is of each task.
+
+        Raises an InputError at the end if files of full length hold something else.
+        """
         damaged: list[str] = []
         for place in self.places:
             found = self._found(place)
@@ -246,8 +259,8 @@ class Store:
 def open_store(path: Path, layout: Layout) -> Iterator[Store]:
     """Open the store of a study, or make it, and keep other processes from writing to it meanwhile.
 
-    Raises an InputError if the folder holds something else, the results of another study, of other versions of the
-    software, or damaged ones; or if another process writes to it.
+    Raises an InputError if the folder holds something else, the results of another study, of
+    other versions of the software, or damaged ones; or if another process writes to it.
     """
     from filelock import FileLock, Timeout  # noqa: PLC0415  # with the store only
 

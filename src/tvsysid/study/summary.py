@@ -52,19 +52,21 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Of a simulation study a row for each scenario, method and metric, with columns ``COLUMNS``: stiffness is the
-        name of the profile, trials the number that count, standard_error that of the Monte-Carlo estimate (NaN for
-        counts, for the worst trial, and for a single one), quantity the one that was estimated, or empty. Rows of
-        metrics that do not apply are left out.
+        Of a simulation study a row for each scenario, method and metric, with columns ``COLUMNS``:
+        stiffness is the name of the profile, trials the number that count, standard_error that of
+        the Monte-Carlo estimate (NaN for counts, for the worst trial, and for a single one),
+        quantity the one that was estimated, or empty. Rows of metrics that do not apply are left
+        out.
 
-        Of an experiment columns participant, perturbation, method, realizations, metric, value, unit, quantity.
-        ``mean_stiffness``: over time and bootstraps. ``random_error``: :math:`\sqrt{\overline{s^2(t)}}`, with s the
-        standard deviation over bootstraps. ``vaf``, ``bandpassed_vaf``: means over bootstraps.
-        ``lowest_time_varying_vaf``: that of the worst time after averaging over bootstraps. ``bias_error``,
-        ``mean_bias`` (virtual participants): root mean square over time, and mean, of the mean estimate minus the
-        survivors' mean true stiffness. ``seconds``: that all draws took. ``failed``: draws without a result. Every
-        other quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``,
-        and where it is known ``bias_error`` and ``mean_bias``.
+        Of an experiment columns participant, perturbation, method, realizations, metric, value,
+        unit, quantity. ``mean_stiffness``: over time and bootstraps. ``random_error``:
+        :math:`\sqrt{\overline{s^2(t)}}`, with s the standard deviation over bootstraps. ``vaf``,
+        ``bandpassed_vaf``: means over bootstraps. ``lowest_time_varying_vaf``: that of the worst
+        time after averaging over bootstraps. ``bias_error``, ``mean_bias`` (virtual participants):
+        root mean square over time, and mean, of the mean estimate minus the survivors' mean true
+        stiffness. ``seconds``: that all draws took. ``failed``: draws without a result. Every other
+        quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``, and
+        where it is known ``bias_error`` and ``mean_bias``.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -146,7 +148,10 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
 
 
 def measured(results: xr.Dataset) -> dict[str, Array]:
-    """Metrics of the stiffness and of the torque, each over (recording, analysis); NaN where there is none."""
+    """Metrics of the stiffness and of the torque, each over (recording, analysis).
+
+    NaN where there is none.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore", RuntimeWarning
@@ -163,7 +168,10 @@ def measured(results: xr.Dataset) -> dict[str, Array]:
 
 
 def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
-    """Metrics of a quantity, each over (recording, analysis); NaN where it is not estimated, or not known."""
+    """Metrics of a quantity, each over (recording, analysis).
+
+    NaN where it is not estimated, or not known.
+    """
     estimates = results.estimate.sel(quantity=quantity).values
     mean = mean_over_draws(estimates)
     with warnings.catch_warnings():
@@ -187,8 +195,8 @@ def mean_over_draws(values: Array) -> Array:
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     """Stiffness over time: mean and standard deviation over bootstraps.
 
-    Columns are participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
-    time_varying_vaf (%).
+    Columns are participant, perturbation, method, realizations, time_s, stiffness,
+    standard_deviation (N·m/rad) and time_varying_vaf (%).
     """
     chosen = (
         results[["estimate", "time_varying_vaf"]]
@@ -207,8 +215,9 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
 def alignments(results: xr.Dataset) -> pd.DataFrame:
     """What aligning to the target does to the mean stiffness of each recording's survivors, identified by sds.
 
-    A row for each recording that was aligned: recording, participant, perturbation; aligned, unshifted, difference and
-    its standard_error in N·m/rad; percent, the difference in per cent of the stiffness unshifted.
+    A row for each recording that was aligned: recording, participant, perturbation; aligned,
+    unshifted, difference and its standard_error in N·m/rad; percent, the difference in per cent
+    of the stiffness unshifted.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -227,8 +236,8 @@ def alignments(results: xr.Dataset) -> pd.DataFrame:
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     """What became of every realization that was recorded, from what :func:`prepared_recordings` gives.
 
-    A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty for
-    one that was kept), reached, limit, unit.
+    A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s,
+    excluded_by (empty for one that was kept), reached, limit, unit.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 

@@ -63,9 +63,10 @@ def versions() -> dict[str, str]:
 class Task(ABC):
     """One unit of work of a study, which travels to a worker as it is; its label is for messages.
 
-    ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils no other; ``shapes``
-    are those of what is measured of each identification; ``versions`` tell of the software of the process that sends
-    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why.
+    ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils
+    no other; ``shapes`` are those of what is measured of each identification; ``versions`` tell
+    of the software of the process that sends it, and a worker with another is refused;
+    ``left_out`` says which methods are not to be tried, and why.
     """
 
     label: str
@@ -83,12 +84,16 @@ class Task(ABC):
         """Outcome where no method gave a result."""
 
     def attempt(self, name: str, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
-        """Identify an ensemble by one of the methods and measure the model; a failure is kept as a text."""
+        """Identify an ensemble by one of the methods and measure the model.
+
+        A failure is kept as a text.
+        """
         if reason := self.left_out.get(name):
             return failed(reason)
         started = time.perf_counter()
         try:
-            # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
+            # Unpickled each time, so that nothing that it remembers passes from one identification
+            # to the next.
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", DataQualityWarning)
                 method, begun = cloudpickle.loads(self.methods[name]), time.perf_counter()
@@ -200,7 +205,9 @@ def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
 
 
 def over_schedule(model: Model, lengths: Mapping[str, int]) -> Row:
-    """Estimates over a variable of the method's own, their standard errors, and its values; shape (quantity, value).
+    """Estimates over a variable of the method's own, their standard errors, and its values.
+
+    Shape (quantity, value).
 
     Lengths are those that methods said; NaN where a model has fewer values.
     """
@@ -256,7 +263,8 @@ def pickled(
 ) -> dict[str, bytes]:
     """Pickle methods for workers. A class from a script, a notebook or a loose file is sent whole.
 
-    So are the classes of the ``parts`` that an item is made of. Raises an InputError if one cannot be pickled.
+    So are the classes of the ``parts`` that an item is made of. Raises an InputError if one
+    cannot be pickled.
     """
     found = {}
     for label, item in items.items():

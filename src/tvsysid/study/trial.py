@@ -21,7 +21,10 @@ from tvsysid.study.task import Known, Outcome, Row
 
 STAGES = ("simulation", "preprocessing", "bands", "scoring")  # what takes time beside the methods
 SIMULATED_HZ = 1000.0
-"""Rate of a simulation, which is decimated; a little more where the rate after decimation is no part of it."""
+"""Rate of a simulation, which is decimated.
+
+A little more where the rate after decimation is no part of it.
+"""
 
 
 class Setting(NamedTuple):
@@ -51,7 +54,10 @@ class Setting(NamedTuple):
         return segment(decimate(recording, self.rate), self.period)
 
     def torques(self, simulation: Simulation) -> dict[str, Array]:
-        """Noiseless ``"torque"``, and those of pathways, such as ``"reflex pathway"``; (realization, time)."""
+        """Noiseless ``"torque"``, and those of pathways, such as ``"reflex pathway"``.
+
+        (realization, time).
+        """
         beside = {
             f"{name} pathway": simulation.pathways[name]
             for name in self.pathways
@@ -70,7 +76,9 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(task.Task):
-    """One trial of one scenario, as sent to a worker; system and perturbation (``simulated``) are pickled.
+    """One trial of one scenario, as sent to a worker.
+
+    System and perturbation (``simulated``) are pickled.
 
     Only the methods ``asked`` identify it; the others have no numbers, and did not fail.
     """
@@ -83,9 +91,9 @@ class Trial(task.Task):
     def work(self) -> Outcome:
         """Simulate the trial and identify it by each method.
 
-        Gives arrays of ``shapes``, ``warnings`` and ``failure``, each over (method, ...), ``stage_seconds`` over
-        (stage,) and ``trial_truth`` over (quantity, time). Where a method failed its numbers are NaN and ``failure``
-        says why.
+        Gives arrays of ``shapes``, ``warnings`` and ``failure``, each over (method, ...),
+        ``stage_seconds`` over (stage,) and ``trial_truth`` over (quantity, time). Where a method
+        failed its numbers are NaN and ``failure`` says why.
         """
         setting, clock = self.setting, task.Clock(STAGES)
         with clock.stage("simulation"):
@@ -137,7 +145,10 @@ class Trial(task.Task):
 
 
 def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[str, ...]) -> Array:
-    """Means over an ensemble's realizations of what a simulation knows, (quantity, time); NaN where it does not."""
+    """Means over an ensemble's realizations of what a simulation knows, (quantity, time).
+
+    NaN where it does not.
+    """
     known = simulation.truth_of(ensemble)
     return np.stack(
         [
@@ -153,7 +164,10 @@ def _mean(values: Array) -> Array:
 
 
 def _bands(model: Model, truth: Array, quantities: tuple[str, ...]) -> Row:
-    """Standard errors, and whether the 95 % bands hold the truth, 1 or 0; NaN where there is none; (quantity, time)."""
+    """Standard errors, and whether the 95 % bands hold the truth, 1 or 0; NaN where there is none.
+
+    (quantity, time).
+    """
     covered, errors = np.full((2, *truth.shape), np.nan)
     for place, name in enumerate(quantities):
         estimate = model.estimates.get(name)

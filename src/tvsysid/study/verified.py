@@ -1,4 +1,7 @@
-"""A store as Zarr and xarray read it: nothing that was not verified. Imported when it is used, for both are heavy."""
+"""A store as Zarr and xarray read it: nothing that was not verified.
+
+Imported when it is used, for both are heavy.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ from tvsysid.study import files
 
 
 class Verified(MemoryStore):
-    """Fixed files from the memory; tasks' chunks, once their ``sums`` are known, from the disk when they are used."""
+    """Fixed files from the memory.
+
+    Tasks' chunks, once their ``sums`` are known, from the disk when they are used.
+    """
 
     def __init__(self, contents: Mapping[str, bytes], path: Path, key: int) -> None:
         super().__init__(

@@ -45,7 +45,10 @@ def carry_out_missing(
     executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
+    """Carry out the tasks of a study that its store lacks, and write what comes back.
+
+    Arguments are those of `run`.
+    """
     # Those that take longest must not begin last.
     places = sorted(store.missing(), key=source.rank, reverse=True)
     total = len(store.places)
@@ -79,7 +82,8 @@ def _outcomes(
             yield from _from(executor, task_at, places, at_a_time, cancel=True)
         except (BrokenExecutor, CancelledError) as error:
             raise InputError(
-                f"run: the executor gave up ({type(error).__name__}: {error}); what was finished is kept in the store, "
+                f"run: the executor gave up ({type(error).__name__}: {error}); what was finished "
+                "is kept in the store, "
                 "and the same call goes on from there"
             ) from error
         return
@@ -101,8 +105,8 @@ def _from(
 ) -> Generator[tuple[Place, Outcome]]:
     """Outcomes as they come; never more than a few trials are under way.
 
-    Tasks under way at an early end are cancelled, but not in a local pool: its workers are ended, and Python 3.11 hangs
-    when it tells a task that was cancelled that its worker died.
+    Tasks under way at an early end are cancelled, but not in a local pool: its workers are
+    ended, and Python 3.11 hangs when it tells a task that was cancelled that its worker died.
     """
     queue = iter(places)
     pending: dict[Future[Outcome], Place] = {}
@@ -150,14 +154,18 @@ def _from_processes(
                     del left[place]
                     yield place, outcome
         except BrokenExecutor:
-            # It was one of those under way, the first ones left; the others among them only shared its pool.
+            # It was one of those under way, the first ones left; the others among them only shared
+            # its pool.
             for place in list(left)[: (1 + AHEAD) * workers]:
                 del left[place]
                 yield place, _alone(task_at(place), killers)
 
 
 def _alone(task: Task, killers: dict[str, str]) -> Outcome:
-    """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again."""
+    """Outcome of a task in a process of its own.
+
+    A method that kills it is found, marked and not tried again.
+    """
     while True:
         try:
             return _in_one_process(replace(task, left_out=dict(killers)))
@@ -177,7 +185,8 @@ def _alone(task: Task, killers: dict[str, str]) -> Outcome:
                             "the worker process died before any method was tried"
                         )
                     killers[label] = (
-                        f"its worker process died in {task.label}, so it was not tried again: it crashed, or took more "
+                        f"its worker process died in {task.label}, so it was not tried again: it "
+                        "crashed, or took more "
                         "memory than there is"
                     )
                     break
@@ -204,11 +213,13 @@ def processes(workers: int, ready: bool = True) -> Iterator[Pool]:
         pool = Pool(workers, mp_context=context, initializer=_start_worker)
     except OSError as error:
         raise InputError(
-            f"run: worker processes cannot be made here, which need shared memory ({error.strerror}); see that "
+            "run: worker processes cannot be made here, which need shared memory "
+            f"({error.strerror}); see that "
             "/dev/shm can be written to, or give workers=1"
         ) from error
     try:
-        # Each waiting task starts a worker, which inherits that it leaves an interruption to this process.
+        # Each waiting task starts a worker, which inherits that it leaves an interruption to this
+        # process.
         with _interruptions_ignored():
             first = [pool.submit(os.getpid) for _ in range(workers)]
         try:

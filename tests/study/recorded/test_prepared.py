@@ -37,7 +37,8 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.account.excluded_by)
     truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
     np.testing.assert_allclose(prepared.truth["stiffness"], truth)
-    # What the survivors' torque was before its mean was taken off: the voluntary torque, but for the answers' mean.
+    # What the survivors' torque was before its mean was taken off: the voluntary torque, but for
+    # the answers' mean.
     voluntary = by_hand.ensemble.channels["voluntary"][:, by_hand.ensemble.core].mean(axis=0)
     assert np.sqrt(np.mean((prepared.mean_torque - voluntary) ** 2)) < 0.05 * np.ptp(voluntary)
     assert np.ptp(prepared.target_torque) == pytest.approx(
@@ -109,10 +110,13 @@ SPOILT = {
     spoil_truncated: r"trial1\.mat is left out: not a MAT file that can be read .* is it whole\?",
     spoil_renamed: r"trial1\.mat is left out: .*ZIP archive",
     spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; it holds angle",
-    spoil_lengths: r"trial1\.mat is left out: the channels have different lengths: angle 3072 x 1, torque 3067 x 1",
+    spoil_lengths: r"trial1\.mat is left out: the channels have different lengths: angle 3072 x "
+    r"1, torque 3067 x 1",
     spoil_dropout: r"trial1\.mat is left out: torque: .*(NaN|finite)",
-    spoil_constant: r"trial1\.mat is left out: angle: all 3072 values are 0\.1 rad; a joint that is not moved",
-    spoil_short: r"left out: it lasts 3 s, and a realization with the ends that are cut off takes 4 s",
+    spoil_constant: r"trial1\.mat is left out: angle: all 3072 values are 0\.1 rad; a joint that "
+    r"is not moved",
+    spoil_short: r"left out: it lasts 3 s, and a realization with the ends that are cut off takes "
+    r"4 s",
     spoil_enormous: r"trial1\.mat is left out: .*reading it takes .* GB",
     spoil_gone: r"trial1\.mat is left out: no such file",
 }

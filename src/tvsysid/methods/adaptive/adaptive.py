@@ -61,7 +61,8 @@ from tvsysid.signals import Array, Ensemble
 LONGEST = 3000  # samples of a realization at most
 ROUNDS = 2  # of stiffness beside a viscosity that changes
 EXCITED_BELOW = 5.0  # Hz
-MISFIT = 1.5  # variance of the scores of velocity, over that of noise, above which the noise is not whitened
+# variance of the scores of velocity, over that of noise, above which the noise is not whitened
+MISFIT = 1.5
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 
@@ -72,8 +73,9 @@ class AdaptiveRegression(base.Method):
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
               k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 
-    with c a constant, f none, a Gaussian process of some standard deviation and length (squared-exponential, or
-    Matérn 3/2 for corners) or a sum of few cosines and sines, and a few switches :math:`\Delta_j` at times
+    with c a constant, f none, a Gaussian process of some standard deviation and length
+    (squared-exponential, or Matérn 3/2 for corners) or a sum of few cosines and sines, and a few
+    switches :math:`\Delta_j` at times
     :math:`s_j`, also between samples. Everything is averaged by its evidence: whether there is a smooth part, how rough
     it is, how many switches there are, how large and where.
 
@@ -90,40 +92,46 @@ class AdaptiveRegression(base.Method):
     .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
               \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
 
-    over realizations r, and the inverse of that matrix is its covariance. W comes from what a first fit leaves: a
-    prediction from the samples before, of the order that is most probable, and the strength of the rest over time; at
-    least 1 % of the noise is taken as white. Where the residual's scores with velocity are more than 1.5 times as
-    strong as W says it is no noise but misfit, which whitening would amplify: W is then the identity, and the
-    covariance a sandwich. Viscosity and inertia come from the same regression, weighed below 60 % of the Nyquist
-    frequency; decimation folds acceleration back, which makes an inertia of the whole band 3 % too large. What is not
-    of second order in the same way in all realizations is added. All else are small matrices: with L the Cholesky
-    factor of the smooth part's system, the evidence for switches, A and b their products beside it and
+    over realizations r, and the inverse of that matrix is its covariance. W comes from what a first
+    fit leaves: a prediction from the samples before, of the order that is most probable, and the
+    strength of the rest over time; at least 1 % of the noise is taken as white. Where the
+    residual's scores with velocity are more than 1.5 times as strong as W says it is no noise but
+    misfit, which whitening would amplify: W is then the identity, and the covariance a sandwich.
+    Viscosity and inertia come from the same regression, weighed below 60 % of the Nyquist
+    frequency; decimation folds acceleration back, which makes an inertia of the whole band 3 % too
+    large. What is not of second order in the same way in all realizations is added. All else are
+    small matrices: with L the Cholesky factor of the smooth part's system, the evidence for
+    switches, A and b their products beside it and
     :math:`\tau^2` their variance, is
 
     .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
 
-    A search finds sets of switches, beside every smooth part that is still likely; each switch is then placed to 1/16
-    sample, and where else it may lie counts. Where realizations follow each other in the record, the end of one is
-    taken as the beginning of the next. A step is seen as a decimation smears it; that there was no low-pass, or that
-    realizations switch at different times, is tried where there are steps, and averaged where it is open.
+    A search finds sets of switches, beside every smooth part that is still likely; each switch is
+    then placed to 1/16 sample, and where else it may lie counts. Where realizations follow each
+    other in the record, the end of one is taken as the beginning of the next. A step is seen as a
+    decimation smears it; that there was no low-pass, or that realizations switch at different
+    times, is tried where there are steps, and averaged where it is open.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands; a warning says so where this costs
-    1 % of the torque. Stiffness stands beside the viscosity as it is seen, which also holds what a torque does that is
-    early.
+    Neither viscosity nor reflex gain is negative at any time, nor are their bands; a warning says
+    so where this costs 1 % of the torque. Stiffness stands beside the viscosity as it is seen,
+    which also holds what a torque does that is early.
 
-    The bands are quantiles of the mixture of all that is likely, with Student's t of the scatter's degrees of freedom.
-    Near a switch whose time is undecided the estimate lies between the levels, which is the least mean square error,
-    and the band holds both. Bands do not count what is no noise; see :class:`tvsysid.Estimate`.
+    The bands are quantiles of the mixture of all that is likely, with Student's t of the scatter's
+    degrees of freedom. Near a switch whose time is undecided the estimate lies between the levels,
+    which is the least mean square error, and the band holds both. Bands do not count what is no
+    noise; see :class:`tvsysid.Estimate`.
 
     Where a test on realizations that were not fitted to shows a stretch reflex
-    (:func:`tvsysid.quality.reflexes.reflex_test`), its columns, those of its shape, and an intrinsic response of 40 ms
-    stand beside stiffness as those of :class:`tvsysid.JointCascade` do. The model then has ``reflex_gain`` and the
-    pathways ``intrinsic`` and ``reflex``; otherwise none is invented.
+    (:func:`tvsysid.quality.reflexes.reflex_test`), its columns, those of its shape, and an
+    intrinsic response of 40 ms stand beside stiffness as those of :class:`tvsysid.JointCascade` do.
+    The model then has ``reflex_gain`` and the pathways ``intrinsic`` and ``reflex``; otherwise none
+    is invented.
 
-    It is not the right method in closed loop, for behaviour that does not repeat, and for fewer than four realizations.
+    It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
+    than four realizations.
 
-    The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant, and whether the
-    realization was taken as ``periodic`` and a reflex is shown, 1 or 0.
+    The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant,
+    and whether the realization was taken as ``periodic`` and a reflex is shown, 1 or 0.
 
     References
     ----------
@@ -144,7 +152,8 @@ class AdaptiveRegression(base.Method):
     assumptions: ClassVar[tuple[str, ...]] = (
         "Behaviour is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
-        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the data. Where the "
+        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the "
+        "data. Where the "
         "functions of time that stiffness is a sum of are known, birf with these is more exact.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
@@ -152,7 +161,8 @@ class AdaptiveRegression(base.Method):
         "reflex_gain, and the torque of each pathway, where a reflex is shown",
     )
     differs: ClassVar[str] = (
-        "How fast stiffness changes is found from the data, and the band counts how unsure that is; where a "
+        "How fast stiffness changes is found from the data, and the band counts how unsure that "
+        "is; where a "
         "reflex is shown, its torque is no stiffness."
     )
 
@@ -164,14 +174,22 @@ class AdaptiveRegression(base.Method):
         """Too few realizations, or samples of one."""
         known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
         if len(ensemble) < MIN_REALIZATIONS:
-            return f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr does with one"
+            return (
+                f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr "
+                "does with one"
+            )
         if known < SHORTEST:
             return (
-                f"it needs realizations of at least {SHORTEST} samples with derivatives, got {max(known, 0)} "
-                f"of {ensemble.samples} with {ensemble.context} of context; give longer ones, cut with more context"
+                f"it needs realizations of at least {SHORTEST} samples with derivatives, got "
+                f"{max(known, 0)} "
+                f"of {ensemble.samples} with {ensemble.context} of context; give longer ones, cut "
+                "with more context"
             )
         if ensemble.samples > LONGEST:
-            return f"it needs realizations of at most {LONGEST} samples, got {ensemble.samples}; decimate them"
+            return (
+                f"it needs realizations of at most {LONGEST} samples, got {ensemble.samples}; "
+                "decimate them"
+            )
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
@@ -192,7 +210,9 @@ class AdaptiveRegression(base.Method):
 
 
 class Stiffness(NamedTuple):
-    """Stiffness (time,), what is known of it, and the constants beside it; in units of the scaled signals.
+    """Stiffness (time,), what is known of it, and the constants beside it.
+
+    In units of the scaled signals.
 
     ``known`` (time,) is the viscosity that was taken as known, 0 if it was one of the constants.
     """
@@ -207,7 +227,10 @@ class Stiffness(NamedTuple):
 
 
 class Identification:
-    """An ensemble, reduced to its moments at each time; of ``known`` hypotheses, no others are looked for."""
+    """An ensemble, reduced to its moments at each time.
+
+    Of ``known`` hypotheses, no others are looked for.
+    """
 
     def __init__(
         self,
@@ -236,7 +259,10 @@ class Identification:
         self.known = known if alike else {}
 
     def stiffness(self, viscosity: Array, variance: Array) -> Stiffness:
-        """Stiffness beside a viscosity (time,) that is known with a variance; it is a constant if both are 0."""
+        """Stiffness beside a viscosity (time,) that is known with a variance.
+
+        It is a constant if both are 0.
+        """
         times, rate, signals = self.axis.times, self.signals.rate, self.signals
         known = bool(variance.any())
         if known:
@@ -271,8 +297,8 @@ class Identification:
     def _normal(self, viscosity: Array) -> tuple[Normal, Normal, float]:
         """Normal matrices, those whose inverse sandwich gives the covariance, and the noise's mean variance.
 
-        Both are the same where the noise is whitened. It is not where the scores of velocity show that the residual is
-        no noise but misfit, which whitening would amplify.
+        Both are the same where the noise is whitened. It is not where the scores of velocity
+        show that the residual is no noise but misfit, which whitening would amplify.
         """
         signals, times = self.signals, self.axis.times
         noise = residual_products(signals, self.coefficients, viscosity) / max(
@@ -325,7 +351,9 @@ class Identification:
         return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
     def _line(self, signal: int, seen: Array, error: Array) -> Line:
-        """What is seen of a signal's coefficient; its size is its mean by the signal's power, and never 0.
+        """What is seen of a signal's coefficient.
+
+        Its size is its mean by the signal's power, and never 0.
 
         Where the signal is still, nothing is seen, however small the noise.
         """
@@ -342,7 +370,10 @@ class Identification:
         )
 
     def model(self, name: str) -> AdaptiveModel:
-        """Everything that was found; the last round looks for no other switches than the round before found."""
+        """Everything that was found.
+
+        The last round looks for no other switches than the round before found.
+        """
         stiffness = self.stiffness(*np.zeros((2, self.axis.times)))
         viscosity = self.viscosity(stiffness)
         for turn in range(ROUNDS):
@@ -427,16 +458,21 @@ class Identification:
         return moments.second_order_agreement(impedance, len(ensemble))
 
     def _warnings(self, stiffness: Stiffness, viscosity: Mixture) -> Iterator[str]:
-        """What could not be decided, in one warning; and that viscosity and inertia are those of no such joint."""
+        """What could not be decided, in one warning.
+
+        And that viscosity and inertia are those of no such joint.
+        """
         open_ones = []
         if len(self.ensemble) < LEAST_REALIZATIONS:
             open_ones.append(
-                f"whether there is a stretch reflex, which takes {LEAST_REALIZATIONS} realizations (got "
+                f"whether there is a stretch reflex, which takes {LEAST_REALIZATIONS} "
+                "realizations (got "
                 f"{len(self.ensemble)}): the stiffness holds what it adds"
             )
         if not stiffness.constants.told:
             open_ones.append(
-                "viscosity and inertia, which the angle does not tell from stiffness in these realizations"
+                "viscosity and inertia, which the angle does not tell from stiffness in these "
+                "realizations"
             )
         if open_ones:
             yield f"these data leave open {'; and '.join(open_ones)}"

@@ -92,7 +92,10 @@ class Outcome(NamedTuple):
 
 
 class Averaged(NamedTuple):
-    """Candidates that count, with their weights; what all together say of the line; the outcome of ``every`` one."""
+    """Candidates that count, with their weights; what all together say of the line.
+
+    The outcome of ``every`` one.
+    """
 
     candidates: list[Candidate]
     weights: Array
@@ -129,10 +132,13 @@ class Averaged(NamedTuple):
 
 
 def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
-    """Average all plausible models of a line, weighted by their evidence; of ``known`` ones, only these.
+    """Average all plausible models of a line, weighted by their evidence.
 
-    How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
-    where there are steps; the usual low-pass has a prior probability of 1/2, and what the data leave open is averaged.
+    Of ``known`` ones, only these.
+
+    How a step is smeared, by a low-pass before sampling or because realizations switch at
+    different times, is tried where there are steps; the usual low-pass has a prior probability
+    of 1/2, and what the data leave open is averaged.
     """
     if known:
         own = replace(line, axis=known[0].axis)
@@ -164,8 +170,8 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
 def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:
     """The same of a line that is mostly constant, and that may switch where another does.
 
-    That it switches where the other's best candidate does has a prior probability of 1/2. No other switches are
-    searched for where none seems to be there at first.
+    That it switches where the other's best candidate does has a prior probability of 1/2. No
+    other switches are searched for where none seems to be there at first.
     """
     own = replace(line, axis=other.candidates[0].smooth.line.axis)
     return _weighed(own, _found(own, other.candidates[0].placed, known))
@@ -195,7 +201,9 @@ def _found(
     known: Hypotheses = (),
     parts: Sequence[Roughness] = (),
 ) -> list[Candidate]:
-    """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`.
+    """Everything that may be said of a line, steps being smeared as its axis says.
+
+    See :func:`averaged_beside`.
 
     Of the smooth ``parts`` alone, if there are any.
     """

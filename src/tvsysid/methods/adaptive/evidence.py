@@ -93,8 +93,8 @@ class Line:
 class Columns(NamedTuple):
     """Steps at ``positions`` as they are ``seen`` (time, step), and their products.
 
-    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step), by themselves as ``power``
-    (step,), and by what is seen, as ``cross`` (step,).
+    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step), by
+    themselves as ``power`` (step,), and by what is seen, as ``cross`` (step,).
     """
 
     positions: Array
@@ -110,7 +110,10 @@ class Columns(NamedTuple):
 
 
 class Smooth:
-    """A line explained by one smooth part; ``evidence`` is its log, more than that of nothing at all."""
+    """A line explained by one smooth part.
+
+    ``evidence`` is its log, more than that of nothing at all.
+    """
 
     def __init__(self, line: Line, roughness: Roughness) -> None:
         self.line, self.roughness = line, roughness
@@ -190,7 +193,10 @@ class Sizes(NamedTuple):
 
 @lru_cache(maxsize=4)
 def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
-    """Priors of sizes, equally likely; where the end goes on at the beginning, ramps between switches may cancel."""
+    """Priors of sizes, equally likely.
+
+    Where the end goes on at the beginning, ramps between switches may cancel.
+    """
     return tuple(
         Sizes(spread, balanced)
         for balanced in ((False, True) if periodic else (False,))
@@ -237,8 +243,8 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
 def jumps_of_every_size(gram: Array, cross: Array, periodic: bool) -> Array:
     """Log evidence for some switches (..., size) with each of :func:`every_sizes`.
 
-    Of the products of switches with each other (..., switch, switch) and with what is seen (..., switch). The
-    eigenvalues of their products serve all sizes.
+    Of the products of switches with each other (..., switch, switch) and with what is seen (...,
+    switch). The eigenvalues of their products serve all sizes.
     """
     variance, out = np.square(SIZES)[:, None], []
     for balanced in (False, True) if periodic else (False,):
@@ -262,9 +268,9 @@ def one_more(
 ) -> Array:
     """Log evidence (spread, column) for some switches and each of many others in turn, by rank-one updates.
 
-    The others' ``own`` products with what is seen, their squares ``power`` (column,), and those ``mixed`` with the
-    switches (column, switch), whose own products are ``gram`` and ``cross``. The eigenvalues of these serve all
-    ``spreads`` of :class:`Sizes`.
+    The others' ``own`` products with what is seen, their squares ``power`` (column,), and those
+    ``mixed`` with the switches (column, switch), whose own products are ``gram`` and ``cross``.
+    The eigenvalues of these serve all ``spreads`` of :class:`Sizes`.
     """
     count, wanted = len(cross), own.cross
     if balanced and not count:

@@ -16,7 +16,9 @@ STEP = 0.2  # standard deviation of the steps, in mean sizes
 
 
 def few_harmonics(line: Line, steps: Columns) -> list[Roughness]:
-    """Add the most evident cosine or sine to a constant and some steps, again and again; return each sum on the way.
+    """Add the most evident cosine or sine to a constant and some steps, again and again.
+
+    Return each sum on the way.
 
     Each cosine and sine has a standard deviation of its own, one of AMPLITUDES.
     """

@@ -25,7 +25,10 @@ class Hypothesis(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A smooth part, switches and the prior of their sizes; ``evidence`` is the log of it all with the prior."""
+    """A smooth part, switches and the prior of their sizes.
+
+    ``evidence`` is the log of it all with the prior.
+    """
 
     smooth: Smooth
     evidence: float

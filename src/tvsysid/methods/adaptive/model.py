@@ -24,7 +24,8 @@ INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its e
 class Switch(NamedTuple):
     """A sudden change of a ``quantity``, at a ``time`` in s, most probably between ``earliest`` and ``latest`` (95 %).
 
-    Of so large a ``size`` in the quantity's unit, with a standard error; ``probability`` that there is one.
+    Of so large a ``size`` in the quantity's unit, with a standard error; ``probability`` that
+    there is one.
     """
 
     quantity: str
@@ -50,7 +51,8 @@ class Smoothness(NamedTuple):
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
 
-    The ``mixture`` is over the times that are known. Where none of its means is negative, nor is a band.
+    The ``mixture`` is over the times that are known. Where none of its means is negative, nor is
+    a band.
     """
 
     mixture: Mixture | None = None
@@ -115,8 +117,9 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found. Where a reflex is
-    shown, the model ``beside`` has its pathway, and the intrinsic response of which stiffness and viscosity are a part.
+    ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found.
+    Where a reflex is shown, the model ``beside`` has its pathway, and the intrinsic response of
+    which stiffness and viscosity are a part.
     :meth:`plot` shows it all. ``hypotheses`` are what was averaged, by quantity, the most probable first.
     """
 

@@ -31,10 +31,11 @@ U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, 
 class Signals(ABC):
     """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
 
-    At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the samples at either end of a
-    realization that are missing; ``realizations`` how many there are, and how many are independent. ``holds``
-    (constant,) are the noise's variance over those of the priors of constants. Their products with each row of
-    ``positive`` (row, constant) are not negative.
+    At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the
+    samples at either end of a realization that are missing; ``realizations`` how many there are,
+    and how many are independent. ``holds`` (constant,) are the noise's variance over those of
+    the priors of constants. Their products with each row of ``positive`` (row, constant) are not
+    negative.
     """
 
     rate: float
@@ -109,11 +110,12 @@ def gram_of(signals: Signals) -> Array:
 class Normal(NamedTuple):
     """Sums over realizations of products of signals with a weight W (time, time) between them.
 
-    ``angle``, ``mixed`` and ``velocity`` are normal matrices (time, time) of coefficients that are free at each time,
-    such as W ∘ Σ u uᵀ, and ``right`` (2, signal, time) their right sides u ∘ W x, v ∘ W x for every other signal x.
-    ``steady`` (constant, signal) and ``low`` (constant, time) are products in the low band of the constants' signals
-    with all but the angle, and with the angle.
-    ``excess`` (2,) are variances of the scores u ∘ W e, v ∘ W e over what W says of them.
+    ``angle``, ``mixed`` and ``velocity`` are normal matrices (time, time) of coefficients that
+    are free at each time, such as W ∘ Σ u uᵀ, and ``right`` (2, signal, time) their right sides
+    u ∘ W x, v ∘ W x for every other signal x. ``steady`` (constant, signal) and ``low``
+    (constant, time) are products in the low band of the constants' signals with all but the
+    angle, and with the angle. ``excess`` (2,) are variances of the scores u ∘ W e, v ∘ W e over
+    what W says of them.
     """
 
     angle: Array
@@ -128,7 +130,9 @@ class Normal(NamedTuple):
 def normal(
     signals: Signals, weights: tuple[Array, Array], coefficients: Array, viscosity: Array
 ) -> Normal:
-    """Products with weights of the whole band and of the low one; the torque loses that of a ``viscosity`` (time,).
+    """Products with weights of the whole band and of the low one.
+
+    The torque loses that of a ``viscosity`` (time,).
 
     The ``coefficients`` (signal, time) give the errors whose scores are compared.
     """
@@ -170,7 +174,8 @@ def normal(
 class Constants(NamedTuple):
     """Coefficients beside stiffness that do not change (viscosity, inertia, further ones), and their covariance.
 
-    Where the signals do not tell them apart they are not ``told``, and 0 in directions that nothing is known of.
+    Where the signals do not tell them apart they are not ``told``, and 0 in directions that
+    nothing is known of.
     """
 
     values: Array
@@ -189,8 +194,8 @@ def without_angle(gram: Array) -> Array:
 def constants(free: Array, power: Array, holds: Array, positive: Array) -> Constants:
     """Constants from the products of their signals and the torque without what a free stiffness takes of them.
 
-    ``power`` (constant,) is that of the signals with it, ``holds`` (constant,) the precision of their priors.
-    Their products with the rows of ``positive`` are not negative.
+    ``power`` (constant,) is that of the signals with it, ``holds`` (constant,) the precision of
+    their priors. Their products with the rows of ``positive`` are not negative.
     """
     size = np.sqrt(np.maximum(power + holds, np.finfo(float).tiny))
     own, cross = free[:, :-1], free[:, -1]

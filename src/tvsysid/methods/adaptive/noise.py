@@ -11,7 +11,8 @@ from scipy.linalg import solve_triangular, toeplitz
 from tvsysid.methods.adaptive.moments import A, Signals, V, without_angle
 from tvsysid.numerics import Array
 
-POOLED = 0.05  # s to either side over which the strength of the noise is pooled; also how far misfit is alike
+# s to either side over which the strength of the noise is pooled; also how far misfit is alike
+POOLED = 0.05
 TOGETHER = (
     0.5  # s of all realizations but one together over which it is pooled to either side at least
 )
@@ -19,7 +20,8 @@ COLOUR = 0.25  # s from which the noise is predicted at most
 FLOOR = (
     0.01  # share of the noise's variance that is taken as white at least: the rest may be misfit
 )
-TOLD = 1e-6  # determinant of velocity's and acceleration's correlations below which they cannot be told apart
+# determinant of velocity's and acceleration's correlations below which they cannot be told apart
+TOLD = 1e-6
 EXACT = 1e-8  # share of the torque's power that is taken as noise at least
 
 
@@ -40,8 +42,8 @@ def reach_of(independent: int, rate: float) -> int:
 def whitened(covariance: Array, independent: int, rate: float, periodic: bool) -> Array:
     """Filter (time, time) that makes the noise white and of unit variance, from its covariance.
 
-    It predicts the noise from the samples before, as many as the Bayesian information criterion says, and divides what
-    it does not predict by its strength, pooled over time.
+    It predicts the noise from the samples before, as many as the Bayesian information criterion
+    says, and divides what it does not predict by its strength, pooled over time.
     """
     times, reach = len(covariance), reach_of(independent, rate)
     filters = predictors(covariance, min(round(COLOUR * rate), times // 4), independent)
@@ -94,8 +96,8 @@ class Misfit(NamedTuple):
 def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
     """Of what a joint of second order does not describe, in the same way in all realizations.
 
-    At each time what the ``coefficients`` (signal, time) leave is regressed on velocity and acceleration; the
-    answers vary more than by chance where there is misfit.
+    At each time what the ``coefficients`` (signal, time) leave is regressed on velocity and
+    acceleration; the answers vary more than by chance where there is misfit.
     """
     every = without_angle(gram)
     own = every[:, :2, :2]

@@ -39,8 +39,8 @@ class Found(NamedTuple):
 class Placed(NamedTuple):
     """Switches at their most probable ``positions``, with the products of these.
 
-    Each may also lie at other positions: a window of them and their probabilities for each, ``log_volume`` being the
-    log of what the positions weigh together, in samples.
+    Each may also lie at other positions: a window of them and their probabilities for each,
+    ``log_volume`` being the log of what the positions weigh together, in samples.
     """
 
     positions: Array
@@ -58,7 +58,10 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Windows about places where switches may be, made once for each place; positions are so far apart in samples."""
+    """Windows about places where switches may be, made once for each place.
+
+    Positions are so far apart in samples.
+    """
 
     def __init__(self, line: Line, resolved: float = RESOLVED, near: float = NEAR) -> None:
         self.line, self.resolved, self.near = line, resolved, near

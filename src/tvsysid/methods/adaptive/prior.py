@@ -35,7 +35,8 @@ HARMONICS = 160  # at most: what is shorter is left out of long realizations
 class Roughness(NamedTuple):
     """A smooth part: its ``kind``, standard deviation in mean sizes, length in samples, and log prior probability.
 
-    ``weights`` (feature,) are variances, in squares of the mean size, of a constant and of cosines and sines.
+    ``weights`` (feature,) are variances, in squares of the mean size, of a constant and of
+    cosines and sines.
     """
 
     kind: str
@@ -48,9 +49,9 @@ class Roughness(NamedTuple):
 class Axis(NamedTuple):
     """Samples over which something changes: how many ``times``, and whether the end goes on at the beginning.
 
-    ``taps`` are samples to either side over which a low-pass before sampling smears a step, 0 for none; ``jitter`` is
-    the standard deviation in samples of a switch's time from one of so many ``realizations`` to the next: their mean
-    changes gradually.
+    ``taps`` are samples to either side over which a low-pass before sampling smears a step, 0
+    for none; ``jitter`` is the standard deviation in samples of a switch's time from one of so
+    many ``realizations`` to the next: their mean changes gradually.
     """
 
     times: int
@@ -88,7 +89,10 @@ class Axis(NamedTuple):
         )
 
     def sharp(self, late: Array) -> Array:
-        """Steps of 1, so many samples late; a sawtooth that jumps by 1 where the end goes on at the beginning."""
+        """Steps of 1, so many samples late.
+
+        A sawtooth that jumps by 1 where the end goes on at the beginning.
+        """
         step = (late >= 0).astype(np.float64)
         return np.asarray(step - 0.5 - late / self.times if self.periodic else step)
 
@@ -151,7 +155,8 @@ def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
         spectrum = (1 + (2 * np.pi * harmonic * length / period) ** 2 / 3) ** -2.0
         add("with corners", length, AMPLITUDES[1:], spectrum)
         length *= RATIO**2
-    # More for none, 0.98, would take up to a tenth off the random error where stiffness only switches; of a change by
+    # More for none, 0.98, would take up to a tenth off the random error where stiffness only
+    # switches; of a change by
     # 3 % in 40 s of PRBS, bands would hold 68 instead of 83 %.
     share = math.log(0.5 / max(len(shapes), 1))
     none = np.zeros(2 * axis.harmonics + 1)

@@ -25,9 +25,9 @@ from tvsysid.signals import Ensemble
 class WithReflex(Signals):
     """Signals of a joint with a reflex.
 
-    Behind angle, velocity and acceleration follow the angle's differences of higher order (the intrinsic response lasts
-    40 ms to either side), the reflex's columns, and their derivatives by its shape: ``columns`` (signal,
-    realization, time), of realizations with a history.
+    Behind angle, velocity and acceleration follow the angle's differences of higher order (the
+    intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
+    by its shape: ``columns`` (signal, realization, time), of realizations with a history.
     """
 
     columns: Array
@@ -66,9 +66,12 @@ class WithReflex(Signals):
 def with_reflex(
     ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None = None
 ) -> WithReflex | None:
-    """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``.
+    """Signals of a joint with a reflex, if held-out realizations show one.
 
-    None also if too little is known of the history of enough realizations. A channel of EMG may drive it.
+    Or with one that is ``known``.
+
+    None also if too little is known of the history of enough realizations. A channel of EMG may
+    drive it.
     """
     method = JointCascade(emg=emg)
     try:

@@ -48,9 +48,10 @@ START = Sizes(0.2, False)
 class State(NamedTuple):
     """Positions of switches beside a smooth part, their score, and by how much the last step raised it.
 
-    The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not searched if further
-    switches had to bring more than that, or GAIN, to make it the best. No bound on what they can bring is as sharp:
-    half of the chi-square that a smooth part leaves is one, but the noise of all samples is in it.
+    The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not
+    searched if further switches had to bring more than that, or GAIN, to make it the best. No
+    bound on what they can bring is as sharp: half of the chi-square that a smooth part leaves is
+    one, but the noise of all samples is in it.
     """
 
     places: tuple[float, ...]
@@ -186,8 +187,9 @@ class Walk:
 def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
     """Best set of each number of switches between levels if noise were white, by dynamic programming (Bellman 1961).
 
-    Step by step, several switches of which none alone is worth much are not found. Where the end goes on at the
-    beginning, what repeats is cut at the first of the ``places``, which is a switch or is not.
+    Step by step, several switches of which none alone is worth much are not found. Where the end
+    goes on at the beginning, what repeats is cut at the first of the ``places``, which is a
+    switch or is not.
     """
     times, periodic = line.axis.times, line.axis.periodic
     cut = round(places[0]) % times if periodic and places else 0

@@ -53,7 +53,8 @@ def covariance_of(problem: Problem, found: Found) -> Covariance:
     .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
               H = \Phi^T Q \Phi + \sigma^2 P^{-1}
 
-    with the derivatives by the shape among the columns, P the prior's covariance, Q the weights of the samples, and
+    with the derivatives by the shape among the columns, P the prior's covariance, Q the weights of
+    the samples, and
     :math:`\Sigma` the noise's autocovariance within a realization, from what is left.
     """
     data, left = problem.data, problem.left(found)

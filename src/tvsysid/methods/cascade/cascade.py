@@ -48,8 +48,9 @@ class JointCascade(base.Method):
     .. math:: \ddot r + 2 \zeta \omega\, \dot r + \omega^2\, r = \omega^2\, G(t)\, f(t - d), \qquad
               f = s \max(s\, \dot\theta - c, 0)
 
-    Stiffness is the sum of h. h is a sum of the angle, its velocity, its acceleration and its differences of higher
-    order; the coefficients of the first two and the gain G are Fourier series of the period, the others constant.
+    Stiffness is the sum of h. h is a sum of the angle, its velocity, its acceleration and its
+    differences of higher order; the coefficients of the first two and the gain G are Fourier series
+    of the period, the others constant.
 
     Parameters
     ----------
@@ -58,13 +59,14 @@ class JointCascade(base.Method):
     harmonics
         Of stiffness, viscosity and reflex gain over a period.
     constant
-        Whether none of them changes. None takes changes up where they predict realizations better that were not fitted
-        to (p < 0.05).
+        Whether none of them changes. None takes changes up where they predict realizations better
+        that were not fitted to (p < 0.05).
     delay
-        d in s; ``"fit"`` estimates it between 35 and 75 ms: below the lags of the intrinsic response the reflex would
-        take over its inertia. None is 40 ms, or 10 ms from EMG to torque.
+        d in s; ``"fit"`` estimates it between 35 and 75 ms: below the lags of the intrinsic
+        response the reflex would take over its inertia. None is 40 ms, or 10 ms from EMG to torque.
     emg
-        Channel that drives the muscle in the velocity's place: the EMG's envelope, say. There is no threshold then.
+        Channel that drives the muscle in the velocity's place: the EMG's envelope, say. There is no
+        threshold then.
     max_lag
         Lags of the intrinsic response to either side, in s.
 
@@ -76,32 +78,37 @@ class JointCascade(base.Method):
     delay are found by Gauss-Newton steps, with all coefficients solved for in each: a reflex that is fitted to what an
     intrinsic fit left has lost part of itself.
 
-    Samples are weighed by the noise's inverse covariance within a realization (or 2.56 s of it at 100 Hz), from what a
-    first fit leaves: slow voluntary torque would pass for a change of stiffness, or hide one. Where held-out
-    realizations are then predicted worse (by 2 % of the squares), whitening gives weight to a misfit of the model. The
-    noise is then taken as nearly white.
+    Samples are weighed by the noise's inverse covariance within a realization (or 2.56 s of it at
+    100 Hz), from what a first fit leaves: slow voluntary torque would pass for a change of
+    stiffness, or hide one. Where held-out realizations are then predicted worse (by 2 % of the
+    squares), whitening gives weight to a misfit of the model. The noise is then taken as nearly
+    white.
 
-    The velocity is that of the total angle, rectified at the rate at which it was recorded. Torque and regressors are
-    deviations from their mean over realizations. The gain is that of the stretch as it arrives at the muscle.
-    Viscosity and inertia are those of a second-order fit to the intrinsic response from 0.5 to 15 Hz.
+    The velocity is that of the total angle, rectified at the rate at which it was recorded. Torque
+    and regressors are deviations from their mean over realizations. The gain is that of the stretch
+    as it arrives at the muscle. Viscosity and inertia are those of a second-order fit to the
+    intrinsic response from 0.5 to 15 Hz.
 
-    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were not fitted
-    to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
-    is one without, and ``reflex_gain`` says with its band what the data leave room for.
+    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations
+    that were not fitted to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the
+    evidence. Where none is shown, the model is one without, and ``reflex_gain`` says with its band
+    what the data leave room for.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands; stiffness and the gain of EMG are of
-    one sign. Sizes and decays are found without this limit. A warning says so where it costs 1 % of the torque.
+    Neither viscosity nor reflex gain is negative at any time, nor are their bands; stiffness and
+    the gain of EMG are of one sign. Sizes and decays are found without this limit. A warning says
+    so where it costs 1 % of the torque.
 
-    A threshold is taken as 0 unless with it realizations are predicted better that were not fitted to (p < 0.05); the
-    bands count that it is not known.
+    A threshold is taken as 0 unless with it realizations are predicted better that were not fitted
+    to (p < 0.05); the bands count that it is not known.
 
-    The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a Fourier series
-    rounds off, the truth lies outside.
+    The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a
+    Fourier series rounds off, the truth lies outside.
 
-    The diagnostics' ``details`` hold the shape with standard errors; ``direction``; ``reflex_shown`` and ``constant``,
-    1 or 0; the share of the torque in per cent that is explained (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; these two
-    need not add up), and where it was not fitted to (``vaf_held_out``, by thirds of the realizations, in turn); the log
-    evidence without a reflex, with a linear late answer, and with each direction; ``stiffness_fitted``, the mean
+    The diagnostics' ``details`` hold the shape with standard errors; ``direction``;
+    ``reflex_shown`` and ``constant``, 1 or 0; the share of the torque in per cent that is explained
+    (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; these two need not add up), and where it was not
+    fitted to (``vaf_held_out``, by thirds of the realizations, in turn); the log evidence without a
+    reflex, with a linear late answer, and with each direction; ``stiffness_fitted``, the mean
     stiffness of the second-order fit.
 
     References
@@ -126,11 +133,14 @@ class JointCascade(base.Method):
     title: ClassVar[str] = "Joint fit of intrinsic and reflex pathways"
     assumptions: ClassVar[tuple[str, ...]] = (
         "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
-        "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second order.",
-        "Behaviour is the same in all realizations, and periodic; without a period, that of a realization.",
+        "The reflex answers the velocity of stretch beyond a threshold, through a muscle of "
+        "second order.",
+        "Behaviour is the same in all realizations, and periodic; without a period, that of a "
+        "realization.",
     )
     differs: ClassVar[str] = (
-        "The torque of the reflex is taken out of the stiffness, in which methods of one pathway leave it; "
+        "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
+        "leave it; "
         "harmonics of the period smooth a switch."
     )
     cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
@@ -147,7 +157,8 @@ class JointCascade(base.Method):
             len(self.harmonics) == 3 and all(type(h) is int and h >= 0 for h in self.harmonics)
         ):
             raise InputError(
-                "JointCascade: harmonics must be three whole numbers of 0 or more: of stiffness, viscosity and "
+                "JointCascade: harmonics must be three whole numbers of 0 or more: of stiffness, "
+                "viscosity and "
                 f"reflex gain; got {self.harmonics!r}"
             )
         if self.constant not in (True, False, None):
@@ -156,7 +167,8 @@ class JointCascade(base.Method):
             )
         if self.delay == "fit" and self.emg is not None:
             raise InputError(
-                "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in delay=0.01"
+                "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in "
+                "delay=0.01"
             )
         if self.delay is not None and self.delay != "fit":
             base.check_positive(self, delay=self.delay)
@@ -193,7 +205,10 @@ class JointCascade(base.Method):
         )
 
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
-        """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
+        """Return the solutions with each reflex and without one, and the chosen one.
+
+        Only one where it is known.
+        """
         search = self._search(ensemble)
         fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
         name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
@@ -213,8 +228,10 @@ class JointCascade(base.Method):
         fitted = known & _settled(ensemble)
         if not fitted.any():
             raise InputError(
-                f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, realizations have "
-                f"{ensemble.samples / rate:g} s with {ensemble.context / rate:g} s of context; give longer ones"
+                f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, "
+                "realizations have "
+                f"{ensemble.samples / rate:g} s with {ensemble.context / rate:g} s of context; "
+                "give longer ones"
             )
         bases = [
             FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period)
@@ -281,14 +298,20 @@ class JointCascade(base.Method):
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]
         if self.emg is None and rate < FINE:
             yield (
-                f"the angle is there at {rate:g} Hz only, where the velocity of fast movements cannot be rectified: "
-                "the reflex's gain comes out too large, and a threshold where there is none; give a recording at 500 "
-                "Hz or more and decimate it with tvsysid.preprocess.decimate, which keeps the angle as it was"
+                f"the angle is there at {rate:g} Hz only, where the velocity of fast movements "
+                "cannot be rectified: "
+                "the reflex's gain comes out too large, and a threshold where there is none; give "
+                "a recording at 500 "
+                "Hz or more and decimate it with tvsysid.preprocess.decimate, which keeps the "
+                "angle as it was"
             )
 
 
 def _past(ensemble: Ensemble, values: Array, data: Data) -> Array:
-    """Values with their history (realization, history + time), as deviations from the mean; 0 where not recorded."""
+    """Values with their history (realization, history + time), as deviations from the mean.
+
+    0 where not recorded.
+    """
     samples = round(HISTORY * ensemble.sampling_rate)
     rows = history(ensemble, values, samples)[
         data.rows, data.times.start : samples + data.times.stop

@@ -80,7 +80,9 @@ class Hyperparameters(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Data, and what may drive a reflex, by name; which numbers of its shape are ``free``; a ``delay`` of None is.
+    """Data, and what may drive a reflex, by name; which numbers of its shape are ``free``.
+
+    A ``delay`` of None is.
 
     ``harmonics`` are the gain's, ``lags`` the intrinsic response's to either side, in samples.
     """
@@ -95,7 +97,10 @@ class Search(NamedTuple):
     free: Mapping[str, tuple[str, ...]]
 
     def problem(self, name: str, data: Data, free: tuple[str, ...] | None = None) -> Problem:
-        """With a reflex of this name, or plain where it is "none"; the gain changes if the stiffness does."""
+        """With a reflex of this name, or plain where it is "none".
+
+        The gain changes if the stiffness does.
+        """
         if name == "none":
             return Problem.of(data, None, ())
         basis = FourierSeries(self.harmonics if data.varies else 0)
@@ -103,7 +108,10 @@ class Search(NamedTuple):
         return Problem.of(data, reflex, self.free[name] if free is None else free)
 
     def fits(self, constant: bool | None, names: Iterable[str]) -> dict[str, Candidate]:
-        """Solution with each of some reflexes, or without one ("none"); None chooses whether they are constant."""
+        """Solution with each of some reflexes, or without one ("none").
+
+        None chooses whether they are constant.
+        """
         still = self.data.constant()
         first = {name: first_shapes(self.delay, self.free.get(name, ())) for name in names}
         begun = {name: self.problem(name, still).started(each) for name, each in first.items()}
@@ -201,7 +209,10 @@ def _best(fits: Mapping[str, Candidate]) -> Candidate:
 
 
 def _better(one: Mapping[str, Candidate], other: Mapping[str, Candidate]) -> bool:
-    """Whether the best of some candidates predicts better than the best of others; of few, if it has more evidence."""
+    """Whether the best of some candidates predicts better than the best of others.
+
+    Of few, if it has more evidence.
+    """
     best, rest = _best(one), _best(other)
     if len(best.problem.data.torque) < LEAST_REALIZATIONS:
         return best.found.objective > rest.found.objective

@@ -49,7 +49,9 @@ class Moments(NamedTuple):
 
 
 class Family(NamedTuple):
-    """Columns of one coefficient: a constant and the harmonics of its change; ``free`` if the constant's prior is flat.
+    """Columns of one coefficient: a constant and the harmonics of its change.
+
+    ``free`` if the constant's prior is flat.
 
     ``several`` are columns of one size without harmonics.
     """
@@ -67,7 +69,8 @@ class Family(NamedTuple):
 class Prior(NamedTuple):
     r"""Log standard deviations of the columns' coefficients, relative to the noise: ``offset + design @ parameters``.
 
-    Of a family's h-th harmonic it is :math:`\log\gamma - \nu \log h`; ``decay`` says which parameters are a
+    Of a family's h-th harmonic it is :math:`\log\gamma - \nu \log h`; ``decay`` says which
+    parameters are a
     :math:`\nu`.
     """
 
@@ -123,8 +126,9 @@ class Prior(NamedTuple):
 class Solved(NamedTuple):
     """Posterior of coefficients whose prior has these standard deviations relative to the noise.
 
-    ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G the Gram matrix. A share
-    of the torque's square is ``lost`` because some quantities are not negative.
+    ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G
+    the Gram matrix. A share of the torque's square is ``lost`` because some quantities are not
+    negative.
     """
 
     coefficients: Array
@@ -146,9 +150,10 @@ def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Solve
     .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
               - \tfrac12 \log|S \Phi^T\Phi S + 1|
 
-    more than that of a torque that is all noise, so that no unit matters.
-    ``by_spread`` are its derivatives by the logarithms of the spread. Of the coefficients whose products with each row
-    of ``positive`` (row, coefficient) are not negative, those of greatest posterior density are returned.
+    more than that of a torque that is all noise, so that no unit matters. ``by_spread`` are its
+    derivatives by the logarithms of the spread. Of the coefficients whose products with each row
+    of ``positive`` (row, coefficient) are not negative, those of greatest posterior density are
+    returned.
     """
     system = np.asfortranarray(moments.gram * np.outer(spread, spread))
     system.ravel(order="A")[:: len(system) + 1] += 1.0
@@ -184,7 +189,10 @@ def nearest_inside(point: Array, normals: Array) -> Array:
 
 
 def tuned(moments: Moments, prior: Prior, start: Array) -> Array:
-    """Hyper-parameters of greatest evidence near a start; the columns have unit RMS in each family."""
+    """Hyper-parameters of greatest evidence near a start.
+
+    The columns have unit RMS in each family.
+    """
     if not len(start):
         return start
 

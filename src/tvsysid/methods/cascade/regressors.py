@@ -23,7 +23,8 @@ from tvsysid.numerics.differentiation import derivative_weights
 from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import decimated
 
-BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+# share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+BAND = 0.6
 HALF_WIDTH = (
     8  # samples to either side from which velocity and acceleration follow at the recorded rate
 )
@@ -36,8 +37,8 @@ HIGHEST = 8  # order of difference of the angle up to which the intrinsic respon
 def intrinsic_filters(lags: int, rate: float) -> Array:
     """Filters (signal, lag) of the angle: itself, its velocity, its acceleration, and its differences from order 3 on.
 
-    The first passes what stands still, the others nothing of it, so that a response's sum is the first's coefficient;
-    the velocity of a ramp and the acceleration of a parabola are exact.
+    The first passes what stands still, the others nothing of it, so that a response's sum is the
+    first's coefficient; the velocity of a ramp and the acceleration of a parabola are exact.
     """
     offsets = np.arange(-lags, lags + 1)
     filters = derivative_weights(lags, BAND).copy()
@@ -75,7 +76,10 @@ def readout(lags: int, rate: float) -> Array:
 
 
 def deviations(values: Array) -> Array:
-    """Values (…, realization, time) less their mean over realizations, or of one over time; 0 where they are NaN."""
+    """Values (…, realization, time) less their mean over realizations, or of one over time.
+
+    0 where they are NaN.
+    """
     axis = -1 if values.shape[-2] == 1 else -2
     known = np.isfinite(values)
     total = np.where(known, values, 0.0).sum(axis=axis, keepdims=True)
@@ -88,10 +92,11 @@ def deviations(values: Array) -> Array:
 class Data:
     """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
 
-    They are those of the ``rows`` and ``times`` of an ensemble that are fitted. ``bases`` are the functions of time
-    (time, function) by which each signal's coefficient changes, at all times. ``noise`` is the autocorrelation of the
-    noise, and ``windows`` are stretches of time with the inverse of its matrix. ``own`` (fold, column, column) are the
-    products of the intrinsic columns and the torque, which is last, by ``folds`` of realizations.
+    They are those of the ``rows`` and ``times`` of an ensemble that are fitted. ``bases`` are
+    the functions of time (time, function) by which each signal's coefficient changes, at all
+    times. ``noise`` is the autocorrelation of the noise, and ``windows`` are stretches of time
+    with the inverse of its matrix. ``own`` (fold, column, column) are the products of the
+    intrinsic columns and the torque, which is last, by ``folds`` of realizations.
     """
 
     torque: Array
@@ -110,7 +115,8 @@ class Data:
     ) -> Self:
         """Of torque and signals (signal, realization, time) as they are, where those are ``fitted`` (likewise).
 
-        These are the times that are fitted in half of the realizations, and the realizations that are at all of them.
+        These are the times that are fitted in half of the realizations, and the realizations
+        that are at all of them.
         """
         often = fitted.sum(axis=0)
         inside = np.flatnonzero(2 * often >= often.max())
@@ -146,7 +152,8 @@ class Data:
     def weighed(self, noise: Array, true: Array | None = None) -> Self:
         """Data whose noise has this autocorrelation, from lag 0 on, within a realization or a window of it.
 
-        If another one is ``true``, the products are those of which the coefficients' covariance is made.
+        If another one is ``true``, the products are those of which the coefficients' covariance
+        is made.
         """
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // WINDOW) + 1).astype(int)
@@ -230,7 +237,8 @@ class Shape(NamedTuple):
     def muscle(self, rate: float) -> tuple[int, Array, Array]:
         r"""Whole samples of the delay, and a recursive filter for the rest and for the muscle.
 
-        Its impulse response is that of :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`, sampled, with unit gain.
+        Its impulse response is that of :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`,
+        sampled, with unit gain.
         """
         samples = self.delay * rate
         whole = math.floor(samples + 1e-9)
@@ -260,8 +268,9 @@ class Shape(NamedTuple):
 class Reflex:
     """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
 
-    ``drive`` gives the rows (realization, history + time) for a threshold, as deviations from their mean over
-    realizations, 0 where nothing was recorded; ``basis`` is that of the gain over a ``period`` in s.
+    ``drive`` gives the rows (realization, history + time) for a threshold, as deviations from
+    their mean over realizations, 0 where nothing was recorded; ``basis`` is that of the gain
+    over a ``period`` in s.
     """
 
     drive: Callable[[float], Array]
@@ -356,9 +365,9 @@ def lagged_signals(
 def unresolved(recorded: Array, lags: int, rate: float) -> Array:
     """What velocity and acceleration have beyond those of so few lags of the decimated angle: (2, realization, time).
 
-    They are derivatives of the angle as ``recorded`` (realization, time, sample), decimated as the torque was, so that
-    the torque of fast movements is followed where decimation takes it for a slower one's (aliases). Zero where a filter
-    reaches beyond the samples.
+    They are derivatives of the angle as ``recorded`` (realization, time, sample), decimated as
+    the torque was, so that the torque of fast movements is followed where decimation takes it
+    for a slower one's (aliases). Zero where a filter reaches beyond the samples.
     """
     samples = recorded.shape[-1]
     out = np.zeros((2, *recorded.shape[:2]))

@@ -39,9 +39,10 @@ class Chosen(NamedTuple):
 class JointCascadeModel(TwoPathwayModel):
     """Both pathways, and what the torque of fast movements has beyond the impulse response.
 
-    ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that the decimated angle
-    does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if the ensemble keeps the angle as recorded.
-    ``hyperparameters`` are those of the solution with the reflex whose gain is stated.
+    ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that
+    the decimated angle does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if
+    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the solution with
+    the reflex whose gain is stated.
     """
 
     fast_response: Array
@@ -69,7 +70,8 @@ def of_sign(values: Array, sign: float) -> Array:
 class Intrinsic(NamedTuple):
     """Weights (time, lag) of lagged angles, those of derivatives, and the mean stiffness of a second-order fit to them.
 
-    The ``values`` (time,) of stiffness, viscosity and inertia, and the ``features`` (time, coefficient) that give them.
+    The ``values`` (time,) of stiffness, viscosity and inertia, and the ``features`` (time,
+    coefficient) that give them.
     """
 
     weights: Array
@@ -165,7 +167,10 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
-    """Weights (time, lag) of what drives the reflex, and the lags in s; zero where no reflex is shown."""
+    """Weights (time, lag) of what drives the reflex, and the lags in s.
+
+    Zero where no reflex is shown.
+    """
     ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
     shape = chosen.fit.found.shape
     longest = max(round(SETTLED * rate), ensemble.context) + 1
@@ -223,7 +228,8 @@ def _warnings(
 ) -> Iterator[str]:
     if not chosen.shown:
         yield (
-            "no reflex is shown by these data: stiffness, viscosity and inertia are those of a joint without one, and "
+            "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
+            "joint without one, and "
             "reflex_gain with its band is what the data leave room for"
         )
         return
@@ -231,16 +237,19 @@ def _warnings(
     place = dict(zip(free, place_of(shape, free), strict=True))
     if "delay" in free and place["delay"] in (TERMS["delay"].low, TERMS["delay"].high):
         yield (
-            f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; fix it (delay=0.04)"
+            f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; "
+            "fix it (delay=0.04)"
         )
     if "threshold" in free and place["threshold"] >= TERMS["threshold"].high:
         yield (
-            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, nor is the reflex's "
+            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not "
+            "identified, nor is the reflex's "
             "gain"
         )
     elif details.get("threshold_error", 0.0) > UNKNOWN:
         yield (
-            f"the threshold is hardly identified ({shape.threshold:.2g} ± {details['threshold_error']:.2g} rad/s), as "
+            f"the threshold is hardly identified ({shape.threshold:.2g} ± "
+            f"{details['threshold_error']:.2g} rad/s), as "
             "where all movements are equally fast: the reflex's gain rises and falls with it"
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
@@ -256,7 +265,8 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
     assert error is not None
     if not constant and 1.96 * np.nanmax(error.values) > np.ptp(known):
         yield (
-            "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
+            "the reflex gain's change over time is not identified: its band is wider than its "
+            "range; only its mean is"
         )
 
 
@@ -264,8 +274,10 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
     """Warn where a response's sum, the mean stiffness, differs from that of a second-order fit."""
     if abs(fitted - mean) > APART * abs(mean):
         yield (
-            f"the intrinsic response is not that of a second-order joint: its sum gives a mean stiffness of {mean:.1f} "
-            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as an uncertainty, and "
+            "the intrinsic response is not that of a second-order joint: its sum gives a mean "
+            f"stiffness of {mean:.1f} "
+            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as "
+            "an uncertainty, and "
             "viscosity and inertia as those of that fit"
         )
 
@@ -274,7 +286,9 @@ def contradicted(lost: float) -> Iterator[str]:
     """Warn where a share of the torque is lost because quantities are of one sign."""
     if lost > MAX_LOST:
         yield (
-            f"a negative viscosity or reflex gain, or a stiffness of both signs, would explain {100 * lost:.1f} % more "
-            "of the torque, but no joint has these: the torque may be early, or move the angle, or the realizations "
+            "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
+            f"{100 * lost:.1f} % more "
+            "of the torque, but no joint has these: the torque may be early, or move the angle, "
+            "or the realizations "
             "differ in more than the perturbation"
         )

@@ -96,7 +96,10 @@ class Problem:
 
     @classmethod
     def of(cls, data: Data, reflex: Reflex | None, free: tuple[str, ...]) -> Self:
-        """Of data and a reflex; each signal is a family, but those beyond the acceleration are one together."""
+        """Of data and a reflex.
+
+        Each signal is a family, but those beyond the acceleration are one together.
+        """
         families = [Family(basis.shape[1] // 2) for basis in data.bases[:3]]
         if len(data.bases) > 3:
             families.append(Family(several=len(data.bases) - 3))
@@ -263,7 +266,10 @@ def first_shapes(delay: float | None, free: tuple[str, ...]) -> tuple[Shape, ...
 
 
 def held_out(problem: Problem, found: Found) -> Array:
-    """Torque (realization, time) that is left by what was fitted to the other folds; NaN of a single fold."""
+    """Torque (realization, time) that is left by what was fitted to the other folds.
+
+    NaN of a single fold.
+    """
     data, limits = problem.data, problem.positive / found.scale
     left = np.full_like(data.torque, np.nan)
     for fold, rows in enumerate(data.folds if len(data.folds) > 1 else []):

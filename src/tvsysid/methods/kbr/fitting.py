@@ -28,7 +28,8 @@ FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 class KernelPosterior:
     """Posterior of all coefficients: from the ``fit`` of those ``kept``, (coefficient, column), and the prior.
 
-    Of coefficients that the data cannot see, the prior is all that is known: its ``variances`` (coefficient,).
+    Of coefficients that the data cannot see, the prior is all that is known: its ``variances``
+    (coefficient,).
     """
 
     fit: Fitted
@@ -45,7 +46,10 @@ class KernelPosterior:
 
     @property
     def covariance(self) -> Array:
-        """Of shape (coefficient, coefficient); of some megabytes, and therefore worked out when somebody asks."""
+        """Of shape (coefficient, coefficient).
+
+        Of some megabytes, and therefore worked out when somebody asks.
+        """
         unseen = np.outer(
             0.5 * self.variances,
             1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf),
@@ -134,9 +138,12 @@ def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class KernelErrors:
-    """Standard errors of sums of features, averaged over realizations; the features are made when somebody asks.
+    """Standard errors of sums of features, averaged over realizations.
 
-    ``times`` are those of :func:`times_of`; ``of_noise`` makes the errors from expansions and covariances.
+    The features are made when somebody asks.
+
+    ``times`` are those of :func:`times_of`; ``of_noise`` makes the errors from expansions and
+    covariances.
     """
 
     posterior: KernelPosterior

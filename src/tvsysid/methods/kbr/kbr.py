@@ -24,10 +24,12 @@ Weights = Literal["white", "residual"]
 PRESETS: dict[str, dict[str, float]] = {
     "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
-}  # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
+    # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
+}
 
 LOST = 5.0  # points of VAF that tuning may lose without saying so
-REWEIGHTED = 2  # times that residual weights are found; a third changes stiffness by a hundredth of its error
+# times that residual weights are found; a third changes stiffness by a hundredth of its error
+REWEIGHTED = 2
 
 
 @dataclass(frozen=True)
@@ -40,45 +42,50 @@ class KernelRegression(base.Method):
     .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2} + \sum_m \tilde b_m^T K^{-1} \tilde b_m, \qquad
               K(t, t') = \gamma\, e^{-\sin^2(\pi (t - t') / p) / l_1}\, e^{-(t - t')^2 / l_2^2}
 
-    (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b are stiffness,
-    viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say otherwise. E is the Fourier transform of
-    the equation error over each unbroken run of realizations, divided by the root of its number of samples.
+    (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
+    are stiffness, viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say
+    otherwise. E is the Fourier transform of the equation error over each unbroken run of
+    realizations, divided by the root of its number of samples.
 
     Parameters
     ----------
     period
         Period p of the behaviour in s; None takes the duration of a realization.
     length_periodic
-        l1: smoothness within a period; larger is smoother. It has no unit, although the paper prints seconds.
+        l1: smoothness within a period; larger is smoother. It has no unit, although the paper
+        prints seconds.
     length_decay
-        l2 in s: time over which periods come to differ. From 20 record lengths on, the kernel is strictly periodic.
+        l2 in s: time over which periods come to differ. From 20 record lengths on, the kernel is
+        strictly periodic.
     gamma
-        Prior variance about their means of stiffness, viscosity and inertia, or one number for all three, in units of
-        the ``scale`` squared. The paper gives one, without a unit.
+        Prior variance about their means of stiffness, viscosity and inertia, or one number for all
+        three, in units of the ``scale`` squared. The paper gives one, without a unit.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
     order
-        Nb: 2 for inertia, viscosity and stiffness; 1 for a joint without inertia, which then is 0 and has no band; 0
-        for a spring. A third derivative has no name in an impedance and is not offered. With a lower order the last
-        gammas do not count.
+        Nb: 2 for inertia, viscosity and stiffness; 1 for a joint without inertia, which then is 0
+        and has no band; 0 for a spring. A third derivative has no name in an impedance and is not
+        offered. With a lower order the last gammas do not count.
     lag
-        a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor or a filter makes it;
-        0 for none (Na = 0).
+        a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor
+        or a filter makes it; 0 for none (Na = 0).
     scale
-        What a gamma of 1 stands for, in N·m/rad (N·m·s/rad of viscosity, kg·m² of inertia). None takes it from the
-        data: 0.573 of the modulus at 1 Hz of the constant impedance that fits them best. So the units of torque and
-        angle do not matter: they scale the estimates, and change nothing else. Of the paper's joint, with 100 N·m/rad
-        in the mean, that is 57.3 N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes it at that: gamma is then a number of
+        What a gamma of 1 stands for, in N·m/rad (N·m·s/rad of viscosity, kg·m² of inertia). None
+        takes it from the data: 0.573 of the modulus at 1 Hz of the constant impedance that fits
+        them best. So the units of torque and angle do not matter: they scale the estimates, and
+        change nothing else. Of the paper's joint, with 100 N·m/rad in the mean, that is 57.3
+        N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes it at that: gamma is then a number of
         (N·m/deg)², whatever the joint.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
-        moves too: what the reference predicts of the angle (:mod:`tvsysid.methods.shared.instrument`) takes the place
-        of the angle in the left factor of the normal equations.
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
+        noise of the torque moves too: what the reference predicts of the angle
+        (:mod:`tvsysid.methods.shared.instrument`) takes the place of the angle in the left factor
+        of the normal equations.
     weighting
-        ``"white"``: all frequencies count alike, as in the paper. ``"residual"``: as the inverse of the power of what
-        the fit leaves of the torque (averaged over ±0.5 Hz, in two turns), which is best where the noise is not white
-        in the band; with slow noise it takes a third to three quarters off the random error, in open and in closed
-        loop.
+        ``"white"``: all frequencies count alike, as in the paper. ``"residual"``: as the inverse of
+        the power of what the fit leaves of the torque (averaged over ±0.5 Hz, in two turns), which
+        is best where the noise is not white in the band; with slow noise it takes a third to three
+        quarters off the random error, in open and in closed loop.
 
     Notes
     -----
@@ -86,34 +93,40 @@ class KernelRegression(base.Method):
     4.5 would hold stiffness within 2 N·m/rad of a constant; so it allows some 120 N·m/rad, and gives figures like the
     paper's.
 
-    The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
-    biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is
-    that of the joint. This takes the lag and the change of b in the other order, which errs by about
+    The lag is fitted as output error, since an equation error with the derivative of a noisy torque
+    is biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the
+    impedance of what comes out is that of the joint. This takes the lag and the change of b in the
+    other order, which errs by about
     :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds both by
     evidence.
 
-    The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
-    (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression with some 110 unknowns. Where a run
-    holds whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the
-    eigenfunctions are ever transformed. The cost grows with the cube of the record where the decay is short against it:
-    600 s at 30 s take 3800 coefficients and some 10 s.
+    The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
+    of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
+    with some 110 unknowns. Where a run holds whole periods, a product with a harmonic is a shift in
+    frequency, so that only the signals times the eigenfunctions are ever transformed. The cost
+    grows with the cube of the record where the decay is short against it: 600 s at 30 s take 3800
+    coefficients and some 10 s.
 
-    The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over 1/20 of the decay; but
-    with such a gamma even that lets inertia drift freely, and the dense solution with the decay kept differs by up to
-    1 N·m/rad of stiffness for 20 s of data.
+    The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over
+    1/20 of the decay; but with such a gamma even that lets inertia drift freely, and the dense
+    solution with the decay kept differs by up to 1 N·m/rad of stiffness for 20 s of data.
 
-    The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
+    The external term is a sum of five half-cosines over a run, with the torque's variance as prior
+    variance each.
 
-    What cannot reach a small share of the noise in the torque is left out, for each coefficient by its own signal: of a
-    gamma that inertia and stiffness have in common, inertia needs some twice as many features. Of their coefficients
-    the prior is all that is known. It changes stiffness by some 1e-3 N·m/rad.
+    What cannot reach a small share of the noise in the torque is left out, for each coefficient by
+    its own signal: of a gamma that inertia and stiffness have in common, inertia needs some twice
+    as many features. Of their coefficients the prior is all that is known. It changes stiffness by
+    some 1e-3 N·m/rad.
 
-    The noise variance is estimated from the residual, with the effective number of parameters taken off. The
-    diagnostics' ``second_order_agreement`` is how much of the torque that answers to the angle order 2 explains.
+    The noise variance is estimated from the residual, with the effective number of parameters taken
+    off. The diagnostics' ``second_order_agreement`` is how much of the torque that answers to the
+    angle order 2 explains.
 
-    The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
-    (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the
-    behaviour is as smooth as the kernel says: about a switch, the truth lies outside.
+    The bands are those of the posterior, which takes the noise as white within the band, times a
+    factor for its colour (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts
+    what the prior smooths away only as far as the behaviour is as smooth as the kernel says:
+    about a switch, the truth lies outside.
     """
 
     period: float | None = None
@@ -131,13 +144,16 @@ class KernelRegression(base.Method):
     contiguous: ClassVar[bool] = True
     title: ClassVar[str] = "Kernel-based regression"
     assumptions: ClassVar[tuple[str, ...]] = (
-        "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel says.",
-        "The joint is of second order (or of the order given), with at most one lag of the torque, whose coefficient "
+        "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
+        "says.",
+        "The joint is of second order (or of the order given), with at most one lag of the "
+        "torque, whose coefficient "
         "is constant (Na > 0).",
         "The record is continuous; one realization is enough, more are better.",
     )
     differs: ClassVar[str] = (
-        "Its kernel says beforehand how smooth and how periodic stiffness is: a switch comes out smooth, with "
+        "Its kernel says beforehand how smooth and how periodic stiffness is: a switch comes out "
+        "smooth, with "
         "ripples beside it."
     )
     cites: ClassVar[tuple[str, ...]] = ("lataire2017", "cavallo2020", "vanderuit2021")
@@ -152,7 +168,8 @@ class KernelRegression(base.Method):
         several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
         if len(several) != 3:
             raise InputError(
-                "KernelRegression: gamma must be one number, or three: of stiffness, viscosity and inertia; got "
+                "KernelRegression: gamma must be one number, or three: of stiffness, viscosity "
+                "and inertia; got "
                 f"{self.gamma!r}"
             )
         for gamma in several:
@@ -169,7 +186,8 @@ class KernelRegression(base.Method):
             )
         if type(self.order) is not int or not 0 <= self.order <= 2:
             raise InputError(
-                "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with inertia too), got "
+                "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with "
+                "inertia too), got "
                 f"{self.order!r}"
             )
         if self.lag != 0:
@@ -285,10 +303,12 @@ class KernelRegression(base.Method):
         )
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags; nothing is drawn at random.
+        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
 
-        Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
-        settings given leave shows, without decay.
+        Nothing is drawn at random.
+
+        Noise that is not white in the band makes a record worth less than as many independent
+        numbers, as what the settings given leave shows, without decay.
         """
         if self.reference is not None:
             ensemble = self._instrument(ensemble, self.reference).moved
@@ -311,8 +331,10 @@ class KernelRegression(base.Method):
         )
         if after < before - LOST:
             warnings.warn(
-                f"kbr: the settings chosen explain {after:.0f} % of the torque, those given {before:.0f} %; the "
-                f"likelihood is that of {self.band[0]:g} to {self.band[1]:g} Hz. Compare both before you rely on them",
+                f"kbr: the settings chosen explain {after:.0f} % of the torque, those given "
+                f"{before:.0f} %; the "
+                f"likelihood is that of {self.band[0]:g} to {self.band[1]:g} Hz. Compare both "
+                "before you rely on them",
                 DataQualityWarning,
                 stacklevel=4,
             )
@@ -330,7 +352,8 @@ class KernelRegression(base.Method):
         period = self._period(ensemble)
         if abs(ensemble.duration / period - round(ensemble.duration / period)) > 1e-6:
             yield (
-                f"a realization of {ensemble.duration:g} s is not a whole number of periods of {period:g} s: the "
+                f"a realization of {ensemble.duration:g} s is not a whole number of periods of "
+                f"{period:g} s: the "
                 "stiffness over a realization is a mean over different phases of the behaviour"
             )
 
@@ -339,9 +362,10 @@ class KernelRegression(base.Method):
 class KernelModel(SecondOrderModel):
     """Impedance as a function of time that holds at any time.
 
-    ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was identified from. A
-    prediction uses the impedance at the time of each realization. The coefficients multiply the features of the
-    ``kernel``. The torque lags behind what the joint does, with the time constant ``lag`` in s.
+    ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was
+    identified from. A prediction uses the impedance at the time of each realization. The
+    coefficients multiply the features of the ``kernel``. The torque lags behind what the joint
+    does, with the time constant ``lag`` in s.
     """
 
     kernel: Kernel
@@ -367,8 +391,9 @@ def _vaf(ensemble: Ensemble, predicted: Array) -> float:
 def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensemble) -> float:
     """How much of the torque that answers to the (lagged) angle the model explains, in per cent.
 
-    ``impedance`` is that of each realization, or of all; ``left`` is what its mean leaves of the torque, ``moved`` the
-    ensemble with the angle that counts: in closed loop, that which the reference predicts.
+    ``impedance`` is that of each realization, or of all; ``left`` is what its mean leaves of the
+    torque, ``moved`` the ensemble with the angle that counts: in closed loop, that which the
+    reference predicts.
     """
     edge = (ensemble.samples - left.shape[1]) // 2
     known = slice(ensemble.context + edge, ensemble.context + ensemble.samples - edge)

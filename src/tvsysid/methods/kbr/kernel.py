@@ -3,8 +3,8 @@ r"""Low-rank forms of the locally periodic kernel.
 .. math:: K(t, t') = \gamma \exp\left(-\frac{\sin^2(\pi (t - t') / p)}{l_1}\right)
           \exp\left(-\frac{(t - t')^2}{l_2^2}\right)
 
-(equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known features with
-independent coefficients, so that no matrix of the record's length is ever built.
+(equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known
+features with independent coefficients, so that no matrix of the record's length is ever built.
 """
 
 from __future__ import annotations
@@ -20,22 +20,30 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
-VISIBLE = 0.03  # share of the noise that a feature's part of the torque must be able to reach to be fitted at all
-STRICT = 20.0  # length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic
-# Share of the prior variance below which a feature is left out. Small, because a prior that suits stiffness is immense
+# share of the noise that a feature's part of the torque must be able to reach to be fitted at all
+VISIBLE = 0.03
+# length of the decay, in lengths of the record, from which on the kernel is taken as strictly
+# periodic
+STRICT = 20.0
+# Share of the prior variance below which a feature is left out. Small, because a prior that suits
+# stiffness is immense
 # for inertia: at 1e-9, what is left out changes stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-MOST = 5400  # features of a coefficient beyond which a kernel is refused: the covariance of three then takes 2 GiB
-NODES = 1024  # nodes beyond which there would be more than that for any decay, and their matrix ever larger
+# features of a coefficient beyond which a kernel is refused: the covariance of three then takes 2
+# GiB
+MOST = 5400
+# nodes beyond which there would be more than that for any decay, and their matrix ever larger
+NODES = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
 
-    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly periodic. ``harmonic``,
-    ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow function, make each column, ``precision``
-    is its prior precision for gamma = 1; all (column,). The first column is the constant without prior, 0.
+    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly
+    periodic. ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the
+    slow function, make each column, ``precision`` is its prior precision for gamma = 1; all
+    (column,). The first column is the constant without prior, 0.
     """
 
     period: float
@@ -53,13 +61,16 @@ class Kernel:
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
         decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
-        # The constant, which comes first, is strictly periodic without prior; one column of it is enough.
+        # The constant, which comes first, is strictly periodic without prior; one column of it is
+        # enough.
         shares = np.ones(1) if decay is None else np.concatenate([[0.0], decay.variances])
         matter = np.outer(variances, shares) > TOLERANCE
         if (count := 2 * np.count_nonzero(matter)) > MOST:
             raise InputError(
-                f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a record of "
-                f"{last - first:g} s need some {count} features of each coefficient, at most {MOST} can be solved for; "
+                f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
+                "over a record of "
+                f"{last - first:g} s need some {count} features of each coefficient, at most "
+                f"{MOST} can be solved for; "
                 "give fewer realizations, a longer length_decay or a larger length_periodic"
             )
         matter[0, 0] = True
@@ -88,7 +99,8 @@ class Kernel:
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
         """Features that may reach a ``noise``, as a sum of squares, in the torque, shape (signal, column).
 
-        ``power`` (signal,) is the prior variance of a signal's coefficient times its summed squares.
+        ``power`` (signal,) is the prior variance of a signal's coefficient times its summed
+        squares.
         """
         return np.asarray(power[:, None] >= noise * self.precision)
 
@@ -102,7 +114,10 @@ class Kernel:
         )
 
     def __call__(self, phase: Array, clock: Array) -> Array:
-        """Features at times in s: of the periodic behaviour, and of the record; shape (*time, column)."""
+        """Features at times in s: of the periodic behaviour, and of the record.
+
+        Shape (*time, column).
+        """
         periodic = harmonic_features(phase, self.period, self.highest)
         return np.asarray(periodic[..., self.place] * self.slow_features(clock)[..., self.slow])
 
@@ -124,7 +139,9 @@ def harmonic_variances(l1: float) -> Array:
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
-    """Logs of :func:`harmonic_variances` up to a harmonic, and their derivatives by log l1; shape (harmonic,) each.
+    """Logs of :func:`harmonic_variances` up to a harmonic, and their derivatives by log l1.
+
+    Shape (harmonic,) each.
 
     Minus infinity and 0 where a variance is smaller than any number.
     """
@@ -149,8 +166,9 @@ def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
 class DecayFeatures:
     """Features whose products make :math:`e^{-(t - t')^2 / l_2^2}` from ``first`` to ``last``, in s.
 
-    They are the kernel's eigenfunctions over the interval, found on Gauss-Legendre nodes and continued to any time by
-    the kernel itself (Nyström): ``features(t) @ features(s).T`` is the kernel.
+    They are the kernel's eigenfunctions over the interval, found on Gauss-Legendre nodes and
+    continued to any time by the kernel itself (Nyström): ``features(t) @ features(s).T`` is the
+    kernel.
     """
 
     def __init__(self, first: float, last: float, l2: float) -> None:
@@ -158,7 +176,8 @@ class DecayFeatures:
         span = max(last - first, 1e-9)
         if 16 + 5 * span / l2 > NODES:
             raise InputError(
-                f"KernelRegression: a length_decay of {l2:g} s over a record of {span:g} s is too short to solve for; "
+                f"KernelRegression: a length_decay of {l2:g} s over a record of {span:g} s is too "
+                "short to solve for; "
                 f"give at least {5 * span / (NODES - 16):.3g} s, or a shorter record"
             )
         nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))

@@ -26,7 +26,9 @@ ComplexArray = NDArray[np.complex128]
 Chosen = NDArray[np.bool_]
 
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-USUAL = 100.0  # modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's joint
+# modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's
+# joint
+USUAL = 100.0
 BLOCK = 512  # frequencies whose regressors are held at once
 EXTERNAL_TERMS = (
     5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
@@ -52,9 +54,10 @@ WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 class Runs:
     """Unbroken stretches of record of one length, of which the ``band`` in Hz is fitted.
 
-    ``signals`` (signal, run, time) are the angle and its derivatives, then those of an instrument if there is one;
-    ``torque`` (run, time); ``rate`` in Hz; ``phase`` and ``clock`` (run,), the time in s at the start, since the
-    trial's time 0 and on the record's clock. Spectra are those of ``norm="ortho"``.
+    ``signals`` (signal, run, time) are the angle and its derivatives, then those of an
+    instrument if there is one; ``torque`` (run, time); ``rate`` in Hz; ``phase`` and ``clock``
+    (run,), the time in s at the start, since the trial's time 0 and on the record's clock.
+    Spectra are those of ``norm="ortho"``.
     """
 
     signals: Array
@@ -66,7 +69,10 @@ class Runs:
 
     @classmethod
     def of(cls, ensemble: Ensemble, members: NDArray[np.int64], band: tuple[float, float]) -> Runs:
-        """Join realizations (run, realization); the derivatives use the context at both ends, or lose samples."""
+        """Join realizations (run, realization).
+
+        The derivatives use the context at both ends, or lose samples.
+        """
         assert ensemble.onsets is not None
         rate, first = ensemble.sampling_rate, members[:, 0]
         lost = max(0, HALF_WIDTH - ensemble.context)
@@ -165,8 +171,10 @@ class Runs:
         shape = (len(column) + 1, *self.output.shape)
         if (size := 16 * math.prod(shape)) > LARGEST:
             raise InputError(
-                f"KernelRegression: {len(column)} regressors over {shape[2]} frequencies would take "
-                f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
+                f"KernelRegression: {len(column)} regressors over {shape[2]} frequencies would "
+                "take "
+                f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a "
+                "longer length_decay"
             )
         slow = self._slow(kernel)
         periodic = harmonic_features(self._times(self.phase), kernel.period, kernel.highest)
@@ -191,7 +199,10 @@ class Runs:
 
 @lru_cache(maxsize=4)
 def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
-    """Spectra of the first half-cosines over so many samples; asked for again with each turn of a fit."""
+    """Spectra of the first half-cosines over so many samples.
+
+    Asked for again with each turn of a fit.
+    """
     terms = np.stack(
         [half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]
     )
@@ -203,8 +214,8 @@ def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
 def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
     """Ensemble whose angle has passed a first-order lag with this time constant in s, in each unbroken run.
 
-    Within a run the lag remembers the realizations before. A run's first sample, that of its context, is taken for the
-    end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
+    Within a run the lag remembers the realizations before. A run's first sample, that of its
+    context, is taken for the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
     """
     if lag == 0:
         return ensemble
@@ -241,8 +252,10 @@ class Record:
         runs = [run for run in ensemble.runs if len(run) * ensemble.samples >= 2 * lost + 2]
         if not runs or band[0] >= rate / 2:
             raise InputError(
-                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
-                f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
+                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "
+                "at "
+                f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band "
+                "of "
                 f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
             )
         groups = (
@@ -270,8 +283,8 @@ class Record:
     def scale(self) -> float:
         """Stiffness in N·m/rad of the data: so much of the impedance at 1 Hz, if it is taken as constant.
 
-        1 N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on the perturbation or the
-        noise; at 1 Hz, a joint without stiffness has one too.
+        1 N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on
+        the perturbation or the noise; at 1 Hz, a joint without stiffness has one too.
         """
         constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
         found = fit(
@@ -310,7 +323,8 @@ class Record:
     ) -> Statistics:
         """Weighted sums over real and imaginary parts of the frequencies in the band, of the features chosen.
 
-        Each run has its own external terms; they are turned so that they are orthogonal in the band.
+        Each run has its own external terms; they are turned so that they are orthogonal in the
+        band.
         """
         size, number = np.count_nonzero(chosen) + 1, 0
         gram = np.zeros((size, size), order="F")

@@ -38,13 +38,18 @@ LAGS = (
     0.05,
 )  # lags in s that are tried, until the likelihood falls
 REFINED = 6  # further lags about the best of them
-START = 1e3  # power of the torque that each coefficient makes, in noise variances, from which tuning sets out
+# power of the torque that each coefficient makes, in noise variances, from which tuning sets out
+START = 1e3
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
-MOST = 2000  # coefficients beyond which a decay is not tried, and settings that were given are not compared
+# coefficients beyond which a decay is not tried, and settings that were given are not compared
+MOST = 2000
 NOISES = 20  # steps of the noise variance at most, for settings that are given
-FAR = 12.0  # from the log noise variance at the start: so much less is no noise, but data too few to show any
-FAINT = 1e-7  # share of the noise below which a feature's part of the torque does not count in the likelihood
-# Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
+# from the log noise variance at the start: so much less is no noise, but data too few to show any
+FAR = 12.0
+# share of the noise below which a feature's part of the torque does not count in the likelihood
+FAINT = 1e-7
+# Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by
+# which an order or a
 # lag must be better than the one given.
 CLEARLY = 5.0
 _value = attrgetter("value")
@@ -54,8 +59,8 @@ _value = attrgetter("value")
 class Tried:
     """Settings that were tried, and their log marginal likelihood.
 
-    ``theta`` holds the logs of l1, three prior variances and the noise variance; one beyond the ``order`` says nothing.
-    ``line`` is what they differ in from those given.
+    ``theta`` holds the logs of l1, three prior variances and the noise variance; one beyond the
+    ``order`` says nothing. ``line`` is what they differ in from those given.
     """
 
     order: int
@@ -91,13 +96,15 @@ class Likelihood:
 
     .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
 
-    The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the second makes it that
-    under a unit-information prior on the constants (:func:`tvsysid.numerics.gaussian.unit_information`); the third is
-    the price of what is fitted by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless
-    it is 0. Within an order and lag the last two are constant.
+    The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the
+    second makes it that under a unit-information prior on the constants
+    (:func:`tvsysid.numerics.gaussian.unit_information`); the third is the price of what is fitted
+    by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless it is 0.
+    Within an order and lag the last two are constant.
 
-    ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance, of which also the prior
-    of the constants is. ``coefficient`` and ``harmonic`` are those of each column; the ``fixed`` ones have no prior.
+    ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance,
+    of which also the prior of the constants is. ``coefficient`` and ``harmonic`` are those of
+    each column; the ``fixed`` ones have no prior.
     """
 
     statistics: Statistics
@@ -119,7 +126,10 @@ class Likelihood:
         decay: float = ENDLESS,
         share: float = 1.0,
     ) -> Likelihood:
-        """With the external terms eliminated for about this noise variance; of a share of the numbers."""
+        """With the external terms eliminated for about this noise variance.
+
+        Of a share of the numbers.
+        """
         coefficient, column = np.nonzero(kept)
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
         return cls(
@@ -171,14 +181,18 @@ class Likelihood:
     def climb(
         self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0
     ) -> Tried:
-        """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
+        """Highest likelihood near a start.
+
+        At one l1, if that is given, and with gammas no larger than by a leeway.
+        """
         lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
         low, high = (
             theta - np.array([0.0, 50.0, 50.0, 50.0, FAR]),
             theta + np.array([0.0, *(leeway,) * 3, FAR]),
         )
         low[0], high[0] = lengths
-        # That of about white noise, so that where the search stops does not depend on the unit of the torque.
+        # That of about white noise, so that where the search stops does not depend on the unit of
+        # the torque.
         usual = -0.5 * self.statistics.number * math.log(self.noise)
 
         def descent(place: Array) -> tuple[float, Array]:
@@ -192,7 +206,8 @@ class Likelihood:
         )
         if found.x[4] <= low[4]:
             raise InputError(
-                "the settings of kbr cannot be found from the data: so few realizations are explained without any "
+                "the settings of kbr cannot be found from the data: so few realizations are "
+                "explained without any "
                 "noise; give more realizations, or the settings"
             )
         return self.tried(found.x, usual - float(found.fun), line)
@@ -208,8 +223,8 @@ class Likelihood:
 class Search:
     """What settings are compared on.
 
-    ``noise`` is about the variance that the settings given leave; ``share`` says how many independent numbers one
-    number of the record is worth.
+    ``noise`` is about the variance that the settings given leave; ``share`` says how many
+    independent numbers one number of the record is worth.
     """
 
     ensemble: Ensemble
@@ -219,7 +234,10 @@ class Search:
     share: float
 
     def evidence(self, given: Tried, method: object, scale: float) -> Evidence:
-        """Evidence for all settings that are tried, first those given, which are a method's; ``scale`` is of gamma."""
+        """Evidence for all settings that are tried, first those given, which are a method's.
+
+        ``scale`` is of gamma.
+        """
         tried, chosen = self.from_settings(given)
         settings = [each.settings(scale) for each in tried]
         edges: tuple[str, ...] = ()
@@ -250,8 +268,8 @@ class Search:
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
         """All that was tried, those given first, and which is the best.
 
-        With the order and the lag given: l1 without decay, then shorter and shorter decays. Then, without decay, other
-        orders, and other lags for each order.
+        With the order and the lag given: l1 without decay, then shorter and shorter decays.
+        Then, without decay, other orders, and other lags for each order.
         """
         record = self._record(given.lag)
         # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
@@ -285,8 +303,9 @@ class Search:
     def _clearly_better(self, endless: Tried, other: list[Tried]) -> Tried:
         """Best of other orders and lags, if it is clearly better than the order and lag given, or else these.
 
-        A share of the numbers says too little of an order or a lag: noise that is not white is slow, and so is quiet
-        where inertia shows. So they must be better by all the numbers, too.
+        A share of the numbers says too little of an order or a lag: noise that is not white is
+        slow, and so is quiet where inertia shows. So they must be better by all the numbers,
+        too.
         """
         whole = replace(self, share=1.0)
         best_of_kind = {(each.order, each.lag > 0): each for each in sorted(other, key=_value)}
@@ -373,11 +392,13 @@ class Search:
         return self._about(best, lag).at(best.theta, "other lags")
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
-        """Other lags, each twice the one before, with the best settings; and the best settings for the best of them.
+        """Other lags, each twice the one before, with the best settings.
 
-        The likelihood has one peak: where the shortest lag is worse than none, longer ones are so too. Next to the
-        peak, one of these lags has gained at least eight ninths of what the best of all gains; so the peak is
-        looked for only where it may come up to a rival.
+        And the best settings for the best of them.
+
+        The likelihood has one peak: where the shortest lag is worse than none, longer ones are
+        so too. Next to the peak, one of these lags has gained at least eight ninths of what the
+        best of all gains; so the peak is looked for only where it may come up to a rival.
         """
         tried = [self._at(best, 0.0) if best.lag else best]
         for lag in LAGS:

@@ -29,10 +29,11 @@ EMPTY = 1e-12  # share of its mean square below which a column does not vary
 class Rows(NamedTuple):
     """Samples in the order of time at which everything is known.
 
-    The ``columns`` (column, row), of which the first has so many ``parts`` rest, intrinsic and reflex columns; the
-    ``torque`` and the ``variable`` (row,); and on which sample of one long record each lies, ``place`` (row,): the
-    stretches of time that the ensemble holds, with gaps between them that are longer than the noise's colour. Which of
-    the ensemble's samples the rows are, is ``known`` (sample,).
+    The ``columns`` (column, row), of which the first has so many ``parts`` rest, intrinsic and
+    reflex columns; the ``torque`` and the ``variable`` (row,); and on which sample of one long
+    record each lies, ``place`` (row,): the stretches of time that the ensemble holds, with gaps
+    between them that are longer than the noise's colour. Which of the ensemble's samples the
+    rows are, is ``known`` (sample,).
     """
 
     columns: Array
@@ -79,8 +80,8 @@ def _in_order(columns: Array, ensemble: Ensemble) -> Array:
 class Fit(NamedTuple):
     """Solution: its ``coefficients`` and the ``inverse`` of their moments, for columns as they are.
 
-    ``held_out`` (fold,): variance of the torque in each fold accounted for by the fit to the others, in per cent.
-    ``tried`` holds the same of other orders (order, reflex_order).
+    ``held_out`` (fold,): variance of the torque in each fold accounted for by the fit to the
+    others, in per cent. ``tried`` holds the same of other orders (order, reflex_order).
     """
 
     structure: Structure
@@ -101,8 +102,8 @@ def fitted(
 ) -> Fit:
     """Fit the torque with the lowest orders of the polynomials that predict folds as well as the best do.
 
-    The orders of both pathways rise together at first. Then each is chosen anew beside the other. ``structure`` has the
-    highest of both.
+    The orders of both pathways rise together at first. Then each is chosen anew beside the other.
+    ``structure`` has the highest of both.
 
     Raises
     ------
@@ -113,7 +114,8 @@ def fitted(
     samples, lowest = len(rows.torque), structure.within(orders[0], reflex_orders[0]).sum()
     if samples < FEWEST * lowest:
         raise InputError(
-            f"{samples} samples, at which all lags and the reflex's memory were recorded, are too few for {lowest} "
+            f"{samples} samples, at which all lags and the reflex's memory were recorded, are too "
+            f"few for {lowest} "
             "coefficients; give a longer record, more context, a lower order or a shorter memory"
         )
     moments, tried = _moments(rows), dict[tuple[int, int], Array]()
@@ -179,7 +181,9 @@ def _held_out(moments: Array) -> Array:
 
 
 def _solved(moments: Array) -> tuple[Array, Array]:
-    """Coefficients of the columns at unit standard deviation, with a slight ridge; and the inverse of their moments.
+    """Coefficients of the columns at unit standard deviation, with a slight ridge.
+
+    And the inverse of their moments.
 
     The ``moments`` are of the columns, the torque and a one, with each other.
     """
@@ -210,8 +214,8 @@ def covariance_of(fit: Fit, rate: float, freedom: float) -> Array:
 
     .. math:: A^{-1} X \Sigma X^T A^{-1}
 
-    with :math:`\Sigma` the autocovariance of what the fit leaves, under a half Hann window, as many times
-    larger as there are samples for each degree of ``freedom``.
+    with :math:`\Sigma` the autocovariance of what the fit leaves, under a half Hann window, as
+    many times larger as there are samples for each degree of ``freedom``.
     """
     rows, lags = fit.rows, round(COLOUR * rate)
     left = rows.torque - fit.coefficients @ rows.columns

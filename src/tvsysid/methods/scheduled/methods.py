@@ -22,7 +22,8 @@ from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
 
 ORDERS = range(11)  # of the polynomials, that are tried
-CLEARLY = 0.5  # per cent of the torque's variance by which an order must predict better than the one given
+# per cent of the torque's variance by which an order must predict better than the one given
+CLEARLY = 0.5
 POOR = 60.0  # per cent of the torque's variance held out below which the model is doubtful
 RESTS = (
     2.0  # standard errors by which stiffness may change if the torque at rest follows the variable
@@ -31,7 +32,9 @@ MATTERS = 0.05  # share of the highest stiffness below which such a change is no
 LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 MISSING = 0.5  # share of the samples that may have no past
-FAR = 0.05  # share of the variable's range by which a fold must go beyond that of the others to be worth a warning
+# share of the variable's range by which a fold must go beyond that of the others to be worth a
+# warning
+FAR = 0.05
 ALONE = 0.02  # share of a fold's samples that the others' range may lack
 
 
@@ -76,7 +79,8 @@ class Scheduled(base.Method):
                 )
         if not isinstance(self.variable, str) or not isinstance(self.reflex, bool):
             raise InputError(
-                f"{name}: expected the name of a channel as variable, and true or false as reflex; got "
+                f"{name}: expected the name of a channel as variable, and true or false as "
+                "reflex; got "
                 f"{self.variable!r} and {self.reflex!r}"
             )
         object.__setattr__(self, "inputs", (base.Input(self.variable, "scheduling", "any unit"),))
@@ -91,7 +95,10 @@ class Scheduled(base.Method):
         """Where the variable does not vary, or most times lack what was recorded before."""
         values = ensemble.signal(self.variable)[:, ensemble.core]
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
-            return f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow what changes"
+            return (
+                f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only "
+                "follow what changes"
+            )
         before = base.whole_samples(self.delay, ensemble) + base.whole_samples(
             self.memory, ensemble
         )
@@ -101,7 +108,8 @@ class Scheduled(base.Method):
             > MISSING
         ):
             return (
-                f"less than half of the samples have {self.delay + self.memory:g} s recorded before them, as long as "
+                f"less than half of the samples have {self.delay + self.memory:g} s recorded "
+                "before them, as long as "
                 "the reflex's response; cut with more context (--context), or shorten memory"
             )
         return None
@@ -174,7 +182,10 @@ class Scheduled(base.Method):
 
     @abstractmethod
     def _lags(self, ensemble: Ensemble) -> int:
-        """Lags of the intrinsic response to either side, in samples; 0 for angle, velocity and acceleration."""
+        """Lags of the intrinsic response to either side, in samples.
+
+        0 for angle, velocity and acceleration.
+        """
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         return evidence_by_folds(self, ensemble)
@@ -187,25 +198,28 @@ class ScheduledIRF(Scheduled):
     .. math:: y(t) = \sum_{|k| \le n} \sum_{j=0}^{p} c_{kj} T_j(x(t))\, \theta(t - k)
               + \sum_{i} \sum_{j=0}^{q} g_{ij} \sum_{k \ge 0} \ell_i(k)\, T_j(x(t - k - d))\, f(t - k - d) + y_0
 
-    with T the Chebyshev polynomials, x the variable mapped to -1 to 1, :math:`\ell` orthonormal Laguerre filters and f
-    the velocity of stretch: rectified at the rate at which the angle was recorded, then decimated as the torque was.
-    All coefficients are those of one least-squares fit. Neither a period nor more than one realization is needed.
+    with T the Chebyshev polynomials, x the variable mapped to -1 to 1, :math:`\ell` orthonormal
+    Laguerre filters and f the velocity of stretch: rectified at the rate at which the angle was
+    recorded, then decimated as the torque was. All coefficients are those of one least-squares fit.
+    Neither a period nor more than one realization is needed.
 
     Parameters
     ----------
     variable
         Channel with the scheduling variable, in any unit.
     order
-        Degree p of the polynomials. If None, that of 0 to 10 which predicts folds best; ``order`` among the
-        diagnostics' details is the one chosen. Too low an order is biased, which no band counts. Too high an order fits
-        the record, and fails wherever else the variable goes.
+        Degree p of the polynomials. If None, that of 0 to 10 which predicts folds best; ``order``
+        among the diagnostics' details is the one chosen. Too low an order is biased, which no band
+        counts. Too high an order fits the record, and fails wherever else the variable goes.
     reflex, reflex_order
-        Whether there is a reflex pathway, and q, chosen as p is. A reflex that is left out is taken for stiffness.
+        Whether there is a reflex pathway, and q, chosen as p is. A reflex that is left out is taken
+        for stiffness.
     rest_order
-        Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow the variable: a torque
-        that the variable causes by itself, and an angle that does not count from where the joint is at rest, which adds
-        stiffness times the difference. From ``order`` on, no offset of the angle matters; but then what the reflex's
-        mean torque would tell of its gain is not used. A warning says where that matters to stiffness.
+        Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow
+        the variable: a torque that the variable causes by itself, and an angle that does not count
+        from where the joint is at rest, which adds stiffness times the difference. From ``order``
+        on, no offset of the angle matters; but then what the reflex's mean torque would tell of its
+        gain is not used. A warning says where that matters to stiffness.
     delay, memory
         Of the reflex in s: d, and how long its response lasts after that.
     filters, time_constant
@@ -222,12 +236,14 @@ class ScheduledIRF(Scheduled):
     Stiffness is the sum of the weights, viscosity and inertia are those of a second-order fit from 0.5 to 15 Hz, the
     reflex gain is the area under its response, in N·m·s/rad.
 
-    The stretch is in the direction that predicts more of five folds of consecutive time, each from the others. What
-    the folds predict is ``vaf_folds`` among the diagnostics' details: the mean over them, in per cent of the torque's
-    variance in each. A warning says which values of the variable occur in one fold only.
+    The stretch is in the direction that predicts more of five folds of consecutive time, each from
+    the others. What the folds predict is ``vaf_folds`` among the diagnostics' details: the mean
+    over them, in per cent of the torque's variance in each. A warning says which values of the
+    variable occur in one fold only.
 
-    The bands are those of least squares with noise of the residual's autocorrelation, up to 0.4 s. They are slightly
-    short (docs/scheduling.md has the measured coverage), and count no error of the polynomials.
+    The bands are those of least squares with noise of the residual's autocorrelation, up to 0.4 s.
+    They are slightly short (docs/scheduling.md has the measured coverage), and count no error of
+    the polynomials.
 
     References
     ----------
@@ -247,7 +263,8 @@ class ScheduledIRF(Scheduled):
         "The intrinsic response ends before the reflex's delay does.",
     )
     differs: ClassVar[str] = (
-        "It follows the measured variable as a polynomial: what changes for another reason is averaged over."
+        "It follows the measured variable as a polynomial: what changes for another reason is "
+        "averaged over."
     )
     cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
 
@@ -269,7 +286,8 @@ class ScheduledImpedance(Scheduled):
     .. math:: y(t) = \sum_{j=0}^{p} T_j(x(t)) \left[ K_j\, \theta(t) + B_j\, \dot\theta(t) \right]
               + I\, \ddot\theta(t) + r(t) + y_0
 
-    with the reflex r, the settings, the folds and the bands of :class:`ScheduledIRF`, and the derivatives of
+    with the reflex r, the settings, the folds and the bands of :class:`ScheduledIRF`, and the
+    derivatives of
     :meth:`tvsysid.Ensemble.derivatives`. It has fewer coefficients, so it is surer of itself, where the joint is of
     second order.
     """
@@ -282,7 +300,8 @@ class ScheduledImpedance(Scheduled):
         "The joint is of second order (inertia, viscosity, stiffness).",
     )
     differs: ClassVar[str] = (
-        "It follows the measured variable as a polynomial: what changes for another reason is averaged over."
+        "It follows the measured variable as a polynomial: what changes for another reason is "
+        "averaged over."
     )
     cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
 
@@ -364,20 +383,27 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
             share = float(np.mean(beyond > 0))
             if share > ALONE and beyond.max() > FAR * (high - low):
                 yield (
-                    f"{name} is {words} {limit:.3g} in the {ORDINALS[number]} of {FOLDS} parts of the record only, for "
+                    f"{name} is {words} {limit:.3g} in the {ORDINALS[number]} of {FOLDS} parts of "
+                    "the record only, for "
                     f"{100 * share:.0f} % of it: nothing else says how the joint is there"
                 )
     if details["vaf"] - details["vaf_folds"] > LOST:
         yield (
-            f"of the torque {details['vaf']:.1f} % is explained, but only {details['vaf_folds']:.1f} % of folds of "
-            "consecutive time that were not fitted to: the order is too high for this record; use a lower one"
+            f"of the torque {details['vaf']:.1f} % is explained, but only "
+            f"{details['vaf_folds']:.1f} % of folds of "
+            "consecutive time that were not fitted to: the order is too high for this record; use "
+            "a lower one"
         )
     elif details["vaf_folds"] < POOR:
-        yield f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not fitted to"
+        yield (
+            f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were "
+            "not fitted to"
+        )
     order, orders = fit.structure.orders[0], {each for each, _ in fit.tried}
     if len(orders) > 1 and order >= max(orders) - 1:
         yield (
-            f"the orders tried end at {max(orders)}, and {order} predicts best: the joint may change faster with "
+            f"the orders tried end at {max(orders)}, and {order} predicts best: the joint may "
+            "change faster with "
             f"{name} than polynomials follow, and the bands do not count that"
         )
 
@@ -401,8 +427,11 @@ def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> 
     if errors > RESTS and matters and gained > fit.held_out.mean() - CLEARLY:
         side = "higher" if change[most] > 0 else "lower"
         yield (
-            f"at {fit.structure.variable} {grid[most]:.3g}, stiffness would be {abs(change[most]):.1f} N·m/rad {side} "
-            f"({errors:.1f} standard errors) if the torque at rest followed the variable, which predicts folds as well "
-            f"({gained:.1f} against {fit.held_out.mean():.1f} %): use rest_order={degrees - 1}, unless you know that "
+            f"at {fit.structure.variable} {grid[most]:.3g}, stiffness would be "
+            f"{abs(change[most]):.1f} N·m/rad {side} "
+            f"({errors:.1f} standard errors) if the torque at rest followed the variable, which "
+            "predicts folds as well "
+            f"({gained:.1f} against {fit.held_out.mean():.1f} %): use rest_order={degrees - 1}, "
+            "unless you know that "
             "the torque at rest is constant"
         )

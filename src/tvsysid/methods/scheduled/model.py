@@ -62,9 +62,10 @@ class Curves:
 class ScheduledModel(Model):
     r"""Stiffness, viscosity, inertia and reflex gain as polynomials in a measured variable.
 
-    The estimates named ``scheduled_stiffness`` and so on are over an axis that is named as the variable's channel is,
-    and has values of it as coordinates; ``stiffness`` and so on are those that held in each realization at each time.
-    The ``coefficients`` (coefficient,) are of the torque at rest, the intrinsic and the reflex pathway, in this order.
+    The estimates named ``scheduled_stiffness`` and so on are over an axis that is named as the
+    variable's channel is, and has values of it as coordinates; ``stiffness`` and so on are those
+    that held in each realization at each time. The ``coefficients`` (coefficient,) are of the
+    torque at rest, the intrinsic and the reflex pathway, in this order.
     """
 
     structure: Structure
@@ -98,8 +99,10 @@ def _warn_beyond(structure: Structure, ensemble: Ensemble) -> None:
     share = float(np.mean((values < low) | (values > high)))
     if share > BEYOND:
         text = (
-            f"{structure.variable} is beyond the {low:.3g} to {high:.3g} that the model was identified from at "
-            f"{100 * share:.2g} % of the samples ({values.min():.3g} to {values.max():.3g}): there, the joint is taken "
+            f"{structure.variable} is beyond the {low:.3g} to {high:.3g} that the model was "
+            "identified from at "
+            f"{100 * share:.2g} % of the samples ({values.min():.3g} to {values.max():.3g}): "
+            "there, the joint is taken "
             "as it is at the nearer limit"
         )
         warnings.warn(text, DataQualityWarning, stacklevel=4)

@@ -22,8 +22,8 @@ from tvsysid.signals import Array, Ensemble
 class Reflex:
     """Reflex: ``filters`` of the stretch after a ``delay``, of a ``memory`` and a ``time_constant``, all in samples.
 
-    Each filter's weight is a polynomial with so many ``degrees`` in the variable as it was when the muscle was
-    stretched.
+    Each filter's weight is a polynomial with so many ``degrees`` in the variable as it was when
+    the muscle was stretched.
     """
 
     delay: int
@@ -39,7 +39,10 @@ class Reflex:
         return laguerre_filters(self.filters, self.memory, self.time_constant)
 
     def columns(self, ensemble: Ensemble, polynomials: Array) -> Array:
-        """What its weights multiply, (filter * degree, realization, time); NaN where the memory was not recorded."""
+        """What its weights multiply, (filter * degree, realization, time).
+
+        NaN where the memory was not recorded.
+        """
         before, drive = self.delay + self.memory - 1, self.drive(ensemble)
         out = np.empty((self.filters, self.degrees, len(ensemble), ensemble.samples))
         for degree in range(self.degrees):
@@ -56,9 +59,10 @@ class Reflex:
 class Structure:
     """Model of the torque, but for its weights.
 
-    The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``. Each intrinsic signal
-    has a polynomial with so many ``degrees``: the angles at up to so many ``lags`` to either side; or, if that is 0,
-    angle and velocity, and the acceleration a constant. The torque at rest has one with ``rest`` degrees.
+    The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``.
+    Each intrinsic signal has a polynomial with so many ``degrees``: the angles at up to so many
+    ``lags`` to either side; or, if that is 0, angle and velocity, and the acceleration a
+    constant. The torque at rest has one with ``rest`` degrees.
     """
 
     variable: str
@@ -127,7 +131,10 @@ class Structure:
         return np.stack([np.ones(fit.shape[1]), *fit[1:]])
 
     def signals(self, ensemble: Ensemble) -> Array:
-        """Intrinsic signals (signal, realization, time); NaN where lags or filters reach beyond the context."""
+        """Intrinsic signals (signal, realization, time).
+
+        NaN where lags or filters reach beyond the context.
+        """
         if not self.lags:
             found = ensemble.derivatives()
             found[0] -= self.centre

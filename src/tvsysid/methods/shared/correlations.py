@@ -33,13 +33,15 @@ Solver = Callable[[slice, Array, Array, Array, Array], Solution]
 class Windows(NamedTuple):
     """Least squares in a window about each time whose ``lags`` lie within the context, of so many ``realizations``.
 
-    The windows reach ``half`` samples to either side, of which ``margin`` may lie beyond the realization. ``weights``
-    (time, lag) and ``rank`` of the solution; ``samples`` that it was found from, how many of them are ``independent``,
-    the ``noise`` variance and its degrees of ``freedom``, the power of the torque that a second-order fit ``fitted``,
-    what lagged angles explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3, lag)
-    by which stiffness, viscosity and inertia follow from the correlations, the ``impedance`` itself and, of windows of
-    one sample, its variances under ``white`` noise, both (time, 3). Of instruments, ``on_instruments`` (time, 3, lag)
-    is that by which the impedance follows from their correlations with the torque.
+    The windows reach ``half`` samples to either side, of which ``margin`` may lie beyond the
+    realization. ``weights`` (time, lag) and ``rank`` of the solution; ``samples`` that it was
+    found from, how many of them are ``independent``, the ``noise`` variance and its degrees of
+    ``freedom``, the power of the torque that a second-order fit ``fitted``, what lagged angles
+    explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3,
+    lag) by which stiffness, viscosity and inertia follow from the correlations, the
+    ``impedance`` itself and, of windows of one sample, its variances under ``white`` noise, both
+    (time, 3). Of instruments, ``on_instruments`` (time, 3, lag) is that by which the impedance
+    follows from their correlations with the torque.
     """
 
     realizations: int
@@ -68,7 +70,8 @@ class Windows(NamedTuple):
     def noise_correlation(self, ensemble: Ensemble) -> Array:
         """Autocorrelation of the noise up to twice as many samples as windows and lags reach, and the window's."""
         reach = 2 * (self.lags + 2 * self.half)
-        # So many lagged angles share hardly anything with those of the next sample: the fit takes variance only.
+        # So many lagged angles share hardly anything with those of the next sample: the fit takes
+        # variance only.
         taken = np.eye(reach + 1)[0] * np.mean(self.rank / self.independent)
         return noise_correlation(autocovariance(residual(ensemble, self.weights), reach), taken)
 
@@ -82,11 +85,13 @@ def solve_windows(
 ) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
 
-    The window reaches ``half`` samples to either side, and is cut short where the context ends. ``solve`` gives the
-    solution from times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged; the
-    default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is what all directions of the lagged angles
-    leave, of which some truncated solution was taken by the same noise: what is left beside that would be too small.
-    With ``instruments`` the correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
+    The window reaches ``half`` samples to either side, and is cut short where the context ends.
+    ``solve`` gives the solution from times, :math:`\Phi`, :math:`\varphi`, the torque's variance
+    and the number of samples averaged; the default is
+    :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is what all directions of the
+    lagged angles leave, of which some truncated solution was taken by the same noise: what is
+    left beside that would be too small. With ``instruments`` the correlations are theirs
+    (:class:`LaggedReference`), truncated at a threshold.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
@@ -144,8 +149,8 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2} \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
     with the autocorrelation :math:`\rho` of the residual at all times
-    (:func:`tvsysid.numerics.moments.coloured_moments`). ``products`` and ``noise`` are the windows' own, from the
-    ensemble.
+    (:func:`tvsysid.numerics.moments.coloured_moments`). ``products`` and ``noise`` are the
+    windows' own, from the ensemble.
     """
     half, margin, length = windows.half, windows.margin, 2 * windows.lags + 1
     noise = noise[: 2 * half + 1]
@@ -213,7 +218,8 @@ def window_model(
 def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
     r"""Standard error of the second-order agreement in per cent, on a joint of second order.
 
-    What noise makes lagged angles explain beyond three of them, m directions, at one time has the variance
+    What noise makes lagged angles explain beyond three of them, m directions, at one time has the
+    variance
     :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of freedom. At times d samples
     apart it is alike as far as they share lagged angles and, squared, as their noise is.
     """
@@ -244,9 +250,12 @@ def impulse_response_model(
     diagnostics: Diagnostics,
     errors: ErrorStatistics | Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
-    """Model from weights (time, lag) at the times whose lags lie within the context; NaN at the others.
+    """Model from weights (time, lag) at the times whose lags lie within the context.
 
-    Stiffness is the area under the response; viscosity and inertia are those of the ``impedance`` (time, 3).
+    NaN at the others.
+
+    Stiffness is the area under the response; viscosity and inertia are those of the
+    ``impedance`` (time, 3).
     """
     lags = weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
@@ -265,7 +274,10 @@ def impulse_response_model(
 
 
 def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -> LaggedReference:
-    """Lags of a reference as far as windows and lags reach; see :meth:`LaggedReference.projected`."""
+    """Lags of a reference as far as windows and lags reach.
+
+    See :meth:`LaggedReference.projected`.
+    """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     late = max(lags, lag_samples(ensemble.sampling_rate)[1])
     first = ensemble.context + missing_edge(lags, ensemble) - margin - lags

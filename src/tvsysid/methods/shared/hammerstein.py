@@ -22,9 +22,12 @@ NO_BAND = "the method's authors state none for two pathways that are identified 
 
 @dataclass(frozen=True)
 class VelocityPolynomial:
-    """Polynomial of the velocity of the total angle, 0 where that is; ``coefficients`` of Chebyshev's from degree 1 on.
+    """Polynomial of the velocity of the total angle, 0 where that is.
 
-    ``limits`` in rad/s are those that are mapped to -1 and 1; beyond them the polynomial keeps its value.
+    ``coefficients`` of Chebyshev's from degree 1 on.
+
+    ``limits`` in rad/s are those that are mapped to -1 and 1; beyond them the polynomial keeps
+    its value.
     """
 
     coefficients: tuple[float, ...]
@@ -80,8 +83,8 @@ def stretches(ensemble: Ensemble) -> Array:
 def slope_of_stretch(drive: Array, rectified: Array) -> tuple[float, int]:
     """Mean slope of a static function of the velocity in the direction in which it is steeper, and this direction.
 
-    Of the least-squares fit to the ``drive`` with an offset and a slope for either of the :func:`stretches`, (2, ...):
-    a polynomial rounds the corner of a rectifier.
+    Of the least-squares fit to the ``drive`` with an offset and a slope for either of the
+    :func:`stretches`, (2, ...): a polynomial rounds the corner of a rectifier.
     """
     columns, target = rectified.reshape(2, -1).T, drive.ravel()
     slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
@@ -100,8 +103,9 @@ def past_of(ensemble: Ensemble, drives: Array, before: int) -> Array:
 def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int) -> list[Rows]:
     """Signals (1 + signal, realization, before + time) and torque, wherever they are recorded with what they need.
 
-    The first signal is the angle so many samples ``lags`` ahead, of which no more than 2 lags samples before are there.
-    Realizations are together that have their past from the same time on.
+    The first signal is the angle so many samples ``lags`` ahead, of which no more than 2 lags
+    samples before are there. Realizations are together that have their past from the same time
+    on.
     """
     past = past_of(ensemble, drives, before)
     missing: NDArray[np.int64] = np.isnan(past[0]).sum(

@@ -70,7 +70,8 @@ def check_from_zero(method: object, below: float, **settings: float) -> None:
     for name, value in settings.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < below:
             raise InputError(
-                f"{type(method).__name__}: {name} must be from 0 to below {below:g} s, got {value!r}"
+                f"{type(method).__name__}: {name} must be from 0 to below {below:g} s, got "
+                f"{value!r}"
             )
 
 
@@ -86,7 +87,8 @@ def reason_to_skip(ensemble: Ensemble, max_lag: float, memory: float) -> str | N
     if count >= min(FEWEST, len(ensemble)) and ensemble.context >= whole_samples(max_lag, ensemble):
         return None
     return (
-        f"{count} of {len(ensemble)} realizations have {memory:g} s recorded before them, as long as the reflex's "
+        f"{count} of {len(ensemble)} realizations have {memory:g} s recorded before them, as long "
+        "as the reflex's "
         f"response, and {max_lag:g} s after; cut with more context (--context), or shorten memory"
     )
 
@@ -102,10 +104,11 @@ def identify_in_turn(
 ) -> TwoPathwayModel:
     """Identify the intrinsic pathway from the torque less the reflex's, the reflex from the torque less the intrinsic.
 
-    The one by a method for one pathway, the other by ``respond``, and again until the torque explained hardly grows. A
-    polynomial's coefficients are those of least squares on the answers to its terms, after each response. With slow
-    ``directions`` (time, direction), what both leave is fitted by these in each realization, and taken out in the next
-    turn. Realizations whose past is not recorded are left out.
+    The one by a method for one pathway, the other by ``respond``, and again until the torque
+    explained hardly grows. A polynomial's coefficients are those of least squares on the answers
+    to its terms, after each response. With slow ``directions`` (time, direction), what both
+    leave is fitted by these in each realization, and taken out in the next turn. Realizations
+    whose past is not recorded are left out.
     """
     lags, first, before = (
         whole_samples(each, ensemble) for each in (max_lag, reflex.delay, reflex.memory)

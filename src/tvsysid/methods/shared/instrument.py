@@ -1,8 +1,8 @@
 r"""A closed loop, in which noise of the torque moves the angle: that which the reference predicts is an instrument.
 
-With :math:`x = (u, \dot u, \ddot u)` of the angle and z of the predicted one, :math:`E[z (y - x^T \theta)] = 0`,
-whatever the loop, where :math:`E[x (y - x^T \theta)]` is not. So z takes the place of x in the left factor of every
-moment.
+With :math:`x = (u, \dot u, \ddot u)` of the angle and z of the predicted one, :math:`E[z (y -
+x^T \theta)] = 0`, whatever the loop, where :math:`E[x (y - x^T \theta)]` is not. So z takes the
+place of x in the left factor of every moment.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ SINGULAR = 1e-9  # determinant of scaled moments below which the three quantitie
 class Instrument(NamedTuple):
     r"""An ensemble as it would be ``moved`` by the ``reference`` alone, and how good an instrument that is.
 
-    ``explained`` is the share of the angle that was predicted of realizations left out; ``strength`` (time,) is
+    ``explained`` is the share of the angle that was predicted of realizations left out;
+    ``strength`` (time,) is
     :math:`(\sum_r q_r)^2 / \sum_r q_r^2` with q the product of instrument and angle in a realization about a time,
     what belongs to viscosity and inertia taken out: at most the number of realizations. Where it is less than
     ``needed`` the stiffness that the data do not contradict has no end (Anderson & Rubin 1949). ``drowned`` are the
@@ -64,8 +65,10 @@ class Instrument(NamedTuple):
         )
         if not explained >= least:
             raise InputError(
-                f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts {_percent(explained)} of "
-                f"it, at least {_percent(least)} are needed. Is it the right channel, and in time with the angle? If "
+                f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts "
+                f"{_percent(explained)} of "
+                f"it, at least {_percent(least)} are needed. Is it the right channel, and in time "
+                "with the angle? If "
                 f"so, disturb more strongly{_alternative(reference) if least > LEAST else ''}"
             )
         moved = replace(ensemble, angle=angle)
@@ -81,7 +84,10 @@ class Instrument(NamedTuple):
         )
 
     def seen(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
-        """Diagnostics with what there is to say of the instrument; ``banded`` of bands that need it at each time."""
+        """Diagnostics with what there is to say of the instrument.
+
+        ``banded`` of bands that need it at each time.
+        """
         known = self.strength[np.isfinite(self.strength)]
         of_known = (float(np.median(known)), float(known.min())) if known.size else (np.nan, np.nan)
         details = {
@@ -112,7 +118,8 @@ class Instrument(NamedTuple):
                     *self.drowned
                 )
             found.append(
-                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the angle: the random "
+                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of "
+                "the angle: the random "
                 f"error is large; disturb more strongly{where}, or use a stiffer actuator"
             )
         if banded and self.weak.any():
@@ -123,14 +130,16 @@ class Instrument(NamedTuple):
     def reason(self) -> str:
         """Why there is no band where the instrument is weak."""
         return (
-            "the reference hardly moves the angle there, or in too few realizations (instrument_strength of less than "
+            "the reference hardly moves the angle there, or in too few realizations "
+            "(instrument_strength of less than "
             f"{self.needed:.3g}); record more, disturb more strongly{_alternative(self.reference)}"
         )
 
     def agreement(self, ensemble: Ensemble, impedance: Array) -> float:
         """How much of the torque that answers to the predicted angle an impedance (time, 3) explains, in per cent.
 
-        The angle itself will not do: what noise makes of it answers to the noise that the fit leaves.
+        The angle itself will not do: what noise makes of it answers to the noise that the fit
+        leaves.
         """
         fit = np.einsum("mrt,tm->rt", ensemble.derivatives(), impedance)
         known = np.isfinite(fit).all(axis=0)
@@ -183,14 +192,16 @@ class SegmentFit(NamedTuple):
 def segment_fit(
     ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
 ) -> SegmentFit:
-    r"""Instrumental fit to segments from one sample to another, context counted; ``power`` weighs a segment's samples.
+    r"""Instrumental fit to segments from one sample to another, context counted.
+
+    ``power`` weighs a segment's samples.
 
     .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
               \hat\theta = \left(\sum_r A_r\right)^{-1} \sum_r c_r, \quad
               V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
 
-    The realizations are the independent samples, so that the noise may have any colour and strength. Where the
-    derivatives lack samples, segments are cut short.
+    The realizations are the independent samples, so that the noise may have any colour and
+    strength. Where the derivatives lack samples, segments are cut short.
     """
     products = _segment_products(ensemble, moved, power, begin, end)
     count, independent = len(ensemble), independent_realizations(ensemble)
@@ -247,7 +258,8 @@ def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) 
         values = values - values.mean(axis=0)
     if not np.any(values):
         raise InputError(
-            f"the reference {reference!r} does not vary{' between realizations' * ensemble.mean_subtracted}"
+            f"the reference {reference!r} does not "
+            f"vary{' between realizations' * ensemble.mean_subtracted}"
         )
     whole = np.pad(values, ((0, 0), (late, early)))
     past = history(ensemble, values, late + ensemble.context)
@@ -259,7 +271,8 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
     """Angle (realization, context + time + context) that the reference predicts."""
     if len(ensemble) < 2:
         raise InputError(
-            "a reference predicts the angle of a realization by what the others tell; expected at least two, got one"
+            "a reference predicts the angle of a realization by what the others tell; expected at "
+            "least two, got one"
         )
     early, late = lag_samples(ensemble.sampling_rate)
     whole = reference_around(ensemble, reference, late, early)
@@ -270,7 +283,10 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
 
 
 def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
-    """Strength (time,) of the instrument about each time; where the window reaches too far, that of the nearest one."""
+    """Strength (time,) of the instrument about each time.
+
+    Where the window reaches too far, that of the nearest one.
+    """
     power = hann(max(4, round(WINDOW * ensemble.sampling_rate))) ** 2
     before, after = len(power) // 2, (len(power) - 1) // 2
     early, late = max(0, before - ensemble.context), max(0, after - ensemble.context)

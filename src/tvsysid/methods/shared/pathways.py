@@ -24,13 +24,19 @@ class Drive(Hashable, Protocol):
         ...  # pragma: no cover
 
     def curve(self) -> tuple[Array, Array] | None:
-        """Velocities in rad/s and the drive at each, between which it runs straight; None of what is no velocity."""
+        """Velocities in rad/s and the drive at each, between which it runs straight.
+
+        None of what is no velocity.
+        """
         ...  # pragma: no cover
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Velocity beyond a ``threshold`` in rad/s, in the ``direction`` of stretch, 1 or -1; of the total angle."""
+    """Velocity beyond a ``threshold`` in rad/s, in the ``direction`` of stretch, 1 or -1.
+
+    Of the total angle.
+    """
 
     threshold: float = 0.0
     direction: int = 1
@@ -75,8 +81,9 @@ def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
     """Values of each realization with so many samples before it: (realization, samples + time), without later context.
 
-    What lies before comes from the realization before where they follow each other, and from the context of the first
-    of them; NaN where nothing was recorded. ``values`` are of shape (realization, context + time + context).
+    What lies before comes from the realization before where they follow each other, and from the
+    context of the first of them; NaN where nothing was recorded. ``values`` are of shape
+    (realization, context + time + context).
     """
     core = ensemble.core
     out = np.empty((len(ensemble), samples + ensemble.samples))
@@ -94,9 +101,10 @@ class TwoPathwayModel(ImpulseResponseModel):
 
     .. math:: y(t) = \sum_\tau h(t, \tau)\, \theta(t - \tau)\, \Delta t + \sum_\tau p(t, \tau)\, f(t - \tau)\, \Delta t
 
-    The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a velocity in rad/s; the
-    ``reflex_lags`` in s are evenly spaced, none of them negative. f is a static function of the velocity, or a measured
-    signal. Where the ensemble's mean is subtracted, the reflex's torque loses its mean too.
+    The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a
+    velocity in rad/s; the ``reflex_lags`` in s are evenly spaced, none of them negative. f is a
+    static function of the velocity, or a measured signal. Where the ensemble's mean is
+    subtracted, the reflex's torque loses its mean too.
     """
 
     reflex_response: Array

@@ -26,16 +26,18 @@ from tvsysid.numerics.noise import (
 )
 from tvsysid.signals import Array, Ensemble
 
-LONGEST_COLOUR = 0.25  # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
+# seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
+LONGEST_COLOUR = 0.25
 LEAST_LEFT = 0.1  # share of the noise that a residual is taken to hold at least
-LEAST_POWER = 1e-3  # share of white noise's power in a band below which an autocorrelation is too coarse to tell it
+# share of white noise's power in a band below which an autocorrelation is too coarse to tell it
+LEAST_POWER = 1e-3
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
     """How many realizations' worth of noise an ensemble holds at each time.
 
-    One less where the mean over them was subtracted: what is fitted then is a regression with an intercept at each
-    time.
+    One less where the mean over them was subtracted: what is fitted then is a regression with an
+    intercept at each time.
     """
     return max(1, len(ensemble) - ensemble.mean_subtracted)
 
@@ -54,7 +56,8 @@ def counted(ensemble: Ensemble) -> str:
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
     """How many independent samples a sample is worth for stiffness: what is left unexplained is not white.
 
-    ``predicted`` is the torque (realization, time) by some model, ``band`` the frequencies in Hz that are fitted; see
+    ``predicted`` is the torque (realization, time) by some model, ``band`` the frequencies in Hz
+    that are fitted; see
     :func:`tvsysid.numerics.noise.white_share`.
     """
     known = np.isfinite(predicted).all(axis=0)
@@ -67,7 +70,8 @@ def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, f
 def residual(ensemble: Ensemble, weights: Array) -> Array:
     """Torque (realization, time) that weights on lagged angles, shape (time, lag), leave.
 
-    The weights are an impulse response times the sample time, at the times whose lags lie within the context.
+    The weights are an impulse response times the sample time, at the times whose lags lie within
+    the context.
     """
     lags = weights.shape[1] // 2
     first = max(0, ensemble.context - lags)
@@ -79,7 +83,8 @@ def residual(ensemble: Ensemble, weights: Array) -> Array:
 def noise_correlation(covariance: Array, taken: Array) -> Array:
     """Autocorrelation of the noise from the autocovariance of what a fit left of it, shape (lag,).
 
-    ``taken`` says by how much the fit lowers the autocovariance at each lag, as shares of the noise's variance.
+    ``taken`` says by how much the fit lowers the autocovariance at each lag, as shares of the
+    noise's variance.
     """
     if covariance[0] <= 0:
         return np.asarray(np.arange(len(taken)) == 0, dtype=np.float64)
@@ -90,9 +95,10 @@ def noise_correlation(covariance: Array, taken: Array) -> Array:
 class Colour(NamedTuple):
     """What the noise's colour makes of the variances of a fit, worked out from small statistics when asked.
 
-    ``covariance`` (lag,) of the residual; ``taken``, the share of the noise's power that the fit took, were its
-    regressors the same at all lags, (lag,) or one for all; ``filters`` (regressor, tap) that give the regressors from
-    lagged angles; the angle's ``products`` along the diagonals.
+    ``covariance`` (lag,) of the residual; ``taken``, the share of the noise's power that the fit
+    took, were its regressors the same at all lags, (lag,) or one for all; ``filters``
+    (regressor, tap) that give the regressors from lagged angles; the angle's ``products`` along
+    the diagonals.
     """
 
     covariance: Array
@@ -106,7 +112,8 @@ class Colour(NamedTuple):
     ) -> Colour:
         """Colour of a residual (realization, time), and of an angle with these :func:`colour_products`.
 
-        ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is not missing.
+        ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is
+        not missing.
         """
         lags = colour_lags(ensemble)
         share = taken * len(ensemble) / independent_realizations(ensemble)
@@ -162,10 +169,11 @@ def _mean_square(x: Array) -> float:
 class PosteriorErrors:
     """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
 
-    The posterior takes the noise as white; ``colour`` is None if it is. ``expansions`` are functions of time (time,
-    function) of stiffness, viscosity and inertia, as far as the model has them, ``covariances`` those of their
-    coefficients, ``band`` the edges in cycles per sample of the band that was fitted. The noise is so much ``stronger``
-    than the posterior knows. Of the ``times`` of a realization so many at either end are ``missing``.
+    The posterior takes the noise as white; ``colour`` is None if it is. ``expansions`` are
+    functions of time (time, function) of stiffness, viscosity and inertia, as far as the model
+    has them, ``covariances`` those of their coefficients, ``band`` the edges in cycles per
+    sample of the band that was fitted. The noise is so much ``stronger`` than the posterior
+    knows. Of the ``times`` of a realization so many at either end are ``missing``.
     """
 
     expansions: tuple[Array, ...]

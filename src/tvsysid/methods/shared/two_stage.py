@@ -24,8 +24,8 @@ UNTOLD = 1e-2  # share of the largest below which directions of the lagged angle
 class LaggedReference(NamedTuple):
     r"""Lags of a reference as instruments for lagged angles, ``lags`` to either side.
 
-    ``angle`` and ``torque`` (realization, time) as far as windows and lags reach; ``reference`` with as many more
-    samples before them as it has more lags than the angle.
+    ``angle`` and ``torque`` (realization, time) as far as windows and lags reach; ``reference``
+    with as many more samples before them as it has more lags than the angle.
 
     .. math:: \Phi = \Phi_{zu}^T \Phi_{zz}^+ \Phi_{zu}, \qquad \varphi = \Phi_{zu}^T \Phi_{zz}^+ \varphi_{zy}
 
@@ -71,8 +71,9 @@ class LaggedReference(NamedTuple):
 
         .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad s_r = \frac1L \sum_{i \in W} (G z_r(i))\, e_r(i)
 
-        with G by which the impedance follows from the instruments' correlations with the torque, and e what the
-        response leaves of the torque, relative to the degrees of freedom that it leaves. The noise may be of any kind.
+        with G by which the impedance follows from the instruments' correlations with the torque,
+        and e what the response leaves of the torque, relative to the degrees of freedom that it
+        leaves. The noise may be of any kind.
         """
         scores, samples = np.zeros((3, len(self.angle), len(windows.weights))), windows.samples
         last, place = (

@@ -1,4 +1,7 @@
-"""Why settings were chosen: a criterion, and its value for all that were tried; and methods that choose their own."""
+"""Why settings were chosen: a criterion, and its value for all that were tried.
+
+And methods that choose their own.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +50,12 @@ CLEARLY = (
 class Evidence(Shown):
     """What speaks for settings that were chosen from data.
 
-    The ``criterion``, in a ``unit``, of which ``"higher"`` or ``"lower"`` values are better; the settings ``tried`` by
-    name, the first being those that the method had before, and which were ``chosen``; the ``values`` of the criterion,
-    and the ``standard_errors`` of their differences from the first, NaN where it has none. To be drawn against an
-    ``axis`` at ``positions`` in ``lines``: trials of one name make one line. All of shape (trial,).
-    Which of the settings chosen lie at the edge of what was tried, so that others beyond may be better, is said by the
+    The ``criterion``, in a ``unit``, of which ``"higher"`` or ``"lower"`` values are better; the
+    settings ``tried`` by name, the first being those that the method had before, and which were
+    ``chosen``; the ``values`` of the criterion, and the ``standard_errors`` of their differences
+    from the first, NaN where it has none. To be drawn against an ``axis`` at ``positions`` in
+    ``lines``: trials of one name make one line. All of shape (trial,). Which of the settings
+    chosen lie at the edge of what was tried, so that others beyond may be better, is said by the
     ``edges``, in words.
     """
 
@@ -85,9 +89,13 @@ class Evidence(Shown):
     def __str__(self) -> str:
         tried = "; ".join(("", f"{len(self.values)} tried", *self.edges))
         if self.chosen == 0:
-            return f"{_told(self.settings)} as given: nothing else has a clearly better {self.criterion}{tried}"
+            return (
+                f"{_told(self.settings)} as given: nothing else has a clearly better "
+                f"{self.criterion}{tried}"
+            )
         return (
-            f"{_told(self.settings)} instead of {_told(self.tried[0])}: {self.criterion} better by {self.gain:.3g} "
+            f"{_told(self.settings)} instead of {_told(self.tried[0])}: {self.criterion} better "
+            f"by {self.gain:.3g} "
             f"{self.unit}{tried}"
         )
 
@@ -128,7 +136,10 @@ def _short(value: object) -> str:
 
 
 def edge_of(name: str, value: float, tried: Iterable[float]) -> tuple[str, ...]:
-    """In words, that a value is the smallest or the largest of several that were tried; nothing if it is neither."""
+    """In words, that a value is the smallest or the largest of several that were tried.
+
+    Nothing if it is neither.
+    """
     several = set(tried) | {value}
     ends = {min(several): "smallest", max(several): "largest"}
     if len(several) == 1 or value not in ends:
@@ -145,13 +156,15 @@ def evidence_of_bases(
 ) -> Evidence:
     """Log evidence of bases, less the number of precisions that were fitted to the data.
 
-    The ``"ard"`` prior fits a precision for each coefficient, of which there are so many ``per_function`` of a basis,
-    ``"ridge"`` one for all; ``"none"`` has no evidence. Noise that is not white makes samples worth less than as many
-    independent ones, which ``log_evidence`` knows.
+    The ``"ard"`` prior fits a precision for each coefficient, of which there are so many
+    ``per_function`` of a basis, ``"ridge"`` one for all; ``"none"`` has no evidence. Noise that
+    is not white makes samples worth less than as many independent ones, which ``log_evidence``
+    knows.
     """
     if prior == "none":
         raise InputError(
-            "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
+            "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or "
+            "'ridge'"
         )
     counts = {basis: evaluate(basis, samples).shape[1] for basis in BASES}
     tried = [
@@ -195,10 +208,11 @@ def _kind(basis: Basis) -> str:
 class Tuned:
     """A method whose settings are chosen anew from each ensemble that it identifies from.
 
-    What a study needs, in which each trial has data of its own; ``kbr:tuned=true`` on the command line. The model's
-    ``method`` tells the settings chosen.
+    What a study needs, in which each trial has data of its own; ``kbr:tuned=true`` on the command
+    line. The model's ``method`` tells the settings chosen.
 
-    The ``method`` has the settings to begin with; the ``seed`` is that of :meth:`tvsysid.methods.Method.tuned`.
+    The ``method`` has the settings to begin with; the ``seed`` is that of
+    :meth:`tvsysid.methods.Method.tuned`.
 
     Examples
     --------

@@ -1,17 +1,18 @@
 r"""Which settings give the least error of stiffness, judged by halves of the realizations.
 
-The mean square error of an estimate of stiffness, K, is its squared bias and its variance. Realizations are dealt
-at random into halves A and B, and from each half K is estimated, as well as a reference R that averages over
-hardly any time and so has little bias, if much noise:
+The mean square error of an estimate of stiffness, K, is its squared bias and its variance.
+Realizations are dealt at random into halves A and B, and from each half K is estimated, as well as
+a reference R that averages over hardly any time and so has little bias, if much noise:
 
 .. math:: S = \overline{(K_A - R_A)(K_B - R_B)} + \tfrac14 \overline{(K_A - K_B)^2}
 
-(means over time). The halves' noise is independent, so that the first term is the squared difference of the biases;
-the second is the variance of an estimate from all realizations, as a half has twice that. Several deals are averaged.
+(means over time). The halves' noise is independent, so that the first term is the squared
+difference of the biases; the second is the variance of an estimate from all realizations, as a half
+has twice that. Several deals are averaged.
 
-Leaving out realizations and predicting their torque is no substitute: it asks for the impulse response as a whole,
-whose variance goes with the number of lags, and so chooses windows that are far too wide for stiffness. See
-docs/tuning.md, with figures.
+Leaving out realizations and predicting their torque is no substitute: it asks for the impulse
+response as a whole, whose variance goes with the number of lags, and so chooses windows that are
+far too wide for stiffness. See docs/tuning.md, with figures.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from tvsysid.methods.tuning.evidence import Evidence, edge_of
 from tvsysid.signals import Array, Ensemble
 
 DEALS = 6  # how often the realizations are dealt into halves
-BEYOND = 1.0  # standard deviations over deals by which settings must be better than those given to be chosen
+# standard deviations over deals by which settings must be better than those given to be chosen
+BEYOND = 1.0
 FEWEST = 8  # realizations below which halves say nothing
 KNOWN = 0.5  # share of the times that the settings given know which others must know too
 DETERMINED = 4  # samples for each lag from which on the reference is determined
@@ -45,7 +47,8 @@ class Halves:
     def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
         if len(ensemble) < FEWEST:
             raise InputError(
-                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} are too few; give at "
+                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} "
+                "are too few; give at "
                 f"least {FEWEST}"
             )
         random = np.random.default_rng(seed)
@@ -60,8 +63,8 @@ class Halves:
     def errors(self, stiffness: Array) -> Array:
         """Estimated mean square error in (N·m/rad)², shape (deal, method).
 
-        ``stiffness`` (method, deal, half, time) holds all methods that are to be compared: the error is a mean over the
-        times that all of them know.
+        ``stiffness`` (method, deal, half, time) holds all methods that are to be compared: the
+        error is a mean over the times that all of them know.
         """
         known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(
             axis=(0, 1)
@@ -94,7 +97,8 @@ def evidence_by_halves(
 ) -> Evidence:
     """Settings chosen one after another, each the best of its grid, or left alone if none is clearly better.
 
-    ``grids`` are values to be tried by name, in the order of choice; the last is what the evidence is drawn against.
+    ``grids`` are values to be tried by name, in the order of choice; the last is what the
+    evidence is drawn against.
     """
     halves = Halves(ensemble, max_lag, seed)
     tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]

@@ -1,4 +1,7 @@
-"""What is said of joints in closed loop, held against the scores of a study; the thresholds are ours."""
+"""What is said of joints in closed loop, held against the scores of a study.
+
+The thresholds are ours.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,10 @@ def scenario(actuator: float, noise: float, duration_s: float = SHORT) -> Scenar
 
 
 def judge(scores: xr.Dataset) -> pd.DataFrame:
-    """Hold every claim against the scores of a study; columns are those of the claims of a published study."""
+    """Hold every claim against the scores of a study.
+
+    Columns are those of the claims of a published study.
+    """
     return judged_by(CLAIMS, scores)
 
 
@@ -81,7 +87,10 @@ def _stays(scores: Scores) -> Iterator[Replicated]:
         places = (scenario(100.0, 5.0, LONG), scenario(100.0, 5.0))
         if found := scores.of(*((place, method, "mean_bias") for place in places)):
             late, early = found
-            words = f"mean bias of {method} {late[0]:.1f} N·m/rad in {LONG:g} s, {early[0]:.1f} in {SHORT:g} s"
+            words = (
+                f"mean bias of {method} {late[0]:.1f} N·m/rad in {LONG:g} s, {early[0]:.1f} "
+                f"in {SHORT:g} s"
+            )
             yield margin(words, log_ratio(np.abs(late), np.abs(early)) - np.log1p(-STAYS))
 
 
@@ -91,7 +100,10 @@ def _covers(*methods: str) -> Margins:
     def margins(scores: Scores) -> Iterator[Replicated]:
         for method, (noise, actuator) in itertools.product(methods, PLACES):
             for share in scores.of((scenario(actuator, noise), method, "coverage")):
-                words = f"the bands of {method} hold the truth in {share[0]:.1f} % {_where(actuator, noise)}"
+                words = (
+                    f"the bands of {method} hold the truth in {share[0]:.1f} % "
+                    f"{_where(actuator, noise)}"
+                )
                 yield from (margin(words, limit) for limit in (share - LEAST, MOST - share))
 
     return margins
@@ -129,24 +141,31 @@ N_M, PRESET = "N·m/rad", "the preset closed-loop"
 LUDVIG = "Ludvig and Kearney 2009"
 OWN = "this package"
 CLAIMS: tuple[Claim, ...] = (
-    Claim(f"Without a reference slow noise (5 Hz, 5 dB) takes over {LOSES:g} of 100 N·m/rad, whatever the actuator",
-          LUDVIG, _bias(OPEN[:4], (5.0,), LOSES, loses=True), N_M, f"methods without a reference ({PRESET})"),
+    Claim(f"Without a reference slow noise (5 Hz, 5 dB) takes over {LOSES:g} of 100 N·m/rad, "
+          "whatever the actuator",
+          LUDVIG, _bias(OPEN[:4], (5.0,), LOSES, loses=True), N_M, f"methods without a reference "
+                                                                   f"({PRESET})"),
     Claim(f"A longer record does not mend it (by {100 * STAYS:g} % at most)", OWN, _stays, RATIO,
           f"40 and 150 s of methods without a reference ({PRESET})"),
     Claim(f"Noise up to 40 Hz at 10 dB takes less than {LITTLE:g} N·m/rad", OWN,
-          _bias(OPEN[:4], (40.0,), LITTLE, loses=False), N_M, f"methods without a reference ({PRESET})"),
+          _bias(OPEN[:4], (40.0,), LITTLE, loses=False), N_M, f"methods without a reference "
+                                                              f"({PRESET})"),
     Claim(f"kbr with a reference and weights is off by less than {FREE:g} N·m/rad on any actuator",
-          "van der Helm et al. 2002", _bias((BEST,), tuple(SNR), FREE, loses=False), N_M, f"{BEST} ({PRESET})"),
+          "van der Helm et al. "
+          "2002", _bias((BEST,), tuple(SNR), FREE, loses=False), N_M, f"{BEST} ({PRESET})"),
     Claim(f"esm and birf with a reference are off by less than {NEARLY:g} N·m/rad on any actuator",
           "van der Helm et al. 2002", _bias(CLOSED[1:3], tuple(SNR), NEARLY, loses=False), N_M,
           f"{' and '.join(CLOSED[1:3])} ({PRESET})"),
-    Claim(f"The bands of kbr with a reference and weights hold the truth in {LEAST:g} to {MOST:g} %, on any actuator",
+    Claim(f"The bands of kbr with a reference and weights hold the truth in {LEAST:g} to {MOST:g} "
+          "%, on any actuator",
           OWN, _covers(BEST), "%", f"{BEST} ({PRESET})"),
     Claim("Those of esm and birf with a reference do so too", OWN, _covers(*CLOSED[1:3]), "%",
           f"{' and '.join(CLOSED[1:3])} ({PRESET})"),
-    Claim(f"Where the angle is imposed a reference costs nothing (random error to within {100 * ALIKE:g} %)", OWN,
+    Claim(f"Where the angle is imposed a reference costs nothing (random error to within "
+          f"{100 * ALIKE:g} %)", OWN,
           _costs_nothing, RATIO, f"an actuator of {IMPOSED:g} N·m/rad ({PRESET})"),
-    Claim(f"Weighting by the residual takes {100 * GAINS:g} % off kbr's random error under slow noise, and adds less "
+    Claim(f"Weighting by the residual takes {100 * GAINS:g} % off kbr's random error under slow "
+          "noise, and adds less "
           f"than {100 * COSTS:g} % under wide-band noise", OWN, _weighting, RATIO,
           f"kbr with both weightings ({PRESET})"),
 )  # fmt: skip

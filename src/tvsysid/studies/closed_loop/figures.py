@@ -32,13 +32,15 @@ def loop_of(label: object) -> CompliantActuator | None:
 def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
     """All figures of a study, by the stem of a file's name.
 
-    ``"bias-5Hz"``: mean bias of the stiffness against the stiffness of the actuator, for each noise;
-    ``"comparison-5Hz"``: estimates over time, with bars of all scenarios of that noise; ``"coverage-5Hz"``: bands.
+    ``"bias-5Hz"``: mean bias of the stiffness against the stiffness of the actuator, for each
+    noise; ``"comparison-5Hz"``: estimates over time, with bars of all scenarios of that noise;
+    ``"coverage-5Hz"``: bands.
 
     Parameters
     ----------
     results, summary
-        As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
+        As of :func:`tvsysid.study.run`, and of these results, with full names
+        (:func:`tvsysid.study.by_full_name`).
     """
     traits = scenario_traits(results)
     loops = {
@@ -65,16 +67,22 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
             scenario=labels, quantity=["stiffness"], method_key=unique(mine.method)
         )
         text = (
-            f"A column for each method. Upper rows, over one realization of {middle}: estimated stiffness, mean and "
-            f"two standard deviations over {count(results.sizes['trial'], 'trial')}, against the truth, and "
-            f"time-varying VAF. Lower rows: bars of errors and VAF for {count(len(labels), 'scenario')}: "
+            f"A column for each method. Upper rows, over one realization of {middle}: estimated "
+            "stiffness, mean and "
+            f"two standard deviations over {count(results.sizes['trial'], 'trial')}, against the "
+            "truth, and "
+            "time-varying VAF. Lower rows: bars of errors and VAF for "
+            f"{count(len(labels), 'scenario')}: "
             f"{', '.join(labels)}."
         )
         drawing = partial(method_comparison, data, mine, [middle], labels, title)
         shown[f"comparison-{noise:g}Hz"] = Illustration(drawing, title, text)
         title = f"Coverage of the 95 % bands: noise up to {noise:g} Hz"
         drawing = partial(coverage_over_time, results, [middle], title)
-        text = f"Share of trials whose 95 % band holds the true stiffness, over a realization of {middle}, by method."
+        text = (
+            "Share of trials whose 95 % band holds the true stiffness, over a realization of "
+            f"{middle}, by method."
+        )
         shown[f"coverage-{noise:g}Hz"] = Illustration(drawing, title, text)
     return shown
 
@@ -86,7 +94,8 @@ def _bias(summary: pd.DataFrame, sizes: pd.Series, what: str) -> Illustration:
     rows = rows.assign(size=rows.scenario.map(sizes)).sort_values("size", kind="stable")
     title = f"Stiffness on a compliant actuator, {what}"
     said = [
-        f"{method}: {', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
+        f"{method}: "
+        f"{', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)
     ]
     text = f"Mean bias of the stiffness in N·m/rad against the {SIZE}; {what}. {' '.join(said)}"

@@ -18,12 +18,18 @@ if TYPE_CHECKING:
 DRAWS = 2000  # bootstrap draws
 SURE = 2.0  # standard errors of a difference up to which it is a tie
 SCORE = (
-    "In each trial an entry’s error is the root mean square over time of its stiffness minus the true one, divided by "
-    "the mean true stiffness, and 100 % at most; a trial that it skips or in which it fails counts as 100 %, and "
-    "times that it leaves out as an estimate of 0. The score is the geometric mean over scenarios of the "
-    "root-mean-square error over trials, in per cent: to halve the error in any scenario is worth the same. What "
-    "stands after ± is one standard error, from drawing trials with replacement, the same ones for all entries; down "
-    "the table an entry shares the rank of the one that leads it, unless it is behind by more than two standard "
+    "In each trial an entry’s error is the root mean square over time of its stiffness minus the "
+    "true one, divided by "
+    "the mean true stiffness, and 100 % at most; a trial that it skips or in which it fails "
+    "counts as 100 %, and "
+    "times that it leaves out as an estimate of 0. The score is the geometric mean over scenarios "
+    "of the "
+    "root-mean-square error over trials, in per cent: to halve the error in any scenario is worth "
+    "the same. What "
+    "stands after ± is one standard error, from drawing trials with replacement, the same ones "
+    "for all entries; down "
+    "the table an entry shares the rank of the one that leads it, unless it is behind by more "
+    "than two standard "
     "errors of their difference, and then leads the next."
 )
 
@@ -41,8 +47,8 @@ def scores_of(errors: Array, counts: Array | None = None) -> Array:
 
     .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t c_{dst}\, e_{ste}^2 / T}
 
-    Errors have shape (scenario, trial, entry); how often a draw has each trial, (draw, scenario, trial), is once if
-    nothing is said.
+    Errors have shape (scenario, trial, entry); how often a draw has each trial, (draw, scenario,
+    trial), is once if nothing is said.
     """
     counts = np.ones((1, *errors.shape[:2])) if counts is None else counts
     squares = np.einsum("dst,ste->dse", counts, np.square(errors)) / errors.shape[1]
@@ -88,9 +94,9 @@ def answered(results: xr.Dataset) -> xr.DataArray:
 def standings(results: xr.Dataset, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
     """A row for each entry, in order of score.
 
-    Columns rank, entry, origin, score, score_error (standard), behind (who led when it was its turn), behind_error,
-    coverage (mean over scenarios with a band), answered (scenarios with an estimate), the score in each group of
-    scenarios, and the error in each scenario; in %.
+    Columns rank, entry, origin, score, score_error (standard), behind (who led when it was its
+    turn), behind_error, coverage (mean over scenarios with a band), answered (scenarios with an
+    estimate), the score in each group of scenarios, and the error in each scenario; in %.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 

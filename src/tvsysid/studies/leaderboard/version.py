@@ -56,8 +56,9 @@ def study_of(
 ) -> Study:
     """Leaderboard as a study: the package's methods, those of installed packages, and further entries.
 
-    Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as its digest shows. An
-    installed method that cannot be made as it is is left out, with a warning.
+    Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as
+    its digest shows. An installed method that cannot be made as it is is left out, with a
+    warning.
     """
     first, *others = (
         {name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS
@@ -115,5 +116,8 @@ def digest(study: Study) -> str:
 
 
 def commitment(seed: int) -> str:
-    """SHA-256 that is published before its seed; whoever is later given the seed can check that it is the same one."""
+    """SHA-256 that is published before its seed.
+
+    Whoever is later given the seed can check that it is the same one.
+    """
     return hashlib.sha256(f"tvsysid leaderboard {VERSION} seed {seed}".encode()).hexdigest()

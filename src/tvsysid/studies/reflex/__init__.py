@@ -18,8 +18,8 @@ __all__ = ["LITERATURE", "PRESETS", "judge", "published", "reflex_figures"]
 LITERATURE = Published(
     judge,
     reflex_figures,
-    "What the literature says of reflexes and of methods that separate them, and whether this study finds it. "
-    + HOW_DECIDED,
+    "What the literature says of reflexes and of methods that separate them, and whether this "
+    "study finds it. " + HOW_DECIDED,
     tuple(PRESETS),
 )
 

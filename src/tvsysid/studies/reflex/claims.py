@@ -1,7 +1,7 @@
 """What is said of methods that know no reflex, and of those that do, held against the scores of a study.
 
-The limits are those of drawing trials. The literature gives no thresholds: those here are ours, and part of the
-sentences.
+The limits are those of drawing trials. The literature gives no thresholds: those here are ours,
+and part of the sentences.
 """
 
 from __future__ import annotations
@@ -29,18 +29,26 @@ LOUD = SINE._replace(stiffness="constant", system="reflex", snr_db=0.0)
 TIME_VARYING = ("cascade", "bpc", "tvpc")
 MEAN_GAIN, MEAN_STIFFNESS = 8.0, 100.0  # of the joint that varies, in N·m·s/rad and N·m/rad
 PART = 0.25  # of the bias of methods of one pathway that those of two may have
-SMALL = 0.25  # total error of the reflex gain, relative to its mean, below which the gain counts as identified
+# total error of the reflex gain, relative to its mean, below which the gain counts as identified
+SMALL = 0.25
 TELLS = 0.10  # likewise for the stiffness
-INVENTED = 0.4  # N·m·s/rad of reflex gain up to which nothing is said to be found: a twentieth of the usual gain
+# N·m·s/rad of reflex gain up to which nothing is said to be found: a twentieth of the usual gain
+INVENTED = 0.4
 
 
 def judge(scores: xr.Dataset) -> pd.DataFrame:
-    """Hold every claim against the scores of a study; columns are those of the claims of a published study."""
+    """Hold every claim against the scores of a study.
+
+    Columns are those of the claims of a published study.
+    """
     return judged_by(CLAIMS, scores)
 
 
 def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) -> Margins:
-    """That a metric of each method in its scenario is below a limit; the words name ``method`` and ``value``."""
+    """That a metric of each method in its scenario is below a limit.
+
+    The words name ``method`` and ``value``.
+    """
 
     def margins(scores: Scores) -> Iterator[Replicated]:
         for method, scenario in where.items():
@@ -65,7 +73,10 @@ def _in_proportion(scores: Scores) -> Iterator[Replicated]:
             *((CONSTANT[gain], method, "mean_bias") for gain in (0.0, one, other))
         ):
             none, low, high = found
-            words = f"mean bias of {method} {low[0]:.1f} N·m/rad at a gain of {one:g}, {high[0]:.1f} at {other:g}"
+            words = (
+                f"mean bias of {method} {low[0]:.1f} N·m/rad at a gain of {one:g}, "
+                f"{high[0]:.1f} at {other:g}"
+            )
             off = log_ratio(high - none, low - none) - np.log(other / one)
             yield from (margin(words, np.log1p(ALIKE) - each) for each in (off, -off))
 
@@ -97,24 +108,39 @@ def _more_robust(scores: Scores) -> Iterator[Replicated]:
 N_M, SHARE, RATE_GAIN = "N·m/rad", "share of the mean", "N·m·s/rad"
 PRESET = "the preset reflex"
 ERROR = "total error {value:.2f} N·m·s/rad by {method} without a reflex"
-WINDOW = "Without a window, as its authors have it. The usual window pools 11 samples about each time: a tenth suffices."
+WINDOW = (
+    "Without a window, as its authors have it. The usual window pools 11 samples about each "
+    "time: a tenth suffices."
+)
 CLAIMS: tuple[Claim, ...] = (
-    Claim("Methods of one pathway take a reflex for stiffness", "Kearney et al. 1997", _takes_reflex_for_stiffness,
+    Claim("Methods of one pathway take a reflex for "
+          "stiffness", "Kearney et al. 1997", _takes_reflex_for_stiffness,
           N_M, f"methods of one pathway ({PRESET})"),
-    Claim(f"They do so in proportion to the reflex's torque (to within {100 * ALIKE:g} %)", "Kearney et al. 1997",
+    Claim(f"They do so in proportion to the reflex's torque (to within {100 * ALIKE:g} "
+          f"%)", "Kearney et al. 1997",
           _in_proportion, RATIO, f"three gains of the reflex, and none ({PRESET})"),
-    Claim(f"Methods of two pathways are free of it (of {100 * (1 - PART):g} % at least)", "Ludvig et al. 2011",
+    Claim(f"Methods of two pathways are free of it (of {100 * (1 - PART):g} % at "
+          f"least)", "Ludvig et al. 2011",
           _mends, N_M, f"cascade, bpc or tvpc beside birf and kbr ({PRESET})"),
-    Claim(f"Without a reflex cascade finds none (of more than {INVENTED:g} N·m·s/rad)", "this package",
-          _below(GAIN, INVENTED, ERROR, {"cascade": CONSTANT[0.0]}), RATE_GAIN, f"cascade ({PRESET})"),
-    Claim(f"tvpc needs 500 to 800 realizations (for a reflex gain to within {100 * SMALL:g} %)", "Ludvig et al. 2011",
-          _needs_many, SHARE, f"{WINDOWLESS} with {FEW[0]}, {FEW[1]} and {MANY} realizations ({PRESET})", WINDOW),
-    Claim(f"Forty cycles suffice for bpc: reflex gain to within {100 * SMALL:g} %", "Guarin and Kearney 2017",
-          _below(GAIN, SMALL * MEAN_GAIN, "total error of {method} {value:.2f} N·m·s/rad", {"bpc": SINE}),
+    Claim(f"Without a reflex cascade finds none (of more than {INVENTED:g} "
+          f"N·m·s/rad)", "this package",
+          _below(GAIN, INVENTED, ERROR, {"cascade": CONSTANT[0.0]}), RATE_GAIN, f"cascade "
+                                                                                f"({PRESET})"),
+    Claim(f"tvpc needs 500 to 800 realizations (for a reflex gain to within {100 * SMALL:g} "
+          f"%)", "Ludvig et al. 2011",
+          _needs_many, SHARE, f"{WINDOWLESS} with {FEW[0]}, {FEW[1]} and {MANY} realizations "
+                              f"({PRESET})", WINDOW),
+    Claim(f"Forty cycles suffice for bpc: reflex gain to within {100 * SMALL:g} "
+          f"%", "Guarin and Kearney 2017",
+          _below(GAIN, SMALL * MEAN_GAIN, "total error of {method} {value:.2f} "
+                                          "N·m·s/rad", {"bpc": SINE}),
           RATE_GAIN, f"bpc ({PRESET})"),
-    Claim(f"Forty cycles suffice for bpc: stiffness to within {100 * TELLS:g} %", "Guarin and Kearney 2017",
-          _below(STIFFNESS, TELLS * MEAN_STIFFNESS, "total error of {method} {value:.1f} N·m/rad", {"bpc": SINE}),
+    Claim(f"Forty cycles suffice for bpc: stiffness to within {100 * TELLS:g} "
+          f"%", "Guarin and Kearney 2017",
+          _below(STIFFNESS, TELLS * MEAN_STIFFNESS, "total error of {method} {value:.1f} "
+                                                    "N·m/rad", {"bpc": SINE}),
           N_M, f"bpc ({PRESET})"),
-    Claim("With much noise (0 dB) sdss is more robust than pc", "Jalaleddini et al. 2017", _more_robust, RATIO,
+    Claim("With much noise (0 dB) sdss is more robust than "
+          "pc", "Jalaleddini et al. 2017", _more_robust, RATIO,
           f"sdss and pc ({PRESET})"),
 )  # fmt: skip

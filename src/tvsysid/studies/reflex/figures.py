@@ -20,15 +20,17 @@ QUANTITIES = ["stiffness", "reflex_gain"]
 def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
     """All figures of a study, by the stem of a file's name.
 
-    ``"pathways-reflex-sine-sine"``: stiffness and reflex gain over time of the first scenario of a system and a
-    profile, with bars of all its scenarios; ``"bias-reflex-sine"``: bias of the stiffness against the gain, where
-    several constant gains were simulated; ``"amount-reflex-sine"``: error of the gain against the data, where more than
-    two durations were.
+    ``"pathways-reflex-sine-sine"``: stiffness and reflex gain over time of the first scenario of a
+    system and a profile, with bars of all its scenarios; ``"bias-reflex-sine"``: bias of the
+    stiffness against the gain, where several constant gains were simulated;
+    ``"amount-reflex-sine"``: error of the gain against the data, where more than two durations
+    were.
 
     Parameters
     ----------
     results, summary
-        As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
+        As of :func:`tvsysid.study.run`, and of these results, with full names
+        (:func:`tvsysid.study.by_full_name`).
     """
     traits = scenario_traits(results)
     traits = traits.assign(
@@ -78,10 +80,13 @@ def _pathways(
         BARS_OF_PATHWAYS,
     )
     text = (
-        f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization of {labels[0]}: "
-        f"estimated stiffness and reflex gain, mean and two standard deviations over "
-        f"{count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. Lower rows: bars of the "
-        f"errors and of the VAF of each pathway for {count(len(labels), 'scenario')}: {', '.join(labels)}."
+        f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization "
+        f"of {labels[0]}: "
+        "estimated stiffness and reflex gain, mean and two standard deviations over "
+        f"{count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
+        "Lower rows: bars of the "
+        f"errors and of the VAF of each pathway for {count(len(labels), 'scenario')}: "
+        f"{', '.join(labels)}."
     )
     return Illustration(drawing, title, text)
 
@@ -108,7 +113,10 @@ def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustrat
 
 
 def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.DataFrame, str]:
-    """Rows of a metric for scenarios of these sizes, of methods that have several; and them in words."""
+    """Rows of a metric for scenarios of these sizes, of methods that have several.
+
+    And them in words.
+    """
     rows = summary[(summary.metric == metric) & summary.scenario.isin(sizes.index)]
     rows = (
         rows.assign(size=rows.scenario.map(sizes))
@@ -117,7 +125,8 @@ def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.Data
     )
     rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
     said = (
-        f"{method}: {', '.join(f'{each.value:.3g} at {each.size:g}' for each in line.itertuples())}."
+        f"{method}: "
+        f"{', '.join(f'{each.value:.3g} at {each.size:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)
     )
     return rows, " ".join(said)

@@ -37,6 +37,6 @@ PRESETS: dict[str, dict[str, object]] = {
     }
 }
 """Forty realizations of a joint whose stiffness and reflex gain vary in a sine, by noise, PRBS, pulses, and with slow
-noise; without a reflex; in a square wave; of a constant joint, with little and much noise. Beside these, what the
-reflex's gain does to methods of one pathway, and the amount of data to the ensemble cascade, with its
-window and without."""
+noise; without a reflex; in a square wave; of a constant joint, with little and much noise.
+Beside these, what the reflex's gain does to methods of one pathway, and the amount of data to
+the ensemble cascade, with its window and without."""

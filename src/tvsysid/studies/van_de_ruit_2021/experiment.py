@@ -1,7 +1,8 @@
 """What van de Ruit et al. (2021) say their experiment shows, held against the results of one.
 
-There is a margin for each method and rival (:mod:`tvsysid.studies.verdicts`), taken over participants, with limits of a
-t distribution. The paper gives no thresholds: those here are ours, and are part of each sentence.
+There is a margin for each method and rival (:mod:`tvsysid.studies.verdicts`), taken over
+participants, with limits of a t distribution. The paper gives no thresholds: those here are
+ours, and are part of each sentence.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ POINTS, REALIZATIONS = "percentage points", "realizations"
 MEAN_STAYS = 5.0  # change of the mean stiffness in per cent up to which it stays similar
 MARGINAL = 1.0  # percentage points up to which a VAF rises only marginally
 RISES = 0.5  # correlation over time of stiffness with torque from which on it rises with it
-DIP_WIDTH = 0.1  # part of a period about its beginning and its middle where the time-varying VAF is said to be reduced
+# part of a period about its beginning and its middle where the time-varying VAF is said to be
+# reduced
+DIP_WIDTH = 0.1
 REPORTED = (
     300  # realizations recorded from each of the paper's participants under either perturbation
 )
@@ -219,7 +222,10 @@ def _with_either(
     low: float = 0.0,
     high: float = math.inf,
 ) -> Margins:
-    """How a metric with noise compares with that with PRBS; the words say the means of both, and the method."""
+    """How a metric with noise compares with that with PRBS.
+
+    The words say the means of both, and the method.
+    """
 
     def margins(figures: Figures) -> Iterator[Paired]:
         for method in methods if figures.has("noise", "prbs", methods=methods) else ():
@@ -237,7 +243,10 @@ def _of_each(
     methods: Sequence[str] = FIVE,
     amounts: int = 1,
 ) -> Margins:
-    """A metric under each perturbation by each method, with one or two amounts of data; the words say its means."""
+    """A metric under each perturbation by each method, with one or two amounts of data.
+
+    The words say its means.
+    """
 
     def margins(figures: Figures) -> Iterator[Paired]:
         for perturbation in _there(figures):
@@ -282,7 +291,10 @@ def _near_the_levels(figures: Figures) -> Iterator[Paired]:
         for place, level, which in zip(
             (order[0], order[-1]), levels, ("lowest", "highest"), strict=True
         ):
-            said = f"the {which} is {_mean(values[place]):.1f} % ({FOUR[place]}), the paper's {level:g} %"
+            said = (
+                f"the {which} is {_mean(values[place]):.1f} % ({FOUR[place]}), the paper's "
+                f"{level:g} %"
+            )
             yield from _within(
                 f"{NAMES[perturbation]}: {said}", values[place], level - NEAR, level + NEAR
             )
@@ -302,7 +314,10 @@ def _excluded(figures: Figures) -> Iterator[Paired]:
     for perturbation in _there(figures):
         for step, (low, high) in EXCLUDED[perturbation].items():
             found = figures.share(f"excluded_{step}", perturbation)
-            words = f"{NAMES[perturbation]}, {STEPS[step]}: {_mean(found):.1f}, the paper's {low} to {high}"
+            words = (
+                f"{NAMES[perturbation]}, {STEPS[step]}: {_mean(found):.1f}, the paper's {low} "
+                f"to {high}"
+            )
             yield from _within(words, found, low - 0.5, high + 0.5)
 
 
@@ -317,46 +332,61 @@ ONE, FOUR_BOTH = (
 KBR_BOTH, TWO_AMOUNTS = "both perturbations and kbr", "two numbers of realizations"
 VAFS = "{method} {prbs:.1f} % with PRBS, {noise:.1f} % with noise"
 KBR = (
-    "Why it should be so the paper does not say. Fitted to 20 Hz, ours predicts what inertia does as well as the other "
+    "Why it should be so the paper does not say. Fitted to 20 Hz, ours predicts what inertia does "
+    "as well as the other "
     "methods do, and so gains by PRBS as they do."
 )
 ALIKE = "The fluctuations of a virtual participant's torque are the same under either perturbation."
 
 CLAIMS: tuple[Claim, ...] = (
-    Claim("Some 255 to 260 of 300 realizations survive (within one standard deviation of the paper's mean)", "4.4",
+    Claim("Some 255 to 260 of 300 realizations survive (within one standard deviation of the "
+          "paper's mean)", "4.4",
           _survivors, REALIZATIONS, ONE),
-    Claim("Each step excludes as many realizations, on average, as some of the paper's participants lost", "4.1.5",
+    Claim("Each step excludes as many realizations, on average, as some of the paper's "
+          "participants lost", "4.1.5",
           _excluded, REALIZATIONS, ONE),
     Claim("PRBS gives 20 to 30 % more VAF than noise for all but kbr", "4.4",
           _with_either("vaf", VAFS, _prbs_less_noise, FOUR, 20, 30), POINTS, FOUR_BOTH),
     Claim("PRBS gives more VAF than noise for all but kbr", "4.4",
           _with_either("vaf", VAFS, _prbs_less_noise, FOUR), POINTS, FOUR_BOTH),
-    Claim(f"VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise (within {NEAR:g} points)",
+    Claim(f"VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise "
+          f"(within {NEAR:g} points)",
           "4.4", _near_the_levels, POINTS, f"{FOUR_BOTH}, with 75 realizations"),
     Claim("kbr has more VAF with noise than with PRBS", "4.4",
-          _with_either("vaf", "{noise:.1f} % with noise, {prbs:.1f} % with PRBS", np.subtract, ["kbr"]),
+          _with_either("vaf", "{noise:.1f} % with noise, {prbs:.1f} % with "
+                              "PRBS", np.subtract, ["kbr"]),
           POINTS, KBR_BOTH, KBR),
     Claim("Between 1 and 10 Hz, PRBS gives less VAF than noise", "4.4",
           _with_either("bandpassed_vaf", VAFS, np.subtract, FIVE), POINTS, FOUR_BOTH),
     Claim("Between 1 and 10 Hz, PRBS gives about 10 % less VAF than noise (5 to 15)", "4.4",
           _with_either("bandpassed_vaf", VAFS, np.subtract, FIVE, 5, 15), POINTS, FOUR_BOTH, ALIKE),
     Claim("The random error falls with more data (in the paper from 150 s to 300 s)", "4.4",
-          _of_each("random_error", "from {:.1f} to {:.1f} N·m/rad", log_ratio, amounts=2), RATIO, TWO_AMOUNTS),
-    Claim(f"The mean stiffness stays as it is with more data (changes by less than {MEAN_STAYS:g} %)", "4.4",
-          _of_each("change", "by {:.1f} % (RMS over time)", lambda change, _: MEAN_STAYS - change, amounts=2),
+          _of_each("random_error", "from {:.1f} to {:.1f} "
+                                   "N·m/rad", log_ratio, amounts=2), RATIO, TWO_AMOUNTS),
+    Claim(f"The mean stiffness stays as it is with more data (changes by less than {MEAN_STAYS:g} "
+          f"%)", "4.4",
+          _of_each("change", "by {:.1f} % (RMS over "
+                             "time)", lambda change, _: MEAN_STAYS - change, amounts=2),
           POINTS, TWO_AMOUNTS),
-    Claim("The random error is largest for eirf", "4.4", _extreme("eirf", log_ratio), RATIO, "all five methods"),
-    Claim("The random error is smallest for birf", "4.4", _extreme("birf", lambda own, other: log_ratio(other, own)),
+    Claim("The random error is largest for "
+          "eirf", "4.4", _extreme("eirf", log_ratio), RATIO, "all five methods"),
+    Claim("The random error is smallest for "
+          "birf", "4.4", _extreme("birf", lambda own, other: log_ratio(other, own)),
           RATIO, "all five methods"),
     Claim("The random error of kbr is larger with PRBS than with noise", "4.4",
-          _with_either("random_error", "{prbs:.1f} N·m/rad with PRBS, {noise:.1f} N·m/rad with noise",
+          _with_either("random_error", "{prbs:.1f} N·m/rad with PRBS, {noise:.1f} N·m/rad with "
+                                       "noise",
                        lambda noise, prbs: log_ratio(prbs, noise), ["kbr"]),
           RATIO, KBR_BOTH),
-    Claim(f"More data do not raise the VAF, which noisy torque limits (by less than {MARGINAL:g} point)", "4.4",
-          _of_each("vaf", "from {:.1f} to {:.1f} %", lambda few, many: MARGINAL - (many - few), amounts=2),
+    Claim(f"More data do not raise the VAF, which noisy torque limits (by less than {MARGINAL:g} "
+          f"point)", "4.4",
+          _of_each("vaf", "from {:.1f} to {:.1f} "
+                          "%", lambda few, many: MARGINAL - (many - few), amounts=2),
           POINTS, TWO_AMOUNTS),
     Claim(f"Stiffness rises with torque (correlation over time above {RISES:g})", "4.4",
-          _of_each("rising", "correlation {:.2f}", lambda found: found - RISES), "correlation", "a torque that varies"),
+          _of_each("rising", "correlation "
+                             "{:.2f}", lambda found: found - RISES), "correlation", "a torque that "
+                                                                                    "varies"),
     Claim("The time-varying VAF is lower at the beginning and the middle of a realization", "4.4",
           _of_each("dip", "{:.1f} percentage points lower", lambda dip: dip, FOUR),
           POINTS, "one of eirf, sds, birf, esm"),

@@ -54,18 +54,19 @@ def experiment_figures(
 ) -> dict[str, Illustration]:
     """All figures of an experiment.
 
-    By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"`` (figure 9),
-    ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is known, ``"stiffness"`` instead
-    of the first where there is only one recording, ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
-    Where one participant stands for all, it is the one whose VAF is in the middle.
+    By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
+    (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is
+    known, ``"stiffness"`` instead of the first where there is only one recording,
+    ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7). Where one participant stands
+    for all, it is the one whose VAF is in the middle.
 
     Parameters
     ----------
     results, summary
         As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
     excerpts, preparations
-        By the recordings' labels, some seconds of them and how ensembles came about; those of one participant are
-        drawn. May be empty.
+        By the recordings' labels, some seconds of them and how ensembles came about; those of one
+        participant are drawn. May be empty.
     """
     one = representative(results, summary)
     shown = _stiffness(results, summary) | {"participant": _detail(results, summary, one)}
@@ -136,7 +137,8 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
         label = str(results.recording.values[0])
         title = f"Stiffness in {label}"
         text = (
-            "Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each "
+            "Stiffness over one realization: mean and two standard deviations over bootstraps, a "
+            "column for each "
             f"method {told}{_grey(results)}{_sentences(summary)}"
         )
         return {
@@ -148,7 +150,8 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
     title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
     text = (
         f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps, of "
-        f"{count(people, 'participant')}: a row for each perturbation, a line for each method {told}"
+        f"{count(people, 'participant')}: a row for each perturbation, a line for each method "
+        f"{told}"
         f"{_torque(results)}{_sentences(summary)}"
     )
     return {
@@ -163,8 +166,10 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
     )
     rows = summary[summary.participant == participant]
     text = (
-        f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {participant}{middle}: mean and two "
-        f"standard deviations over bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
+        f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant "
+        f"{participant}{middle}: mean and two "
+        "standard deviations over bootstraps, a column for each method "
+        f"({_amounts(results)}){_truth(results)}. "
         f"{_grey(results)}{_sentences(rows, ('mean_stiffness', 'random_error', 'vaf'))}"
     )
     return Illustration(
@@ -176,8 +181,10 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
     """Metrics of all participants, and errors where the truth is known."""
     title = "VAF and random error of all methods"
     text = (
-        f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, of that between 1 "
-        "and 10 Hz, and of the random error, with two standard deviations over participants; dots: single "
+        f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, "
+        "of that between 1 "
+        "and 10 Hz, and of the random error, with two standard deviations over participants; "
+        "dots: single "
         "participants. VAF is that of the realizations that the model was identified from. "
         f"{_sentences(summary, tuple(SPREAD), least=False)}"
     )
@@ -191,8 +198,10 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
         people = unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)])
         text = (
             "How far the mean estimate over bootstraps is from the true stiffness of "
-            f"{count(len(people), 'virtual participant')}: above over time, a thin line for each and a thick one for "
-            f"their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
+            f"{count(len(people), 'virtual participant')}: above over time, a thin line for each "
+            "and a thick one for "
+            f"their mean ({_amounts(results)}); below as bars with two standard deviations over "
+            "participants. "
             f"{_sentences(summary, ('bias_error', 'mean_bias'))}"
         )
         drawing = partial(
@@ -207,11 +216,15 @@ def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
     title = f"{first.duration:.3g} s of what was recorded from {participant}"
     target = ", and the torque to be followed" if "target" in first.channels else ""
     described = "; ".join(
-        f"{words}: angle {1000 * float(np.std(each.angle)):.3g} mrad, torque {float(np.std(each.torque)):.3g} N·m (SD)"
+        f"{words}: angle {1000 * float(np.std(each.angle)):.3g} mrad, torque "
+        f"{float(np.std(each.torque)):.3g} N·m (SD)"
         for words, each in pieces.items()
     )
     like = f"Like figure 6 of {PAPER}"
-    text = f"{like}: angle and torque at {first.sampling_rate:g} Hz{target}, a row for each perturbation. {described}."
+    text = (
+        f"{like}: angle and torque at {first.sampling_rate:g} Hz{target}, a row for each "
+        f"perturbation. {described}."
+    )
     return Illustration(partial(recorded_signals, pieces, title), title, text)
 
 
@@ -239,8 +252,10 @@ def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> I
         if step is not None
     )
     text = (
-        f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} realizations as it was "
-        f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their mean subtracted. "
+        f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "
+        "realizations as it was "
+        f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their "
+        "mean subtracted. "
         f"{f'Below, step by step: {steps}.' if steps else 'No step was taken that excludes realizations.'}"
     )
     return Illustration(partial(preparation_steps, preparation, title), title, text)
@@ -267,7 +282,10 @@ def _sentences(
                 parts.append(f"{METRICS[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
         if parts:
             sentences.append(f"With {perturbation_name(perturbation)}: {'; '.join(parts)}.")
-    order = "Where two or more numbers follow a method, they are those from the least to the most data. "
+    order = (
+        "Where two or more numbers follow a method, they are those from the least to the most "
+        "data. "
+    )
     return ("" if least or not sentences else order) + " ".join(sentences)
 
 

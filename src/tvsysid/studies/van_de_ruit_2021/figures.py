@@ -43,9 +43,10 @@ def study_figures(
 ) -> dict[str, Illustration]:
     """All figures of a study.
 
-    By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both perturbations),
-    ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``, ``"coverage-square"`` (how often the
-    bands hold the truth), ``"impulse-responses"``; with ``-covarying`` where the viscosity varies with stiffness.
+    By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both
+    perturbations), ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``,
+    ``"coverage-square"`` (how often the bands hold the truth), ``"impulse-responses"``; with
+    ``-covarying`` where the viscosity varies with stiffness.
 
     Parameters
     ----------
@@ -115,9 +116,12 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
         title,
     )
     text = (
-        f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one realization of "
-        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard deviations over "
-        f"{count(results.sizes['trial'], 'trial')}, against the true stiffness, and time-varying VAF. "
+        f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one "
+        "realization of "
+        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard "
+        "deviations over "
+        f"{count(results.sizes['trial'], 'trial')}, against the true stiffness, and time-varying "
+        "VAF. "
         f"Lower rows: bars of the metrics for {count(len(bars), 'scenario')}. "
     )
     return Illustration(
@@ -147,13 +151,18 @@ def _figures(
 
 def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
     first: Any = rows.iloc[0]
-    title = f"{_name(first)}: how often the bands hold the truth, {first.duration_s:g} s{_covarying(first)}"
+    title = (
+        f"{_name(first)}: how often the bands hold the truth, {first.duration_s:g} "
+        f"s{_covarying(first)}"
+    )
     labels = list(rows.index)
     chosen = results[BANDS].sel(scenario=labels, quantity="stiffness")
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
     text = [
-        "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "
-        f"averaged over 0.05 s. A band covers the random error, not the bias of what a method smooths{missed}"
+        "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
+        "realization, "
+        "averaged over 0.05 s. A band covers the random error, not the bias of what a method "
+        f"smooths{missed}"
     ]
     for label, row in rows.iterrows():
         mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(
@@ -191,7 +200,8 @@ def _amount(rows: pd.DataFrame, title: str) -> Illustration:
         subset=["value"]
     )
     sentences = [
-        "Debiased bias error, random error and total error of each method in N·m/rad, with standard errors."
+        "Debiased bias error, random error and total error of each method in N·m/rad, with "
+        "standard errors."
     ]
     for (perturbation, method), line in known.sort_values(name, kind="stable").groupby(
         ["perturbation", "method"], sort=False
@@ -205,11 +215,16 @@ def _amount(rows: pd.DataFrame, title: str) -> Illustration:
 
 
 def _responses(responses: xr.Dataset) -> Illustration:
-    data = f"{perturbation_name(SCENARIO.perturbation)}, {SCENARIO.duration_s:g} s, {SCENARIO.snr_db:g} dB"
+    data = (
+        f"{perturbation_name(SCENARIO.perturbation)}, {SCENARIO.duration_s:g} s, "
+        f"{SCENARIO.snr_db:g} dB"
+    )
     title = f"Impulse responses at a low and a high stiffness: {data}"
     sentences = [
-        "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from the first trial of "
-        f"the square wave ({data}), with the paper's settings, drawn over the true one in the band of the "
+        "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from "
+        "the first trial of "
+        f"the square wave ({data}), with the paper's settings, drawn over the true one in the "
+        "band of the "
         "data."
     ]
     for instant in responses.instant.values:
@@ -219,7 +234,8 @@ def _responses(responses: xr.Dataset) -> Illustration:
             for method in here.method_key.values
         ]
         sentences.append(
-            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance from the truth is "
+            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square "
+            "distance from the truth is "
             f"{', '.join(parts)}."
         )
     return Illustration(partial(impulse_responses, responses, title), title, " ".join(sentences))
@@ -228,12 +244,13 @@ def _responses(responses: xr.Dataset) -> Illustration:
 def example_responses(seed: int = 0) -> xr.Dataset:
     r"""Impulse responses of the square wave's first trial of 150 s, PRBS, like figure 2 of van de Ruit et al. 2021.
 
-    The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the Nyquist frequency), for a
-    response that holds all frequencies has no finite values.
+    The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the
+    Nyquist frequency), for a response that holds all frequencies has no finite values.
 
-    ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over (instant, lag), and
-    ``distance`` between them (root mean square over lags) over (method_key, instant), in N·m/(rad·s), with the
-    coordinate ``stiffness`` in N·m/rad over (instant). The seed is that of the study.
+    ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over
+    (instant, lag), and ``distance`` between them (root mean square over lags) over (method_key,
+    instant), in N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant). The
+    seed is that of the study.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
@@ -248,7 +265,8 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     models: list[Any] = [method.identify(ensemble) for method in methods]
     stiffness = np.asarray(PROFILES[SCENARIO.stiffness](np.array(INSTANTS)))
     viscosity = float(simulation.truth["viscosity"][0])
-    # Discrete weights of a derivative of order m are those for unit sample time, times the rate to the power m; a
+    # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
+    # the power m; a
     # response is per second, which is once more the rate.
     weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
     inertia = float(simulation.truth["inertia"][0])

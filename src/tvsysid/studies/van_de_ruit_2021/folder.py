@@ -48,7 +48,10 @@ class Written(NamedTuple):
     """What was written to a folder, and its essence."""
 
     summary: pd.DataFrame
-    """A row for each metric, as of :func:`tvsysid.study.summarize`; of an experiment, those of the stiffness alone."""
+    """A row for each metric, as of :func:`tvsysid.study.summarize`.
+
+    Of an experiment, those of the stiffness alone.
+    """
     claims: pd.DataFrame
     """A row for each claim of the paper, with its verdict."""
     files: tuple[str, ...]
@@ -65,16 +68,17 @@ def judge(found: xr.Dataset) -> pd.DataFrame:
     Parameters
     ----------
     found
-        Of a simulation study its scores, as of :func:`tvsysid.study.score`; of an experiment its results, as of
+        Of a simulation study its scores, as of :func:`tvsysid.study.score`; of an experiment its
+        results, as of
         :func:`tvsysid.study.run`.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each claim. ``finding`` names the comparison that decides, with its figures; ``estimate``, ``low``
-        and ``high`` are its margin and 95 % limits (from drawing trials; of an experiment, over participants), in
-        ``unit``: a difference speaks for the claim above 0, a ratio above 1. ``verdict`` is "holds", "does not hold",
-        "undecided" or "not studied".
+        A row for each claim. ``finding`` names the comparison that decides, with its figures;
+        ``estimate``, ``low`` and ``high`` are its margin and 95 % limits (from drawing trials; of
+        an experiment, over participants), in ``unit``: a difference speaks for the claim above 0, a
+        ratio above 1. ``verdict`` is "holds", "does not hold", "undecided" or "not studied".
     """
     return judge_simulations(found) if "scenario" in found.dims else judge_experiment(found)
 
@@ -145,7 +149,8 @@ def write_experiment(
     experiment, results, folder, command
         What was studied; others as for :func:`write_study`.
     prepared
-        The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as they are.
+        The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as
+        they are.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 

@@ -20,16 +20,21 @@ PRESETS: dict[str, dict[str, object]] = {
     "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
     "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
 }
-"""Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
+"""Studies by name: the default, that of van de Ruit et al.
+
+2021 with its Appendix A, and two that it leaves open.
+"""
 
 
 def preset(
     name: str, further: Mapping[str, dict[str, object]] = MappingProxyType({}), **settings: Any
 ) -> Study:
-    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``; or of ``further`` ones.
+    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
 
-    Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for an unknown name, or
-    a setting that a study does not take.
+    Or of ``further`` ones.
+
+    Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for
+    an unknown name, or a setting that a study does not take.
 
     Examples
     --------

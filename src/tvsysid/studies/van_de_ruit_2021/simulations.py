@@ -1,6 +1,7 @@
 """What van de Ruit et al. (2021) say their simulations show, held against the scores of a study.
 
-There is a margin for each scenario and rival (:mod:`tvsysid.studies.verdicts`), with limits from drawing trials.
+There is a margin for each scenario and rival (:mod:`tvsysid.studies.verdicts`), with limits from
+drawing trials.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ FEW_HUNDRED_S = (
     300.0  # seconds from which there are "a few hundred realizations" of 2 s: 150 in the shortest
 )
 ALIKE = 0.25  # relative difference below which an error counts as little changed
-DIP = 1.0  # percentage points that a time-varying VAF is lower at the switches than away from them if it dips
+# percentage points that a time-varying VAF is lower at the switches than away from them if it dips
+DIP = 1.0
 
 BIAS, RANDOM, TOTAL, RISE = "debiased_bias_error", "random_error", "total_error", "rise_time"
 VARIES, SOFT, STIFF = "time_varying_vaf_sd", "time_varying_vaf_sd_soft", "time_varying_vaf_sd_stiff"
@@ -185,10 +187,17 @@ def _all_above(
     (scenario, method), worst = min(lowest.items(), key=lambda item: item[1])
     found = f"lowest mean VAF of a trial: {worst:.1f} % ({method}, {scenario})"
     if worst > floor:
-        # With none of n below, the share of such trials is under this with 95 % confidence (Clopper and Pearson).
+        # With none of n below, the share of such trials is under this with 95 % confidence (Clopper
+        # and Pearson).
         share = float(beta.ppf(0.95, 1, trials))
-        found += f"; none is below, so in each scenario fewer than {100 * share:.2g} % are (95 % confidence)"
-    remark = "The paper does not say over what it is taken: here, the mean over the realizations of a trial."
+        found += (
+            f"; none is below, so in each scenario fewer than {100 * share:.2g} % are (95 % "
+            "confidence)"
+        )
+    remark = (
+        "The paper does not say over what it is taken: here, the mean over the realizations "
+        "of a trial."
+    )
     verdict = FAILS if worst <= floor else HOLDS if trials >= FEWEST else UNDECIDED
     return (sentence, source, found, worst - floor, np.nan, np.nan, unit, verdict, remark)
 
@@ -196,8 +205,8 @@ def _all_above(
 def _compared(pairs: Pairs, words: str, margin: Callable[[Array, Array], Array]) -> Margins:
     """Margins of pairs of values; one pair may have several, shape (margin, value and replicates).
 
-    The words may name ``one`` and the ``other`` scenario, the ``metric``, the ``method`` and its ``rival``, and say the
-    ``first`` and the ``last`` amount and their ``ratio``.
+    The words may name ``one`` and the ``other`` scenario, the ``metric``, the ``method`` and its
+    ``rival``, and say the ``first`` and the ``last`` amount and their ``ratio``.
     """
 
     def margins(scores: Scores) -> Iterator[Replicated]:
@@ -306,7 +315,10 @@ def _mostly_alike(metric: str) -> Margins:
             return
         little = sizes < np.log1p(ALIKE)
         count = int(little[:, 0].sum())
-        words = f"{NAMES[metric]} differs by less than {100 * ALIKE:g} % in {count} of {len(sizes)} conditions"
+        words = (
+            f"{NAMES[metric]} differs by less than {100 * ALIKE:g} % in {count} of "
+            f"{len(sizes)} conditions"
+        )
         share = little.mean(axis=0) - 0.5
         yield Replicated(words, float(share[0]), share[1:])
 
@@ -330,7 +342,8 @@ def _falls_most(scores: Scores) -> Iterator[Replicated]:
         own = falls.pop("eirf")
         for method, fall in falls.items():
             words = (
-                f"from {least} to {most} the random error of eirf falls {np.exp(own[0]):.1f}-fold, of {method} "
+                f"from {least} to {most} the random error of eirf falls "
+                f"{np.exp(own[0]):.1f}-fold, of {method} "
                 f"{np.exp(fall[0]):.1f}-fold"
             )
             yield Replicated(words, float((own - fall)[0]), (own - fall)[1:])
@@ -342,29 +355,41 @@ BOTH = "with both perturbations"
 FEW_HUNDRED = f"{SQUARE} of {FEW_HUNDRED_S:g} s or more"
 A_QUARTER = f"less than {100 * ALIKE:g} %"
 DECIMATION = (
-    "The low-pass before decimation smears every switch over some 30 ms, and noise does the rest: eirf errs there too, "
+    "The low-pass before decimation smears every switch over some 30 ms, and noise does the rest: "
+    "eirf errs there too, "
     "only far less than the others."
 )
 SINE_BIAS = (
-    "Ten cubic B-splines represent a sine of the period almost exactly, so that little of birf's bias is left; esm's "
-    "window of 0.3 s averages a curve that bends, and its estimate at 0 Hz leaks. An independent implementation finds "
+    "Ten cubic B-splines represent a sine of the period almost exactly, so that little of birf's "
+    "bias is left; esm's "
+    "window of 0.3 s averages a curve that bends, and its estimate at 0 Hz leaks. An independent "
+    "implementation finds "
     "the same."
 )
 VAF_RANKING = (
-    "eirf estimates 25 numbers at each of 200 times and predicts with all their noise, so that against noiseless "
-    "torque sds and kbr do better. Measured against noisy torque, as with people, the VAF rewards fitting the noise, "
+    "eirf estimates 25 numbers at each of 200 times and predicts with all their noise, so that "
+    "against noiseless "
+    "torque sds and kbr do better. Measured against noisy torque, as with people, the VAF rewards "
+    "fitting the noise, "
     "and eirf has the highest; the paper's statement may come from there."
 )
 PERTURBATION = (
-    "The noise is scaled to the torque, of which inertia takes a larger part with PRBS, and the two perturbations "
-    "excite different bands: with PRBS the random error of esm is lower, that of sds and kbr higher."
+    "The noise is scaled to the torque, of which inertia takes a larger part with PRBS, and the "
+    "two perturbations "
+    "excite different bands: with PRBS the random error of esm is lower, that of sds and kbr "
+    "higher."
 )
 RESIDUE = (
-    "With little noise the random error no longer falls: what is left comes from the perturbation, which differs from "
-    "trial to trial, where a method's model does not fit (switches within a window, leakage of esm). So the amounts of "
+    "With little noise the random error no longer falls: what is left comes from the "
+    "perturbation, which differs from "
+    "trial to trial, where a method's model does not fit (switches within a window, leakage of "
+    "esm). So the amounts of "
     "data tell what noise does only while it prevails, up to some 10 dB at 150 s."
 )
-AVERAGED = "{metric} of {method} {first} ({one}), {last} ({other}): {ratio:.1f}-fold, where averaging alone gives 1.4-fold"
+AVERAGED = (
+    "{metric} of {method} {first} ({one}), {last} ({other}): {ratio:.1f}-fold, where "
+    "averaging alone gives 1.4-fold"
+)
 DIPS = "time-varying VAF of {method} dips by {first} points ({one})"
 LESS_NOISE = (
     "{metric} of {method} {first} at {one.snr_db:g} dB, {last} at {other.snr_db:g} dB ({one})"
@@ -374,10 +399,12 @@ VARIATION = "spread of the time-varying VAF of {method}: "
 
 CLAIMS: tuple[Claim, ...] = (
     Claim("eirf has the lowest bias", "3.4", _ranked(BIAS, _below("eirf")), STIFFNESS, SQUARE),
-    Claim("eirf has the highest random error", "3.4", _ranked(RANDOM, _above("eirf")), RATIO, SQUARE),
+    Claim("eirf has the highest random "
+          "error", "3.4", _ranked(RANDOM, _above("eirf")), RATIO, SQUARE),
     Claim("eirf has the shortest rise time", "3.4", _ranked(RISE, _below("eirf")), "s", SQUARE),
     Claim("birf has the largest bias", "3.4", _ranked(BIAS, _above("birf")), STIFFNESS, SQUARE),
-    Claim("birf has the smallest random error", "3.4", _ranked(RANDOM, _below("birf")), RATIO, SQUARE),
+    Claim("birf has the smallest random "
+          "error", "3.4", _ranked(RANDOM, _below("birf")), RATIO, SQUARE),
     Claim("sds, esm, kbr lie between eirf and birf in bias", "3.4",
           _ranked(BIAS, _between("eirf", "birf")), STIFFNESS, SQUARE),
     Claim("sds, esm, kbr lie between birf and eirf in random error", "3.4",
@@ -395,36 +422,47 @@ CLAIMS: tuple[Claim, ...] = (
           _ranked(TOTAL, _below("eirf"), least_s=FEW_HUNDRED_S), RATIO, FEW_HUNDRED),
     Claim("Given a few hundred realizations, eirf has the highest VAF", "5",
           _ranked("vaf", _above("eirf"), least_s=FEW_HUNDRED_S), POINTS, FEW_HUNDRED, VAF_RANKING),
-    Claim(f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than {DIP:g} point)", "3.4",
+    Claim(f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than "
+          f"{DIP:g} point)", "3.4",
           _compared(_beside("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS, lambda dip, _: dip - DIP),
           POINTS, SQUARE),
-    Claim(f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} point)", "3.4",
+    Claim(f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} "
+          f"point)", "3.4",
           _compared(_beside("switch_dip", methods=("eirf",)), DIPS, lambda dip, _: DIP - dip),
           POINTS, SQUARE, DECIMATION),
-    *(Claim(f"Under most conditions the {NAMES[metric]} hardly depends on the perturbation ({A_QUARTER})", "3.4",
-            _mostly_alike(metric), SHARE, f"{SQUARE} {BOTH}", PERTURBATION) for metric in (TOTAL, RANDOM)),
-    Claim("With a sine, birf has the largest bias", "A", _ranked(BIAS, _above("birf"), SINES), STIFFNESS, SINE,
+    *(Claim(f"Under most conditions the {NAMES[metric]} hardly depends on the perturbation "
+            f"({A_QUARTER})", "3.4",
+            _mostly_alike(metric), SHARE, f"{SQUARE} "
+                                          f"{BOTH}", PERTURBATION) for metric in (TOTAL, RANDOM)),
+    Claim("With a sine, birf has the largest "
+          "bias", "A", _ranked(BIAS, _above("birf"), SINES), STIFFNESS, SINE,
           SINE_BIAS),
-    Claim("With a sine, eirf varies most", "A", _ranked(RANDOM, _above("eirf"), SINES), RATIO, SINE),
-    Claim("With a sine, sds and kbr have the lowest bias", "A", _ranked(BIAS, _below("sds", "kbr"), SINES), STIFFNESS,
+    Claim("With a sine, eirf varies "
+          "most", "A", _ranked(RANDOM, _above("eirf"), SINES), RATIO, SINE),
+    Claim("With a sine, sds and kbr have the lowest "
+          "bias", "A", _ranked(BIAS, _below("sds", "kbr"), SINES), STIFFNESS,
           SINE, SINE_BIAS),
     Claim("With a sine, birf and kbr have the lowest random error", "A",
           _ranked(RANDOM, _below("birf", "kbr"), SINES), RATIO, SINE),
     Claim("With a sine, the time-varying VAF varies more with PRBS than with noise", "A",
-          _compared(_to_prbs(SINES, VARIES), VARIATION + "{last} points with PRBS, {first} with noise",
+          _compared(_to_prbs(SINES, VARIES), VARIATION + "{last} points with PRBS, {first} with "
+                                                         "noise",
                     lambda noise, prbs: prbs - noise),
           POINTS, f"{SINE} {BOTH}"),
     Claim("With a sine, the time-varying VAF varies more where the stiffness is low", "A",
           _compared(_beside(SOFT, SINES, STIFF),
-                    VARIATION + "{first} points below the mean stiffness, {last} above ({one})", np.subtract),
+                    VARIATION + "{first} points below the mean stiffness, {last} above "
+                                "({one})", np.subtract),
           POINTS, SINE),
-    Claim("What noise does can be inferred from the amounts of data: 10 dB less lower the random error 3.2-fold, as "
+    Claim("What noise does can be inferred from the amounts of data: 10 dB less lower the random "
+          "error 3.2-fold, as "
           f"ten times the data do (to within {100 * ALIKE:g} %)", "5",
           _compared(_changed(lambda loud: loud._replace(snr_db=loud.snr_db + 10),
                              {name: SQUARES[name] for name in ("profile", "viscosity")}, [RANDOM]),
                     LESS_NOISE, lambda loud, quiet: _alike(log_ratio(loud, quiet) - np.log(10) / 2)),
           RATIO, "noise of 10 dB more and less (the preset snr)", RESIDUE),
-    Claim(f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by {A_QUARTER})", "5",
+    Claim(f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by "
+          f"{A_QUARTER})", "5",
           _compared(_changed(lambda constant: constant._replace(viscosity="covarying"), SQUARES, [TOTAL, RANDOM]),
                     COVARYING, lambda constant, covarying: _alike(log_ratio(covarying, constant))),
           RATIO, "constant and covarying viscosity (the preset viscosity)"),

@@ -26,11 +26,12 @@ import time
 import tracemalloc
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -133,7 +134,7 @@ class UnevenJoint(tv.simulate.Joint):
         torque = made.noiseless.torque + louder * noise * np.sqrt(
             np.mean(noise**2) / np.mean((louder * noise) ** 2)
         )
-        return replace(made, recording=replace(made.recording, torque=torque))
+        return attrs.evolve(made, recording=attrs.evolve(made.recording, torque=torque))
 
     def __repr__(self) -> str:
         return "uneven noise"
@@ -397,13 +398,13 @@ def speed(key: str) -> Table:
         method, taken = tv.methods.create(key), []
         with threadpool_limits(1):
             for _ in range(3):
-                new = replace(
+                new = attrs.evolve(
                     ensemble
                 )  # what was found once is remembered with an ensemble: the test for a reflex
                 started = time.process_time()
                 method.identify(new).estimates["stiffness"].band()
                 taken.append(time.process_time() - started)
-            new = replace(ensemble)
+            new = attrs.evolve(ensemble)
             tracemalloc.start()
             method.identify(new).estimates["stiffness"].band()
             peak = tracemalloc.get_traced_memory()[1]

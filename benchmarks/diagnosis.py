@@ -16,8 +16,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from dataclasses import replace
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -70,7 +70,9 @@ def clean_joint(seed: int) -> tuple[tv.Ensemble, float]:
     )
     profile = PROFILES[seed % 3]
     stiffness = (
-        profile if isinstance(profile, tv.simulate.Constant) else replace(profile, period=period)
+        profile
+        if isinstance(profile, tv.simulate.Constant)
+        else attrs.evolve(profile, period=period)
     )
     joint = tv.simulate.Joint(stiffness=stiffness)
     own = np.random.default_rng([seed, 1])
@@ -87,14 +89,14 @@ def clean_joint(seed: int) -> tuple[tv.Ensemble, float]:
     ).recording
     late = int(random.integers(-2, 3))
     torque = np.roll(recording.torque, round(late * rate / 1000))
-    recording = replace(
+    recording = attrs.evolve(
         recording, torque=torque + NOISES[seed // 6 % len(NOISES)](recording, period, random)
     )
     if kind == "filtered":
         recording = filtered(recording, own)
     if kind == "coarse":
         step = own.uniform(0.02, 0.08) * recording.angle.std()
-        recording = replace(recording, angle=np.round(recording.angle / step) * step)
+        recording = attrs.evolve(recording, angle=np.round(recording.angle / step) * step)
     if not undivided:
         recording = tv.preprocess.decimate(recording, lower)
     return tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period)), late
@@ -108,7 +110,7 @@ def filtered(recording: tv.Recording, random: np.random.Generator) -> tv.Recordi
     """Both channels through one low-pass, causal or both ways in time."""
     taps = butter(int(random.integers(2, 5)), random.uniform(15, 45), fs=recording.sampling_rate)
     through = filtfilt if random.random() < 0.5 else lfilter
-    return replace(
+    return attrs.evolve(
         recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque)
     )
 

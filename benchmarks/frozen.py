@@ -30,11 +30,11 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import attrs
 import h5py
 import numpy as np
 import pandas as pd
@@ -64,31 +64,31 @@ SPLIT_AXES = (
 SCHEDULED = ["lpv", "lpvkbi"]  # methods that need a scheduling variable
 RINGING = {"inertia": 0.1, "viscosity": 1.2, "noise_bandwidth": 40.0}
 RINGING |= {"actuator_stiffness": 0.0, "actuator_inertia": 0.0, "actuator_viscosity": 0.0}
-IMPULSES = replace(PERTURBATIONS["pulses"], duration=0.02, interval=1.0)
+IMPULSES = attrs.evolve(PERTURBATIONS["pulses"], duration=0.02, interval=1.0)
 # System, perturbation, methods.
 JOINTS: dict[str, tuple[Any, Any, Iterable[str]]] = {
     "square": (
-        replace(SYSTEMS["joint"], stiffness=PROFILES["square"]),
+        attrs.evolve(SYSTEMS["joint"], stiffness=PROFILES["square"]),
         PERTURBATIONS["noise"],
         tv.methods.METHODS,
     ),
     "sine": (
-        replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
+        attrs.evolve(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
         PERTURBATIONS["noise"],
         tv.methods.METHODS,
     ),
     "reflex": (SYSTEMS["reflex"], PERTURBATIONS["noise"], tv.methods.METHODS),
     "scheduled": (
-        replace(SYSTEMS["scheduled"], variable="scheduling"),
+        attrs.evolve(SYSTEMS["scheduled"], variable="scheduling"),
         PERTURBATIONS["noise"],
         SCHEDULED,
     ),
     "multisine": (
-        replace(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
+        attrs.evolve(SYSTEMS["joint"], stiffness=PROFILES["sine"]),
         PERTURBATIONS["multisine"],
         ["skirt"],
     ),
-    "ringing": (replace(SYSTEMS["loaded"], **RINGING), IMPULSES, ["modal"]),
+    "ringing": (attrs.evolve(SYSTEMS["loaded"], **RINGING), IMPULSES, ["modal"]),
 }
 POSTURE = {"scheduling": "sv.Scheduling Variable (SV) - Ankle Position (rad)"}
 # File, angle, torque, further channels, duration of a realization in s, methods.

@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -126,11 +126,11 @@ def drawn(case: Case, seed: int) -> tv.Ensemble:
         # Reflexes to either direction make a linear answer together.
         velocity = np.gradient(recording.angle, 1 / recording.sampling_rate)
         answer = RELEASE.torque(velocity, case.gain, recording.sampling_rate)
-        recording = replace(recording, torque=recording.torque + answer)
+        recording = attrs.evolve(recording, torque=recording.torque + answer)
     if case.what == "slow noise":
         wide = np.random.default_rng([seed, 7]).standard_normal(len(recording) + 10_000)
         noise = lfilter(*butter(1, 1.0, fs=recording.sampling_rate), wide)[10_000:]
-        recording = replace(
+        recording = attrs.evolve(
             recording, torque=recording.torque + 0.6 * recording.torque.std() / noise.std() * noise
         )
     return prepared(recording)

@@ -6,10 +6,10 @@ docs/special-perturbations.md.
 
 import math
 import warnings
-from dataclasses import replace
 from time import process_time
 from typing import Any
 
+import attrs
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -100,7 +100,7 @@ def joint_of(damping: float, stiffness: Any = None) -> CompliantActuator:
     free = CompliantActuator(
         stiffness or Constant(100.0), viscosity, INERTIA, **FREE, actuator_viscosity=0.0
     )
-    return replace(free, noise_bandwidth=40.0)
+    return attrs.evolve(free, noise_bandwidth=40.0)
 
 
 def ringing(trials: int = 6) -> None:

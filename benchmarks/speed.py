@@ -24,12 +24,12 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import attrs
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -117,7 +117,7 @@ def write_data(folder: Path) -> None:
             "reference": recording.angle,
         }
         ensemble = tv.preprocess.segment(
-            tv.preprocess.decimate(replace(recording, channels=slowly), RATE_HZ), PERIOD_S
+            tv.preprocess.decimate(attrs.evolve(recording, channels=slowly), RATE_HZ), PERIOD_S
         )
         tv.recordings.write_ensemble(
             folder / f"{name}.nc", tv.preprocess.subtract_mean(ensemble, ["reference"])

@@ -14,10 +14,10 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -75,7 +75,7 @@ def faulty(data: Path | None) -> Iterator[tuple[str, Case, float]]:
         yield "period 1 % off", case._replace(period=round(1.01 * case.period + 0.001, 2)), 1
         yield "period doubled", case._replace(period=2 * case.period), 1
         for name, share in (("half the rate", 0.5), ("double rate", 2.0)):
-            stated = replace(
+            stated = attrs.evolve(
                 recording,
                 sampling_rate=share * recording.sampling_rate,
                 start=recording.start / share,
@@ -102,7 +102,7 @@ def faulty(data: Path | None) -> Iterator[tuple[str, Case, float]]:
             f"noise of {bandwidth:g} Hz, {snr_db:g} dB, perturbed up to {cutoff:g} Hz",
             (constant(100.0),) * 2,
         )
-        yield "closed loop", Case(name, replace(with_command, channels={}), PERIOD, limits), 1
+        yield "closed loop", Case(name, attrs.evolve(with_command, channels={}), PERIOD, limits), 1
         yield "closed loop, its command unnamed", Case(name, with_command, PERIOD, limits), 1
 
 
@@ -111,7 +111,7 @@ def constant(value: float) -> Callable[[Array], Array]:
 
 
 def with_signals(case: Case, angle: Array, torque: Array) -> Case:
-    return case._replace(recording=replace(case.recording, angle=angle, torque=torque))
+    return case._replace(recording=attrs.evolve(case.recording, angle=angle, torque=torque))
 
 
 def cases(data: Path | None) -> Iterator[Case]:

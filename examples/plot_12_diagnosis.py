@@ -5,8 +5,7 @@ What is wrong with a recording?
 A diagnosis looks for 32 faults before you believe a stiffness. Here two are planted.
 """
 
-import dataclasses
-
+import attrs
 import numpy as np
 
 import tvsysid as tv
@@ -19,7 +18,7 @@ simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db
 # deviations.
 
 torque = np.roll(simulation.recording.torque, 4)
-recording = dataclasses.replace(
+recording = attrs.evolve(
     simulation.recording, torque=np.clip(torque, -2 * torque.std(), 2 * torque.std())
 )
 

@@ -6,10 +6,10 @@ A recording as people have it: degrees, torque of the opposite sign, an offset t
 column for each trial.
 """
 
-import dataclasses
 import tempfile
 from pathlib import Path
 
+import attrs
 import numpy as np
 from scipy.io import savemat
 from scipy.signal import detrend
@@ -52,7 +52,7 @@ print(tv.diagnose(ensemble))
 # The drift is; a line is subtracted from each trial, as the finding says.
 
 trials = recording.torque.reshape(3, -1)
-recording = dataclasses.replace(recording, torque=detrend(trials).ravel())
+recording = attrs.evolve(recording, torque=detrend(trials).ravel())
 ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period=2.0)
 model = tv.AdaptiveRegression().identify(tv.preprocess.subtract_mean(ensemble))
 

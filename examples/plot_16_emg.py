@@ -6,8 +6,7 @@ A recording as people have it: a slow voluntary torque, a stretch reflex, and EM
 stretched muscle in mV.
 """
 
-import dataclasses
-
+import attrs
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -22,7 +21,7 @@ joint = tv.simulate.ReflexJoint(
 )
 simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=16)
 emg = 0.02 * simulation.recording.channels["emg"]  # mV
-recording = dataclasses.replace(simulation.recording, channels={"EMG_SOL": emg})
+recording = attrs.evolve(simulation.recording, channels={"EMG_SOL": emg})
 
 # %%
 # ``cascade`` predicts the reflex from the stretch, or from EMG: the method says which channel. EMG

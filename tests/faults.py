@@ -1,8 +1,8 @@
 """Faults planted into records and ensembles, each named after the finding that must name it."""
 
-from dataclasses import replace
 from functools import cache, lru_cache
 
+import attrs
 import numpy as np
 from scipy.signal import butter, filtfilt, lfilter
 
@@ -33,7 +33,7 @@ def cut(recording, period=2.0, rate=100.0):
 
 def changed(recording, angle=None, torque=None, **changes):
     given = {"angle": angle, "torque": torque}
-    return replace(
+    return attrs.evolve(
         recording, **{name: x for name, x in given.items() if x is not None}, channels={}, **changes
     )
 
@@ -182,7 +182,7 @@ def giving_way(
 @cache
 def reflexive(gain=5.0, seed=1):
     """A virtual participant with a stretch reflex, prepared."""
-    traits = replace(tv.simulate.Traits.of(seed), reflex_gain=gain)
+    traits = attrs.evolve(tv.simulate.Traits.of(seed), reflex_gain=gain)
     return tv.preprocess.prepare(
         tv.simulate.Participant(seed, traits).simulate().recording
     ).ensemble
@@ -199,7 +199,7 @@ def shifted(recording, period=2.0, share=0.2, seconds=0.3):
     moves = np.round(moves * seconds * ensemble.sampling_rate).astype(int)
     index = 50 + np.arange(ensemble.samples + 100) + moves[:, None]
     return tv.preprocess.subtract_mean(
-        replace(
+        attrs.evolve(
             ensemble,
             angle=np.take_along_axis(ensemble.angle, index, 1),
             torque=np.take_along_axis(ensemble.torque, index, 1),
@@ -213,14 +213,14 @@ def mixed(ensemble, share=0.15, factor=1.6):
     """Some realizations in which the same angle is answered by more torque."""
     every = max(2, round(1 / share))
     factors = np.where(np.arange(len(ensemble)) % every == 1, factor, 1.0)
-    return replace(ensemble, torque=ensemble.torque * factors[:, None])
+    return attrs.evolve(ensemble, torque=ensemble.torque * factors[:, None])
 
 
 def halved(ensemble, differently, seed=6):
     """A random half of the realizations with another torque, as a function of the ensemble says."""
     half = np.random.default_rng(seed).random(len(ensemble)) < 0.5
     torque = np.where(half[:, None], differently(ensemble), ensemble.torque)
-    return tv.preprocess.subtract_mean(replace(ensemble, torque=torque))
+    return tv.preprocess.subtract_mean(attrs.evolve(ensemble, torque=torque))
 
 
 def thrice(ensemble, count=10):
@@ -237,4 +237,4 @@ def repeated(recording, period=2.0, noise=2e-5, seed=4):
     )
     torque = np.tile(ensemble.torque[0], (len(ensemble), 1))
     torque = torque + 0.3 * ensemble.torque.std() * random.standard_normal(torque.shape)
-    return replace(ensemble, angle=angle, torque=torque)
+    return attrs.evolve(ensemble, angle=angle, torque=torque)

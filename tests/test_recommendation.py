@@ -1,9 +1,9 @@
 """Which method suits an ensemble: the table of rules, and what is measured for it."""
 
-import dataclasses
 import math
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -178,7 +178,7 @@ def test_only_what_was_applied_is_taken_for_a_reference(closed_loop):
         "still": 0 * noise,
     }
     others["torque sensor"] = closed_loop.torque + 0.01 * noise
-    ensemble = dataclasses.replace(closed_loop, channels=others)
+    ensemble = attrs.evolve(closed_loop, channels=others)
     assert {
         name: tv.quality.find_reference(ensemble, name).found for name in others
     } == dict.fromkeys(others, False)

@@ -1,9 +1,9 @@
 """How far a stiffness can be trusted: what withdraws it, and what makes it doubtful."""
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
+import attrs
 import pytest
 from tests.conftest import ensemble_of
 
@@ -65,12 +65,12 @@ def test_a_negative_stiffness_is_withdrawn_without_a_diagnosis(model):
     values = model.estimates["stiffness"].values
     estimates = {
         **model.estimates,
-        "stiffness": replace(model.estimates["stiffness"], values=-values),
+        "stiffness": attrs.evolve(model.estimates["stiffness"], values=-values),
     }
-    level, (reason,) = judged(replace(model, estimates=estimates))
+    level, (reason,) = judged(attrs.evolve(model, estimates=estimates))
     assert level == "none"
     assert "--torque-sign -1" in reason
-    assert judged(replace(model, estimates=estimates), found("reversed-torque")) == (
+    assert judged(attrs.evolve(model, estimates=estimates), found("reversed-torque")) == (
         level,
         (reason,),
     )
@@ -85,7 +85,7 @@ def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
 
 def test_a_reference_mends_a_loop_and_nothing_else(model):
     by_reference = tv.BasisIRF(reference="cmd")
-    none_suits = replace(SUITS, suited=())
+    none_suits = attrs.evolve(SUITS, suited=())
     assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, False, 0.0) == (
         "good",
         (),
@@ -99,7 +99,7 @@ def test_a_bias_that_the_rules_prefer_to_a_reference_is_a_doubt(model):
 
 
 def test_no_method_and_no_prediction_withdraw_the_stiffness(model):
-    none_suits = replace(SUITS, suited=(), why="the torque is too weak: perturb more")
+    none_suits = attrs.evolve(SUITS, suited=(), why="the torque is too weak: perturb more")
     assert judged(model, recommendation=none_suits) == (
         "none",
         ("The torque is too weak: perturb more.",),
@@ -136,7 +136,7 @@ def test_a_bias_that_another_method_lacks_is_a_doubt(model):
 
 
 def test_noise_that_may_move_the_angle_asks_for_caution_where_no_reference_is_named(model):
-    slow = replace(SUITS, caveats=(MAY_BE_A_LOOP,))
+    slow = attrs.evolve(SUITS, caveats=(MAY_BE_A_LOOP,))
     level, (reason,) = judged(model, recommendation=slow)
     assert level == "good"
     assert reason.startswith("The torque's noise is slow or strong. If the actuator is compliant")

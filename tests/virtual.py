@@ -1,7 +1,8 @@
 """Virtual participants that tests share, and the same without imperfections."""
 
-from dataclasses import replace
 from functools import cache, lru_cache
+
+import attrs
 
 import tvsysid as tv
 
@@ -29,7 +30,7 @@ def simulated(number: int, perturbation: str = "noise") -> tv.simulate.Simulatio
 
 def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
     """Traits of a person who follows the target without fail."""
-    return replace(
+    return attrs.evolve(
         tv.simulate.Traits.of(number), **{**dict.fromkeys(IMPERFECTIONS, 0.0), **changes}
     )
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import fields
-from types import MappingProxyType
+from typing import Any, TypeVar
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
+
+Kind = TypeVar("Kind")
 
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
@@ -77,17 +80,21 @@ def checked_rate(sampling_rate: float) -> float:
     return rate
 
 
+def settings_of(item: object) -> dict[str, Any]:
+    """Return the settings of an object by name: the parameters of its class that it keeps."""
+    names = inspect.signature(type(item)).parameters
+    return {name: getattr(item, name) for name in names if hasattr(item, name)}
+
+
+def with_settings(item: Kind, **changes: object) -> Kind:
+    """Return an object of the same class with some settings changed."""
+    return type(item)(**settings_of(item) | changes)
+
+
 class Frozen:
-    """Dataclass whose mappings are read-only."""
+    """Class that keeps copies of its mappings."""
 
-    def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
+    def __attrs_post_init__(self) -> None:
+        for item in attrs.fields(type(self)):  # type: ignore[arg-type]
             if isinstance(value := getattr(self, item.name), Mapping):
-                object.__setattr__(self, item.name, MappingProxyType(dict(value)))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        # A read-only mapping, unlike a dict, cannot be pickled.
-        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(
-            dict(each) if isinstance(each, MappingProxyType) else each for each in values
-        )
+                object.__setattr__(self, item.name, dict(value))

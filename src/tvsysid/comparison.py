@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.checked import Frozen
+from tvsysid.checked import Frozen, with_settings
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels, label_of, parse
@@ -38,7 +38,7 @@ FOLDS = 5  # into which realizations are dealt, to predict each from the others
 BETTER = 0.05  # probability below which realizations are taken to be predicted better
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Comparison(Shown, Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
@@ -299,14 +299,14 @@ class Comparison(Shown, Frozen):
                 for name, values in _acting(ensemble, names).items()
             }
             own = {name: deviations.pop(name) for name in ("angle", "torque")}
-            every = replace(ensemble, **own, channels={**ensemble.channels, **deviations})
+            every = attrs.evolve(ensemble, **own, channels={**ensemble.channels, **deviations})
         torque = every.torque[:, every.core]
         unseen = np.array(every.torque)
         unseen[left] = 0.0  # whatever predicts cannot look at it
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
             known = every.select(kept)
-            unseen_torque = replace(every, torque=unseen)
+            unseen_torque = attrs.evolve(every, torque=unseen)
             if isinstance(method, (Method, Tuned)):
                 model = method.refit(known, self.models[label])
             else:
@@ -423,7 +423,7 @@ def compare(
     for item in given:
         if (same := named.setdefault(label_of(item), item)) is not item and same != item:
             raise InputError(
-                f"compare: two methods have the name {label_of(item)}; as dataclasses their "
+                f"compare: two methods have the name {label_of(item)}; with settings as fields their "
                 "settings tell them apart"
             )
     if not named:
@@ -535,7 +535,7 @@ def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Ar
             ]
         found = compare(ensembles[0], ["adaptive"])
         return "adaptive", [
-            replace(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles
+            attrs.evolve(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles
         ]
 
 
@@ -552,7 +552,7 @@ def _acting(ensemble: Ensemble, channels: Iterable[str]) -> dict[str, Array]:
 def _with_settings(method: Identifies, evidence: Evidence) -> Identifies:
     """Method with the settings that were chosen."""
     own = method.method if isinstance(method, Tuned) else method
-    return replace(own, **evidence.settings)  # type: ignore[type-var]  # those that can be tuned are dataclasses
+    return with_settings(own, **evidence.settings)
 
 
 def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol, TypeVar
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -72,7 +72,7 @@ def read_only(values: ArrayLike) -> Array:
     return frozen(np.asarray(values, dtype=np.float64))
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class StandardError:
     """Random error of an estimate: what other noise of the same kind would have changed.
 
@@ -88,16 +88,11 @@ class StandardError:
     arc: float = np.inf
     absent: str = ""
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
         object.__setattr__(
             self, "freedom", np.broadcast_to(read_only(self.freedom), np.shape(self.values))
         )
-
-    def __reduce__(self) -> tuple[object, ...]:
-        # Arrays that come out of a pickle can be written to; those of an object that is made anew
-        # cannot.
-        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent)
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
@@ -131,7 +126,7 @@ class ErrorStatistics(Hashable, Protocol):
         ...  # pragma: no cover
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class DeferredError:
     """Standard error of one quantity that nobody has asked for yet."""
 
@@ -145,7 +140,7 @@ def _worked_out(statistics: ErrorStatistics) -> Mapping[str, StandardError]:
     return statistics.standard_errors()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Estimate:
     """One quantity that was identified.
 
@@ -186,7 +181,7 @@ class Estimate:
     axes: tuple[str, ...] = ("time",)
     error: StandardError | DeferredError | None = None
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         values = plain_array("estimate", self.values)
         if values.dtype.kind not in "fiu" or np.isinf(values).any():
             infinite = ", some of them infinite" if values.dtype.kind == "f" else ""
@@ -210,9 +205,6 @@ class Estimate:
                 f"estimate: expected standard errors of the values' shape {values.shape}, got "
                 f"{self.error.values.shape}"
             )
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.values, self.unit, self.axes, self.error)
 
     def __repr__(self) -> str:
         known = self.values[np.isfinite(self.values)]

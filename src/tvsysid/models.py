@@ -13,10 +13,9 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -48,7 +47,7 @@ class Content(NamedTuple):
     attributes: Mapping[str, str | float]
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Diagnostics(Frozen):
     """How an identification went.
 
@@ -65,16 +64,16 @@ class Diagnostics(Frozen):
     strength: Array | None = None
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
-    details: Mapping[str, float] = field(default_factory=dict)
+    details: Mapping[str, float] = attrs.field(factory=dict)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         for name in ("rank", "strength"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(values))
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class Model(Shown, ABC):
     """What was identified over one realization.
 
@@ -89,10 +88,10 @@ class Model(Shown, ABC):
     time: Array
     estimates: Mapping[str, Estimate]
     diagnostics: Diagnostics
-    coordinates: Mapping[str, Array] = field(default_factory=dict)
+    coordinates: Mapping[str, Array] = attrs.field(factory=dict)
 
-    def __post_init__(self) -> None:
-        for item in fields(self):
+    def __attrs_post_init__(self) -> None:
+        for item in attrs.fields(type(self)):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
                 value = value.view()
@@ -101,20 +100,8 @@ class Model(Shown, ABC):
         coordinates = {
             name: frozen(np.asarray(values)) for name, values in self.coordinates.items()
         }
-        object.__setattr__(self, "coordinates", MappingProxyType(coordinates))
-        object.__setattr__(self, "estimates", MappingProxyType(dict(self.estimates)))
-
-    def __getstate__(self) -> dict[str, object]:
-        # A read-only mapping, unlike a dict, cannot be pickled.
-        return self.__dict__ | {
-            "estimates": dict(self.estimates),
-            "coordinates": dict(self.coordinates),
-        }
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state)
-        # Arrays that come out of a pickle can be written to.
-        Model.__post_init__(self)
+        object.__setattr__(self, "coordinates", coordinates)
+        object.__setattr__(self, "estimates", dict(self.estimates))
 
     @property
     def stiffness(self) -> Array:
@@ -273,7 +260,7 @@ class Model(Shown, ABC):
         return {}, {}
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class ImpulseResponseModel(Model):
     """Two-sided impulse response at each time, in N·m/rad per second, shape (time, lag).
 
@@ -293,7 +280,7 @@ class ImpulseResponseModel(Model):
         }
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class FrequencyResponseModel(Model):
     """Frequency response at each time.
 
@@ -344,7 +331,7 @@ class Posterior(Protocol):
         ...  # pragma: no cover
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class SecondOrderModel(Model):
     r"""Stiffness, viscosity and inertia that are sums of known functions of time.
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -70,7 +69,7 @@ class _Signals(Shown, Frozen):
                     f"channel {name!r}: expected the angle's shape {self.angle.shape}, got "
                     f"{values.shape}"
                 )
-        object.__setattr__(self, "channels", MappingProxyType(channels))
+        object.__setattr__(self, "channels", channels)
         if self.recorded_angle is not None:
             recorded = checked_array("recorded_angle", self.recorded_angle, (*axes, "sample"))
             if recorded.shape[:-1] != self.angle.shape:
@@ -113,7 +112,7 @@ class _Signals(Shown, Frozen):
         return found[name]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Recording(_Signals):
     """Angle and torque of a joint against time: one continuous record, or several trials one after the other.
 
@@ -158,13 +157,13 @@ class Recording(_Signals):
     torque: Array
     sampling_rate: float
     start: float = 0.0
-    channels: Mapping[str, Array] = field(default_factory=dict)
+    channels: Mapping[str, Array] = attrs.field(factory=dict)
     trial_starts: tuple[int, ...] = (0,)
     origin: float = 0.0
     delay_removed: float = 0.0
     recorded_angle: Array | None = None
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         self._check(("time",))
         if not (isinstance(self.start, (int, float, np.number)) and math.isfinite(self.start)):
             raise InputError(
@@ -208,7 +207,7 @@ class Recording(_Signals):
         return self.start + np.concatenate(counts) / self.sampling_rate
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Ensemble(_Signals):
     """Realizations of one repeated behaviour, aligned in time.
 
@@ -261,14 +260,14 @@ class Ensemble(_Signals):
     context: int = 0
     onsets: Array | None = None
     trials: NDArray[np.int64] | None = None
-    channels: Mapping[str, Array] = field(default_factory=dict)
+    channels: Mapping[str, Array] = attrs.field(factory=dict)
     left_out: int = 0
     mean_subtracted: bool = False
     origin: float = 0.0
     delay_removed: float = 0.0
     recorded_angle: Array | None = None
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         axes = ("realization", "time")
         self._check(axes)
         for name, unit in (("angle", "rad"), ("torque", "N·m")):
@@ -406,7 +405,7 @@ class Ensemble(_Signals):
             self.recorded_angle is not None
         )
         changes: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
-        return replace(
+        return attrs.evolve(
             self,
             **changes,
             channels={name: values[index] for name, values in self.channels.items()},

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
 
+import attrs
 import numpy as np
 
 from tvsysid.checked import Frozen
@@ -25,7 +24,7 @@ __all__ = ["Bootstrap", "bootstrap"]
 FEWEST = 2  # draws, and realizations, without which there is no spread
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Bootstrap(Frozen):
     """Estimates from ensembles drawn with replacement, and the bands that follow.
 
@@ -41,10 +40,10 @@ class Bootstrap(Frozen):
     failed: int
     count: int
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         draws = {name: read_only(values) for name, values in self.draws.items()}
-        object.__setattr__(self, "draws", MappingProxyType(draws))
+        object.__setattr__(self, "draws", draws)
 
     def __len__(self) -> int:
         return self.count

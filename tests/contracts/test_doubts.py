@@ -1,8 +1,8 @@
 """Legal but doubtful input warns, and the diagnostics keep it."""
 
-import dataclasses
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
@@ -38,14 +38,14 @@ def test_clean_data_raises_no_doubt(method, perturbation):
 @five
 def test_reversed_torque(method):
     ensemble = ensemble_of(150.0)
-    reversed_torque = dataclasses.replace(ensemble, torque=-ensemble.torque)
+    reversed_torque = attrs.evolve(ensemble, torque=-ensemble.torque)
     assert "sign reversed" in doubts(method, reversed_torque)
 
 
 @five
 def test_leftover_mean_torque(method):
     ensemble = ensemble_of(150.0)
-    offset = dataclasses.replace(ensemble, torque=ensemble.torque + 1.0)
+    offset = attrs.evolve(ensemble, torque=ensemble.torque + 1.0)
     assert "mean over realizations of 1 N·m RMS" in doubts(method, offset)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -54,7 +54,7 @@ def test_leftover_mean_torque(method):
 
 def test_an_offset_shifts_the_stiffness_unless_subtracted():
     ensemble = ensemble_of(150.0, "constant")
-    offset = dataclasses.replace(ensemble, torque=ensemble.torque + 1.0)
+    offset = attrs.evolve(ensemble, torque=ensemble.torque + 1.0)
     plain = tv.EnsembleIRF(solver="full").identify(ensemble).stiffness
     with pytest.warns(tv.DataQualityWarning):
         shifted = tv.EnsembleIRF(solver="full").identify(offset).stiffness
@@ -94,7 +94,7 @@ def test_period_that_does_not_fit_the_realization():
 def test_a_common_offset_is_found_even_in_few_realizations():
     for duration, offset in ((40.0, 0.5), (150.0, 0.2)):
         ensemble = ensemble_of(duration)
-        shifted = dataclasses.replace(ensemble, torque=ensemble.torque + offset)
+        shifted = attrs.evolve(ensemble, torque=ensemble.torque + offset)
         assert "mean over realizations" in doubts(tv.BasisIRF(), shifted)
 
 
@@ -103,7 +103,7 @@ def test_an_angle_that_is_still_for_a_while(method):
     ensemble = ensemble_of(150.0)
     angle = ensemble.angle.copy()
     angle[:, 50:100] = 0.0
-    text = doubts(method, dataclasses.replace(ensemble, angle=angle))
+    text = doubts(method, attrs.evolve(ensemble, angle=angle))
     assert "still in all realizations at 50 of 200 samples, the first at 0 s" in text
 
 
@@ -141,6 +141,6 @@ def test_a_joint_that_is_not_of_second_order(key, perturbation):
     recording = simulation.recording
     velocity = np.roll(np.gradient(recording.angle, 1e-3), 40)
     reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
-    with_reflex = dataclasses.replace(recording, torque=recording.torque + reflex)
+    with_reflex = attrs.evolve(recording, torque=recording.torque + reflex)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(with_reflex, 100), 2.0)
     assert "is not of second order" in doubts(tv.methods.create(key), ensemble)

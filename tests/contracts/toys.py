@@ -5,8 +5,9 @@ Plain classes without a base class.
 They are no good estimators. They show that the contract holds what such methods need and what
 they return."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
+import attrs
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import bilinear, lfilter
@@ -145,7 +146,7 @@ class Instrumental:
         padded = np.pad(reference, ((0, 0), (30, 4)))
         lagged = np.stack([padded[:, first : first + length].ravel() for first in range(35)])
         weights = np.linalg.lstsq(lagged.T, ensemble.angle.ravel(), rcond=None)[0]
-        moved = replace(ensemble, angle=(weights @ lagged).reshape(ensemble.angle.shape))
+        moved = attrs.evolve(ensemble, angle=(weights @ lagged).reshape(ensemble.angle.shape))
         torque = ensemble.torque[:, ensemble.core]
         values, errors = sliding_fit(self.regressors(ensemble), torque, self.regressors(moved))
         return Found(self, values, over_time(IMPEDANCE, values, errors))

@@ -1,7 +1,6 @@
 """Figure of what was identified from one recording."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -115,7 +114,7 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
     wide = tv.Estimate(
         np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf)
     )
-    model = replace(first, estimates={**first.estimates, "reflex_gain": wide})
+    model = attrs.evolve(first, estimates={**first.estimates, "reflex_gain": wide})
     axes = {each.get_ylabel(): each for each in identified_impedance({"one": model}, {}).axes}
     low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
     assert low < 20
@@ -130,7 +129,7 @@ def test_what_would_cover_all_is_drawn_by_its_edges_and_cut_off(drawn):
             100 + noise, "N m/rad", error=StandardError(np.full(200, 200.0), np.inf)
         )
     }
-    wild = replace(models["kbr"], estimates=estimates)
+    wild = attrs.evolve(models["kbr"], estimates=estimates)
     axes = identified_impedance(models | {"eirf": wild}, {}).axes[0]
     assert len(axes.collections) == 2
     low, high = axes.get_ylim()
@@ -152,7 +151,7 @@ def test_every_method_that_leaves_the_axes_is_named_with_its_extremes(drawn):
     spike = np.where(np.arange(200) == 50, 900.0, 100.0)  # which the limits leave out
     noise = 100 + 400 * np.random.default_rng(0).normal(size=200)
     wild = {
-        label: replace(models["kbr"], estimates={"stiffness": tv.Estimate(values, "N m/rad")})
+        label: attrs.evolve(models["kbr"], estimates={"stiffness": tv.Estimate(values, "N m/rad")})
         for label, values in (("eirf", noise), ("birf", spike))
     }
     axes = identified_impedance(models | wild, {}).axes[0]

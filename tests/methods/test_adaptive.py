@@ -2,10 +2,10 @@
 
 import pickle
 import warnings
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from scipy import stats
@@ -413,16 +413,16 @@ def odd_ensembles():
     )
     still = usual.angle.copy()
     still[:, 40:60] = 0.0
-    yield "still for a while", replace(usual, angle=still)
-    yield "nothing but noise", replace(usual, torque=random.normal(size=usual.torque.shape))
-    yield "exact", replace(usual, torque=80.0 * usual.angle)
-    yield "negative", replace(usual, torque=-usual.torque)
+    yield "still for a while", attrs.evolve(usual, angle=still)
+    yield "nothing but noise", attrs.evolve(usual, torque=random.normal(size=usual.torque.shape))
+    yield "exact", attrs.evolve(usual, torque=80.0 * usual.angle)
+    yield "negative", attrs.evolve(usual, torque=-usual.torque)
     yield "short", tv.Ensemble(random.normal(size=(9, 40)), random.normal(size=(9, 40)), 100.0)
     one = np.tile(np.sin(np.arange(84) / 9), (6, 1))
     yield "one sine", tv.Ensemble(one, one, 100.0, context=12)
     spike = np.zeros((6, 84))
     spike[2, 40] = 1.0
-    yield "sampled fast", replace(usual, sampling_rate=1e6)
+    yield "sampled fast", attrs.evolve(usual, sampling_rate=1e6)
     yield "one spike", tv.Ensemble(spike, spike, 100.0, context=12)
 
 
@@ -540,7 +540,7 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
 def test_sums_of_few_harmonics_are_found_beside_switches(random):
     line, _ = line_of(random, periodic=True, times=80)
     turns = 2 * np.pi * np.arange(80) / 80
-    line = replace(line, seen=line.seen + 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns))
+    line = attrs.evolve(line, seen=line.seen + 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns))
     sums = harmonics.few_harmonics(line, line.columns(np.array([12.3, 27.8])))
     assert list(np.flatnonzero(sums[1].weights)) == [0, 2, 5]  # constant, first sine, third cosine
     assert sums[1].length == pytest.approx(80 / 3)
@@ -570,7 +570,7 @@ def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, 
     (other,) = axes - {line.axis}
     every = averaging._found(each)
     likely = [one.smooth.roughness for one in averaging._weighed(each, every).candidates]
-    beside = averaging._found(replace(each, axis=other), parts=likely)
+    beside = averaging._found(attrs.evolve(each, axis=other), parts=likely)
     expected = [one.evidence for one in every]
     expected += [one.evidence - np.log(len(averaging.JITTERS) + 1) for one in beside]
     np.testing.assert_allclose(

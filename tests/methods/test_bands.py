@@ -417,17 +417,7 @@ def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
 
 
 @pytest.mark.parametrize("name", list(DEFAULTS))
-def test_a_model_that_travels_stays_immutable(name):
+def test_a_model_can_be_pickled_and_copied(name):
     model = DEFAULTS[name].identify(ensemble_of(40.0))
     for other in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
         np.testing.assert_array_equal(standard_errors_of(other), standard_errors_of(model))
-        held = [value for value in vars(other).values() if isinstance(value, np.ndarray)]
-        for estimate in other.estimates.values():
-            held += [
-                estimate.values,
-                estimate.standard_error.values,
-                estimate.standard_error.freedom,
-            ]
-        held += [other.diagnostics.rank] if other.diagnostics.rank is not None else []
-        assert len(held) >= 6
-        assert not any(values.flags.writeable for values in held)

@@ -1,7 +1,6 @@
 """Joint fit of both pathways: its parts against slow and plain ones, and what it makes of joints that are known."""
 
-import dataclasses
-
+import attrs
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
@@ -149,8 +148,8 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
 def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window, harmonics):
     monkeypatch.setattr(regressors, "WINDOW", window)
     problem, _ = problem
-    problem = dataclasses.replace(
-        problem, reflex=dataclasses.replace(problem.reflex, basis=FourierSeries(harmonics))
+    problem = attrs.evolve(
+        problem, reflex=attrs.evolve(problem.reflex, basis=FourierSeries(harmonics))
     )
     problem = problem.with_data(problem.data.weighed(NOISE))
     columns, torque = every_column(problem, KNOWN), problem.data.torque
@@ -312,7 +311,7 @@ def test_slopes_are_those_of_the_torque(problem):
 
 def test_covariance_is_the_sandwich_of_the_samples(problem):
     problem, _ = problem
-    problem = dataclasses.replace(problem, free=("frequency",))
+    problem = attrs.evolve(problem, free=("frequency",))
     found = problem.at(KNOWN)
     sure, left = covariance_of(problem, found), problem.left(found)
     columns = np.concatenate([every_column(problem, KNOWN), problem.slopes(found)]).reshape(
@@ -412,7 +411,7 @@ def test_emg_drives_the_reflex():
         abs(np.mean(model.stiffness - truth["stiffness"])) < 15
     )  # half of sds's: the electrode's noise is no drive
     assert model.estimates["reflex_gain"].unit == "N m/V"
-    reversed_one = dataclasses.replace(ensemble, channels={"emg": -ensemble.channels["emg"]})
+    reversed_one = attrs.evolve(ensemble, channels={"emg": -ensemble.channels["emg"]})
     gain = tv.JointCascade(emg="emg").identify(reversed_one).estimates["reflex_gain"]
     np.testing.assert_allclose(gain.values, -model.over_time("reflex_gain"), rtol=1e-6)
     assert gain.band()[1].max() <= 0
@@ -424,7 +423,7 @@ def test_emg_drives_the_reflex():
 def test_an_angle_at_the_low_rate_only_serves_with_a_warning():
     ensemble, truth = simulated("A", 40)
     with pytest.warns(tv.DataQualityWarning, match="the angle is there at 100 Hz only"):
-        model = tv.JointCascade().identify(dataclasses.replace(ensemble, recorded_angle=None))
+        model = tv.JointCascade().identify(attrs.evolve(ensemble, recorded_angle=None))
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 4
 
 

@@ -1,9 +1,9 @@
 """Cascades that identify both pathways of a changing joint in turn, on simulated reflexes and real ankles."""
 
 import warnings
-from dataclasses import replace
 from functools import cache
 
+import attrs
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -135,7 +135,7 @@ def test_slow_voluntary_torque_is_taken_out():
     time = np.linspace(-1, 1, ensemble.angle.shape[1])
     drift = np.random.default_rng(1).normal(size=(len(ensemble), 4)) @ np.vander(time, 4).T
     drift *= 2 * ensemble.torque.std() / drift.std()
-    drifting = replace(ensemble, torque=ensemble.torque + drift)
+    drifting = attrs.evolve(ensemble, torque=ensemble.torque + drift)
     model = tv.BasisCascade(slow_order=3, prior="none").identify(drifting)
     error, mistaken = (
         each.stiffness - truth["stiffness"]
@@ -162,7 +162,7 @@ def test_walking_is_explained_by_emg_and_slow_torque(recordings_folder):
     ensemble = tv.preprocess.subtract_mean(ensemble, channels=("emg",))
     plain = tv.BasisCascade(basis=tv.GaussianBumps(10), emg="emg", memory=0.3)
     assert plain.identify(ensemble).diagnostics.details["vaf"] == pytest.approx(96.3, abs=0.3)
-    details = replace(plain, slow_order=6).identify(ensemble).diagnostics.details
+    details = attrs.evolve(plain, slow_order=6).identify(ensemble).diagnostics.details
     assert details["vaf_with_slow"] == pytest.approx(96.8, abs=0.1)
     assert details["vaf"] == pytest.approx(95.5, abs=0.1)
 

@@ -2,9 +2,9 @@
 
 import pickle
 import warnings
-from dataclasses import replace
 from functools import cache
 
+import attrs
 import numpy as np
 import pytest
 from scipy import stats
@@ -100,7 +100,7 @@ def test_where_the_reference_tells_the_whole_angle_nothing_changes(monkeypatch):
         (tv.EnsembleSpectral(stiffness="fit"), 1e-10),
     ):
         with_it, without = (
-            replace(method, reference=D).identify(ensemble),
+            attrs.evolve(method, reference=D).identify(ensemble),
             method.identify(ensemble),
         )
         for name in ("stiffness", "viscosity", "inertia"):
@@ -110,7 +110,7 @@ def test_where_the_reference_tells_the_whole_angle_nothing_changes(monkeypatch):
     for weighting in ("white", "residual"):
         method = tv.KernelRegression(weighting=weighting)
         with_it, without = (
-            replace(method, reference=D).identify(ensemble),
+            attrs.evolve(method, reference=D).identify(ensemble),
             method.identify(ensemble),
         )
         # Both stop where the noise variance stands to 2e-3.
@@ -341,7 +341,7 @@ def test_a_weak_reference_is_refused_or_has_no_band():
         match="no band: the reference hardly moves the angle there, or in too few",
     ):
         assert np.isnan(few.band()).all()
-    constant = replace(half, channels={D: np.ones_like(half.angle)})
+    constant = attrs.evolve(half, channels={D: np.ones_like(half.angle)})
     with pytest.raises(tv.InputError, match="does not vary between realizations"):
         KBR.identify(constant)
 
@@ -380,4 +380,4 @@ def test_settings_are_chosen_by_what_the_reference_moves():
     moved = instrument.Instrument.of("birf", ensemble, D).moved
     chosen = tv.BasisIRF(reference=D).tuned(ensemble).method
     assert chosen.reference == D
-    assert replace(chosen, reference=None) == tv.BasisIRF().tuned(moved).method
+    assert attrs.evolve(chosen, reference=None) == tv.BasisIRF().tuned(moved).method

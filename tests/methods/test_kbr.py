@@ -1,8 +1,8 @@
-import dataclasses
 import pickle
 import tracemalloc
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 import xarray as xr
@@ -60,7 +60,7 @@ def test_a_realization_may_begin_at_any_phase_and_hold_several_periods():
         90, perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
     )
     recording = tv.preprocess.decimate(simulation.recording, 100)
-    late = dataclasses.replace(recording, start=recording.start + 0.37)
+    late = attrs.evolve(recording, start=recording.start + 0.37)
     model = tv.KernelRegression(period=2.0).identify(tv.preprocess.segment(late, 6.0))
     truth = tv.simulate.SineWave()(model.time - 0.37)
     assert np.abs(model.stiffness - truth).max() < 4
@@ -87,9 +87,7 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
 def test_offset_and_drift_of_the_torque_go_to_the_external_term(ensemble_of):
     ensemble = ensemble_of(40.0, "sine", "noise", 20.0)
     clock = ensemble.onsets[:, None] + np.arange(ensemble.angle.shape[1]) / 100
-    drifting = dataclasses.replace(
-        ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40)
-    )
+    drifting = attrs.evolve(ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40))
     plain = tv.KernelRegression().identify(ensemble)
     mended = tv.KernelRegression().identify(drifting)
     assert np.abs(mended.stiffness - plain.stiffness).max() < 2.5
@@ -124,9 +122,9 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
         model = method.identify(ensemble)
     assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], model.predict(ensemble)).min() > 98
     # Realizations that begin at another phase than those identified from are predicted at theirs.
-    late = dataclasses.replace(recording, start=recording.start - 0.5)
+    late = attrs.evolve(recording, start=recording.start - 0.5)
     other = tv.preprocess.segment(late, duration)
-    other = dataclasses.replace(other, onsets=other.onsets + 0.5)
+    other = attrs.evolve(other, onsets=other.onsets + 0.5)
     assert tv.metrics.vaf(other.torque[:, other.core], model.predict(other)).min() > 98
 
 
@@ -135,9 +133,7 @@ def test_presets_are_the_papers():
     experiment = tv.KernelRegression.preset("experiment")
     assert (experiment.length_decay, experiment.gamma) == (30.0, 13.8)
     assert experiment.length_periodic == pytest.approx(np.exp(-1))
-    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == dataclasses.replace(
-        experiment, gamma=5.0
-    )
+    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == attrs.evolve(experiment, gamma=5.0)
 
 
 DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
@@ -159,7 +155,7 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
 
 def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
     ensemble = ensemble_of(40.0)
-    softer = dataclasses.replace(ensemble, torque=0.01 * ensemble.torque)
+    softer = attrs.evolve(ensemble, torque=0.01 * ensemble.torque)
     one = tv.KernelRegression(scale=DEGREE).identify(ensemble)
     for method in (
         tv.KernelRegression(scale=0.01 * DEGREE),
@@ -178,16 +174,14 @@ def test_a_torque_that_does_not_answer_has_a_scale(ensemble_of):
     ensemble = ensemble_of(40.0)
     late = np.roll(ensemble.torque, 7, axis=0)
     assert np.isfinite(
-        tv.KernelRegression().identify(dataclasses.replace(ensemble, torque=late)).stiffness
+        tv.KernelRegression().identify(attrs.evolve(ensemble, torque=late)).stiffness
     ).all()
 
 
 @pytest.mark.slow
 def test_tuned_settings_do_not_depend_on_units(ensemble_of):
     ensemble = ensemble_of(20.0, "sine", "noise")
-    other = dataclasses.replace(
-        ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle
-    )
+    other = attrs.evolve(ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle)
     (one, ours), (two, theirs) = (tv.KernelRegression().tuned(each) for each in (ensemble, other))
     assert (one.order, one.lag, one.scale) == (two.order, two.lag, two.scale)
     np.testing.assert_allclose(np.diff(ours.values), np.diff(theirs.values), atol=1e-3)
@@ -215,9 +209,7 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
 )
 def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate, message):
     ensemble = ensemble_of(40.0)
-    ensemble = dataclasses.replace(
-        ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate
-    )
+    ensemble = attrs.evolve(ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate)
     tracemalloc.start()
     with pytest.raises(tv.InputError, match=message):
         tv.KernelRegression(**settings).identify(ensemble)
@@ -313,8 +305,8 @@ def test_every_order_follows_a_stiffness_that_drifts(ensemble_of):
 def lagging(ensemble_of, lag, **settings):
     """The joint of an ensemble with its torque behind a lag, noise and all."""
     ensemble = ensemble_of(**settings)
-    return dataclasses.replace(
-        ensemble, torque=lagged(dataclasses.replace(ensemble, angle=ensemble.torque), lag).angle
+    return attrs.evolve(
+        ensemble, torque=lagged(attrs.evolve(ensemble, angle=ensemble.torque), lag).angle
     )
 
 
@@ -343,7 +335,7 @@ def test_a_lag_that_is_told_no_longer_biases(ensemble_of, context):
 def test_a_prediction_passes_the_lag(ensemble_of):
     ensemble = ensemble_of(40.0, "sine", "noise")
     model = tv.KernelRegression(lag=0.01).identify(ensemble)
-    plainly = dataclasses.replace(model, lag=0.0)
+    plainly = attrs.evolve(model, lag=0.0)
     np.testing.assert_array_equal(model.predict(ensemble), plainly.predict(lagged(ensemble, 0.01)))
 
 

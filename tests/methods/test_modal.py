@@ -1,7 +1,6 @@
 """Modal decomposition: what a joint that rings tells, and words where none does."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from tests.independent import ensemble_of, impulses, with_noise
@@ -16,7 +15,7 @@ IMPULSES = Pulses(duration=0.02, interval=1.0)
 
 
 def hit(perturbation=IMPULSES, snr_db=30.0, duration=40.0, **changes):
-    joint = replace(
+    joint = attrs.evolve(
         found_as(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes)
     )
     recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording

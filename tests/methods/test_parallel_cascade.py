@@ -1,9 +1,9 @@
 """The parallel cascade against its authors' code, on simulated reflexes and on real ankles."""
 
-import dataclasses
 import warnings
 from functools import cache
 
+import attrs
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -144,7 +144,7 @@ def test_taking_turns_leaves_stiffness_a_little_too_high(perturbation, gain, bia
 def test_units_scale_both_pathways():
     ensemble = reflexive(7, NOISE)
     model = tv.ParallelCascade().identify(ensemble)
-    scaled = dataclasses.replace(ensemble, torque=1e3 * ensemble.torque)
+    scaled = attrs.evolve(ensemble, torque=1e3 * ensemble.torque)
     other = tv.ParallelCascade().identify(scaled)
     for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
         np.testing.assert_allclose(

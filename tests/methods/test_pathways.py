@@ -1,7 +1,6 @@
 """Torque of two pathways: what lies before a realization is taken from where it was recorded, or is not known."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 
@@ -72,7 +71,7 @@ def test_reflex_torque_is_the_convolution_of_the_whole_record(record, subtracted
 
 
 def test_lags_beyond_what_was_recorded_give_no_torque(record):
-    ensemble = replace(cut(record, 0.1), onsets=None, trials=None)
+    ensemble = attrs.evolve(cut(record, 0.1), onsets=None, trials=None)
     found = model_of(np.ones(3), np.arange(10, 13)).pathways(ensemble)["reflex"]
     np.testing.assert_array_equal(np.isnan(found), np.arange(SAMPLES) < np.full((4, 1), 2))
     stored = model_of(np.ones(3), np.arange(10, 13)).to_xarray(ensemble)

@@ -1,8 +1,8 @@
-import dataclasses
 import pickle
 import sys
 import textwrap
 
+import attrs
 import pytest
 from tests.conftest import ensemble_of
 
@@ -517,9 +517,7 @@ def test_inputs_are_checked_wherever_a_method_begins():
             getattr(Alone(), begin)(ensemble_of())
         with pytest.raises(tv.InputError, match="Driven: it needs the channel 'emg'"):
             getattr(Driven(), begin)(ensemble_of())
-        few = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque}).select(
-            [1, 2]
-        )
+        few = attrs.evolve(ensemble_of(), channels={"emg": ensemble_of().torque}).select([1, 2])
         with pytest.raises(tv.InputError, match="Driven: it has too few"):
             getattr(Driven(), begin)(few)
     assert tv.methods.reason_to_skip(tv.methods.Tuned(Driven()), few) == "it has too few"

@@ -1,8 +1,8 @@
 """What a second-order fit leaves unexplained, against a slow version."""
 
-import dataclasses
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -21,7 +21,7 @@ def with_reflex(ensemble, share):
     late = round(0.04 * ensemble.sampling_rate)
     reflex = lfilter([1 - pole], [1, -pole], np.gradient(ensemble.angle, axis=1), axis=1)
     reflex = np.pad(reflex, ((0, 0), (late, 0)))[:, :-late]
-    return dataclasses.replace(
+    return attrs.evolve(
         ensemble, torque=ensemble.torque + share * ensemble.torque.std() / reflex.std() * reflex
     )
 

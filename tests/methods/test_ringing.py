@@ -1,8 +1,8 @@
 """A joint that rings (5 Hz, damping ratio 0.1), simulated independently: right, or a warning says why not."""
 
 import warnings
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 from tests.independent import ensemble_of, impulses, noise, ringing, with_noise
@@ -90,5 +90,5 @@ def test_a_reversed_torque_leaks_no_inertia():
         .recording
     )
     cut = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    model = quietly("esm", replace(cut, torque=-cut.torque))
+    model = quietly("esm", attrs.evolve(cut, torque=-cut.torque))
     assert not any("leaks into 0 Hz" in text for text in model.diagnostics.warnings)

@@ -1,10 +1,10 @@
 """Joints that follow a measured variable: what is found, and by what route."""
 
-import dataclasses
 import pickle
 import re
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -181,9 +181,7 @@ def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_res
 
 def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out(noisy, found):
     assert not found.diagnostics.warnings
-    follows = dataclasses.replace(
-        noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1)
-    )
+    follows = attrs.evolve(noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1))
     with pytest.warns(
         tv.DataQualityWarning,
         match=r"standard errors\) if the torque at rest followed.*use rest_order=2",
@@ -197,7 +195,7 @@ def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out
 def changed(ensemble, factor=1.0, shift=0.0, offset=0.0):
     channels = {"scheduling": factor * ensemble.channels["scheduling"] + shift}
     recorded = ensemble.recorded_angle + offset
-    return dataclasses.replace(
+    return attrs.evolve(
         ensemble, angle=ensemble.angle + offset, recorded_angle=recorded, channels=channels
     )
 
@@ -339,7 +337,7 @@ def test_wrong_settings_are_refused(create, message):
 
 
 def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
-    still = dataclasses.replace(noisy, channels={"scheduling": np.full(noisy.angle.shape, 0.3)})
+    still = attrs.evolve(noisy, channels={"scheduling": np.full(noisy.angle.shape, 0.3)})
     assert tv.ScheduledIRF().skip(still) == (
         "scheduling is 0.3 at all times; a joint can only follow what changes"
     )

@@ -2,8 +2,8 @@
 
 import pickle
 import warnings
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,7 +34,7 @@ def simulated(duration=60.0, stiffness=100.0, gain=8.0, perturbation="noise", sn
     found = joint.simulate(
         duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
     )
-    recording = replace(found.recording, channels=found.pathways)
+    recording = attrs.evolve(found.recording, channels=found.pathways)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     return tv.preprocess.subtract_mean(
         ensemble, ("intrinsic", "reflex") if gain else ()
@@ -154,7 +154,7 @@ def test_stiffness_and_gain_that_change_are_followed_in_a_window():
 @pytest.mark.slow
 def test_segments_that_do_not_follow_each_other_are_pooled():
     ensemble, _ = simulated()
-    apart = replace(ensemble, onsets=None, trials=None)
+    apart = attrs.evolve(ensemble, onsets=None, trials=None)
     together, pooled = (tv.SubspaceCascade().identify(each) for each in (ensemble, apart))
     assert len(apart.runs) == len(apart)
     assert pooled.stiffness[0] == pytest.approx(together.stiffness[0], abs=1)
@@ -169,7 +169,7 @@ def test_units_scale_everything_and_change_nothing(torque, angle):
     ensemble, _ = simulated(20.0)
     method = tv.SubspaceCascade(terms=4, window=0.4)
     changed = {"torque": ensemble.torque * 10**torque, "angle": ensemble.angle * 10**angle}
-    scaled = replace(ensemble, **changed, recorded_angle=ensemble.recorded_angle * 10**angle)
+    scaled = attrs.evolve(ensemble, **changed, recorded_angle=ensemble.recorded_angle * 10**angle)
     model, other = method.identify(ensemble), method.identify(scaled)
     for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
         expected = model.over_time(name) * 10**torque / 10**angle
@@ -213,7 +213,7 @@ def test_a_window_before_which_nothing_is_known_has_no_value():
         name: getattr(ensemble, name)[:, ensemble.core]
         for name in ("angle", "torque", "recorded_angle")
     }
-    bare = replace(ensemble, **cut, context=0, channels={}, onsets=None, trials=None)
+    bare = attrs.evolve(ensemble, **cut, context=0, channels={}, onsets=None, trials=None)
     model = tv.SubspaceCascade(terms=4, window=0.4).identify(bare)
     known = np.isfinite(model.stiffness)
     assert not known[0]

@@ -1,9 +1,9 @@
-import dataclasses
 import functools
 import math
 import pickle
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from benchmarks import plain
@@ -59,11 +59,11 @@ def tuned_to_a_square_wave(method):
 def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_them(method):
     ensemble = ensemble_of(40.0, "square", "noise")
     tuned, evidence = tuned_to_a_square_wave(method)
-    assert tuned == dataclasses.replace(method, **evidence.settings)
-    assert repr(tuned) == repr(dataclasses.replace(method, **evidence.settings))
+    assert tuned == attrs.evolve(method, **evidence.settings)
+    assert repr(tuned) == repr(attrs.evolve(method, **evidence.settings))
     assert vars(tuned).keys() == vars(method).keys()  # the evidence is no part of the method
     # What was tried first are the settings that the method had.
-    assert dataclasses.replace(method, **evidence.tried[0]) == method
+    assert attrs.evolve(method, **evidence.tried[0]) == method
     better = evidence.values.max() if evidence.better == "higher" else evidence.values.min()
     assert evidence.values[evidence.chosen] == better or evidence.chosen == 0
     assert tuned.key != "kbr" or (tuned.order, tuned.lag) == (2, 0.0)
@@ -223,10 +223,8 @@ def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_p
 def test_evidence_of_constants_does_not_depend_on_their_units():
     record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0))
     units = np.array([1.0, 100.0, 1e-3])[:, None, None]
-    stacks = tuple(
-        dataclasses.replace(runs, signals=runs.signals * units) for runs in record.stacks
-    )
-    other = dataclasses.replace(record, stacks=stacks)
+    stacks = tuple(attrs.evolve(runs, signals=runs.signals * units) for runs in record.stacks)
+    other = attrs.evolve(record, stacks=stacks)
     kernel = record.kernel(2.0, 0.1)
     values = []
     for each, variances in ((record, [1600.0, 0.3, 3e-5]), (other, [1600.0, 3e-5, 30.0])):
@@ -277,7 +275,7 @@ def test_a_lag_of_the_torque_is_found():
     assert tuned.order == 2
     assert tuned.lag == pytest.approx(0.008, rel=0.2)
     assert f"lag {1e3 * tuned.lag:.3g} ms" in evidence.lines
-    without = dataclasses.replace(tuned, lag=0.0).identify(ensemble)
+    without = attrs.evolve(tuned, lag=0.0).identify(ensemble)
     model = tuned.identify(ensemble)
     assert without.viscosity.mean() < 1.8
     assert without.inertia.mean() < 0.012
@@ -313,7 +311,7 @@ def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
     noise = lfilter(
         *butter(1, 1.0, fs=1000), np.random.default_rng(0).standard_normal(len(recording))
     )
-    recording = dataclasses.replace(
+    recording = attrs.evolve(
         recording, torque=recording.torque + recording.torque.std() * noise / noise.std()
     )
     ensemble = tv.preprocess.subtract_mean(
@@ -355,7 +353,7 @@ def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
     released = tv.simulate.StretchReflex(direction=-1).torque(
         np.gradient(recording.angle, 1e-3), 8.0, 1000.0
     )
-    recording = dataclasses.replace(
+    recording = attrs.evolve(
         recording, torque=recording.torque + released
     )  # with the stretch's, linear
     ensemble = tv.preprocess.subtract_mean(
@@ -475,7 +473,7 @@ def test_evidence_is_shown_in_words_and_as_a_table():
     shown = evidence._repr_html_()
     assert str(evidence) in shown
     assert shown.count("<tr") == len(evidence.values) + 1
-    unchanged = dataclasses.replace(evidence, chosen=0)
+    unchanged = attrs.evolve(evidence, chosen=0)
     assert str(unchanged).startswith(
         "max_lag=0.12, window=0.1 as given: nothing else has a clearly better cross-validated"
     )
@@ -632,5 +630,5 @@ def test_a_basis_is_chosen_by_its_function_not_by_its_size():
     ensemble = ensemble_of(80.0, "sine", "noise", 40.0)
     random = np.random.default_rng(8)
     steps = np.repeat(random.normal(size=(len(ensemble), 15)), 20, axis=1)
-    disturbed = dataclasses.replace(ensemble, torque=ensemble.torque + 0.3 * steps)
+    disturbed = attrs.evolve(ensemble, torque=ensemble.torque + 0.3 * steps)
     assert tv.BasisIRF().tuned(disturbed).method.basis == tv.FourierSeries(1)

@@ -1,9 +1,9 @@
 """Planning: the law that errors follow, what a pilot shows, and what is answered."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
+import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -37,7 +37,11 @@ def _few():
 def planned():
     setup = Protocol(perturbation="prbs", stiffness="square", noise=0.3)
     return tv.plan(
-        [setup, replace(setup, amplitude=0.02)], 6.0, 0.1, ["birf", "esm:stiffness=fit"], draws=6
+        [setup, attrs.evolve(setup, amplitude=0.02)],
+        6.0,
+        0.1,
+        ["birf", "esm:stiffness=fit"],
+        draws=6,
     )
 
 
@@ -124,7 +128,7 @@ def test_pilot_whose_torque_is_reversed_or_has_a_reflex_is_warned_of():
     ensemble = ensemble_of(40.0, "sine", "noise").select(np.arange(3))
     Pilot.of(ensemble)
     with pytest.warns(tv.DataQualityWarning, match="--torque-sign -1"):
-        Pilot.of(replace(ensemble, torque=-ensemble.torque))
+        Pilot.of(attrs.evolve(ensemble, torque=-ensemble.torque))
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave())
     recording = joint.simulate(
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1
@@ -149,11 +153,11 @@ def test_realizations_that_differ_need_more_of_them():
     # alone gives.
     ensemble = ensemble_of(40.0, "sine", "noise")
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
-    other = replace(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
+    other = attrs.evolve(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
     methods = {"birf": tv.BasisIRF()}
     same, differs = (excesses(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other))
     assert same < 1.25
-    law = replace(curve(30 / np.sqrt(COUNTS)), excess=differs)
+    law = attrs.evolve(curve(30 / np.sqrt(COUNTS)), excess=differs)
     assert law.at(20).random == pytest.approx(differs * 30 / np.sqrt(20), rel=1e-6)
     assert 1.6 < differs < 2.4
 
@@ -189,7 +193,7 @@ def test_answers(planned):
 @pytest.mark.parametrize(("context", "period"), [(0.0, 2.0), (0.5, 2.0), (0.5, 1.5), (0.5, 0.3)])
 def test_recording_that_is_planned_holds_its_realizations(context, period):
     ensemble = ensemble_of(40.0, "sine", "noise")
-    pilot = replace(
+    pilot = attrs.evolve(
         Pilot.of(ensemble.select(np.arange(3))),
         context=round(100 * context),
         stiffness=np.ones(round(100 * period)),

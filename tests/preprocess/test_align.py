@@ -1,5 +1,4 @@
-import dataclasses
-
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,7 +72,7 @@ def test_a_delay_under_a_perturbation_is_found_within_a_few_samples():
 def test_simulated_trials_have_their_voluntary_torque_aligned_to_the_sample():
     simulation = simulated(1)
     voluntary = tv.preprocess.prepare(
-        dataclasses.replace(simulation.recording, torque=simulation.pathways["voluntary"]),
+        attrs.evolve(simulation.recording, torque=simulation.pathways["voluntary"]),
         task_limit=None,
         residual_limit=None,
     ).recorded

@@ -1,5 +1,4 @@
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from tests.virtual import perfect, prepared, simulated
@@ -147,7 +146,7 @@ def test_steps_that_are_not_asked_for_are_not_taken():
 def test_channels_pass_every_step():
     """An EMG that is a multiple of the torque stays one, and loses its mean where it is asked to."""
     recording = simulated(1, "noise").recording
-    recording = replace(
+    recording = attrs.evolve(
         recording,
         channels={
             **recording.channels,

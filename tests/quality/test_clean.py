@@ -1,7 +1,6 @@
 """What is in order is called so; the survey of hundreds is benchmarks/diagnosis.py."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
@@ -80,7 +79,7 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
     noise = lfilter(*taps, np.random.default_rng(3).standard_normal(ensemble.torque.shape), axis=1)
     noise *= loudness / noise.std() * np.convolve(burst, np.hanning(11) / 5, "same")
     diagnosis = tv.diagnose(
-        tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise))
+        tv.preprocess.subtract_mean(attrs.evolve(ensemble, torque=ensemble.torque + noise))
     )
     assert not diagnosis.findings, diagnosis
 
@@ -93,7 +92,7 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
     noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
     noise *= 0.3 * ensemble.torque.std() / noise.std() * levels
     diagnosis = tv.diagnose(
-        tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise))
+        tv.preprocess.subtract_mean(attrs.evolve(ensemble, torque=ensemble.torque + noise))
     )
     assert not diagnosis.findings, diagnosis
 

@@ -1,7 +1,7 @@
-import dataclasses
 import re
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,8 +55,8 @@ def test_it_prints(spoilt, diagnosis):
 
 
 def test_html_is_escaped(spoilt):
-    check = dataclasses.replace(spoilt.findings[0], what="<script>")
-    assert "<script>" not in dataclasses.replace(spoilt, checks=(check,))._repr_html_()
+    check = attrs.evolve(spoilt.findings[0], what="<script>")
+    assert "<script>" not in attrs.evolve(spoilt, checks=(check,))._repr_html_()
 
 
 def test_its_table_has_a_row_for_everything(spoilt):
@@ -70,7 +70,7 @@ def test_its_table_has_a_row_for_everything(spoilt):
 
 
 def test_it_is_frozen(spoilt):
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(attrs.exceptions.FrozenInstanceError):
         spoilt.checks = ()
     with pytest.raises(ValueError, match="read-only"):
         spoilt.curves.coherence[0] = 1
@@ -84,12 +84,10 @@ def test_clean_means_no_findings(spoilt, diagnosis):
 
 def test_what_is_uncertain_is_not_called_clean(diagnosis):
     checks = tuple(
-        dataclasses.replace(check, value=24.3, significant=False)
-        if check.name == "drift"
-        else check
+        attrs.evolve(check, value=24.3, significant=False) if check.name == "drift" else check
         for check in diagnosis.checks
     )
-    unsure = dataclasses.replace(diagnosis, checks=checks)
+    unsure = attrs.evolve(diagnosis, checks=checks)
     assert not unsure.findings
     assert not unsure.clean
     assert [check.name for check in unsure.uncertain] == ["drift"]
@@ -162,7 +160,7 @@ def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
 @settings(max_examples=5)
 @pytest.mark.slow
 def test_the_size_of_the_torque_changes_only_what_has_its_unit(factor, clean, diagnosis):
-    scaled = tv.diagnose(dataclasses.replace(clean, torque=factor * clean.torque))
+    scaled = tv.diagnose(attrs.evolve(clean, torque=factor * clean.torque))
     for before, after in zip(diagnosis.checks, scaled.checks, strict=True):
         own = before.fault.unit == "N·m/rad" or before.name == "sampling-rate"
         if not own:

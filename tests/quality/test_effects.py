@@ -1,7 +1,6 @@
 """What a finding says that it does to the result, it does."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from tests import faults
@@ -72,8 +71,10 @@ def test_degrees_make_stiffness_57_times_too_small(recording, truth):
 
 def test_a_rate_too_high_makes_viscosity_too_small_and_inertia_by_the_square(recording, truth):
     k, b, inertia = truth
-    assert impedance(replace(cut(recording), sampling_rate=400.0))[0] == pytest.approx(k, rel=0.01)
-    measures = tv.diagnose(replace(cut(recording), sampling_rate=400.0)).measures
+    assert impedance(attrs.evolve(cut(recording), sampling_rate=400.0))[0] == pytest.approx(
+        k, rel=0.01
+    )
+    measures = tv.diagnose(attrs.evolve(cut(recording), sampling_rate=400.0)).measures
     assert measures["mean viscosity"][0] == pytest.approx(b / 4, rel=0.05)
     assert measures["inertia"][0] == pytest.approx(inertia / 16, rel=0.05)
 

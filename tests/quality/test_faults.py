@@ -1,8 +1,8 @@
 """Faults planted in simulated and in real records are found by name."""
 
 import re
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
@@ -28,7 +28,7 @@ def uncut(recording, period):
 
 def noisy(ensemble):
     noise = np.random.default_rng(0).standard_normal(ensemble.torque.shape)
-    return replace(ensemble, torque=ensemble.torque + 2 * ensemble.torque.std() * noise)
+    return attrs.evolve(ensemble, torque=ensemble.torque + 2 * ensemble.torque.std() * noise)
 
 
 EVERYWHERE = {
@@ -60,7 +60,7 @@ EVERYWHERE = {
         changed(record, angle=np.degrees(record.angle)), period
     ),
     "torque-unit": lambda record, period: cut(changed(record, torque=record.torque / 1000), period),
-    "sampling-rate": lambda record, period: replace(cut(record, period), sampling_rate=10.0),
+    "sampling-rate": lambda record, period: attrs.evolve(cut(record, period), sampling_rate=10.0),
     "coarse-angle": lambda record, period: uncut(faults.coarse(record), period),
     "repeated-realizations": lambda record, period: faults.thrice(cut(record, period)),
     "angle-offset": lambda record, period: cut(faults.drifting(record, "angle"), period),
@@ -237,7 +237,7 @@ def test_a_torque_in_millinewton_metres(perturbation):
 
 def test_a_rate_of_half_the_true_one_is_named_with_the_period():
     recording = brief()
-    check = found(cut(replace(recording, sampling_rate=500.0)))["wrong-period"]
+    check = found(cut(attrs.evolve(recording, sampling_rate=500.0)))["wrong-period"]
     assert "4 s" in check.what
     assert check.what.endswith(
         "if that should be 2 s, the sampling rate is 2 times higher than stated"
@@ -372,7 +372,7 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
         closed = float(re.search(r"([\d.]+) with 'disturbance'", checks["loop-bias"].what)[1])
         assert closed == pytest.approx(100, abs=7)  # 83 if times counted by how far the angle moves
     else:
-        still = replace(
+        still = attrs.evolve(
             ensemble, channels={"other": np.random.default_rng(0).random(ensemble.angle.shape)}
         )
         unrelated = {check.name: check for check in tv.diagnose(still, reference="other").checks}
@@ -459,7 +459,7 @@ def test_the_realizations_that_differ_are_named():
     ensemble = cut(brief())
     factors = np.ones(len(ensemble))
     factors[[7, 30]] = 2.0
-    check = found(replace(ensemble, torque=ensemble.torque * factors[:, None]))[
+    check = found(attrs.evolve(ensemble, torque=ensemble.torque * factors[:, None]))[
         "unlike-realizations"
     ]
     assert check.value == 2

@@ -1,5 +1,4 @@
-import dataclasses
-
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given
@@ -167,7 +166,7 @@ def test_the_order_is_that_of_recording(clean):
 
 
 def test_the_fit_is_of_deviations(clean):
-    offset = dataclasses.replace(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
+    offset = attrs.evolve(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
     np.testing.assert_allclose(
         FittedEnsemble.of(offset).fit.residual, FittedEnsemble.of(clean).fit.residual, atol=1e-9
     )

@@ -1,9 +1,9 @@
 """Gaps and mains hum in a recording: found by name, left out or taken out, and never seen where they are not."""
 
 import warnings
-from dataclasses import replace
 from functools import partial
 
+import attrs
 import numpy as np
 import pytest
 from tests import faults
@@ -43,7 +43,7 @@ def in_steps(recording, bits):
         4 * np.abs(each - each.mean()).max() / 2**bits
         for each in (recording.angle, recording.torque)
     ]
-    return replace(
+    return attrs.evolve(
         recording,
         angle=np.round(recording.angle / steps[0]) * steps[0],
         torque=np.round(recording.torque / steps[1]) * steps[1],
@@ -68,7 +68,9 @@ def test_realizations_with_gaps_are_left_out_and_spoil_nothing(kind, perturbatio
 
 
 def test_gaps_are_found_in_trials_and_after_the_ends_are_taken_off():
-    recording = replace(faults.gapped(recorded()[0], count=2), trial_starts=(0, 16_000), start=-1.0)
+    recording = attrs.evolve(
+        faults.gapped(recorded()[0], count=2), trial_starts=(0, 16_000), start=-1.0
+    )
     first, second = tv.preprocess.find_gaps(recording)
     assert (first.trial, second.trial) == (0, 1)
     assert (first.start, second.start) == (
@@ -105,7 +107,7 @@ def test_mains_that_drift_are_taken_out_of_all_channels_of_each_trial():
     recording, _ = recorded()
     drift = 50 + 0.05 * np.sin(2 * np.pi * recording.time / 60)
     hum = 0.001 * np.sin(2 * np.pi * np.cumsum(drift) / 1000)
-    spoilt = replace(
+    spoilt = attrs.evolve(
         recording, angle=recording.angle + hum, channels={"emg": hum}, trial_starts=(0, 30_000)
     )
     mended = tv.preprocess.remove_mains(spoilt, 50.0)

@@ -1,7 +1,6 @@
 """Whether a reflex shows; how often it does by chance is counted by benchmarks/reflex_test.py."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from scipy.special import stdtr
@@ -17,7 +16,7 @@ def judged(recording, period=2.0, context=0.5):
     """Test of a recording at 1 kHz, decimated and cut."""
     velocity = np.gradient(recording.angle, 1 / recording.sampling_rate)
     parts = {"positive": np.maximum(velocity, 0), "negative": np.minimum(velocity, 0)}
-    low = tv.preprocess.decimate(replace(recording, channels=parts), 100)
+    low = tv.preprocess.decimate(attrs.evolve(recording, channels=parts), 100)
     ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(low, period, context))
     stretches = tuple(ensemble.channels[name] for name in parts)
     return reflex_test(ensemble.angle, ensemble.torque, stretches, ensemble.core, 100.0)
@@ -57,7 +56,7 @@ def test_without_a_reflex_none_is_shown(perturbation, seed):
 def test_a_linear_late_answer_is_no_reflex():
     stretched = recorded(8.0)
     released = REFLEX(direction=-1).torque(np.gradient(stretched.angle, 1e-3), 8.0, 1000.0)
-    test = judged(replace(stretched, torque=stretched.torque + released))
+    test = judged(attrs.evolve(stretched, torque=stretched.torque + released))
     assert test.over_none < 1e-6
     assert not test.shown
 
@@ -168,7 +167,7 @@ def test_a_reflex_is_found_under_slow_voluntary_torque():
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
     ).recording
     slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
-    drifting = replace(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
+    drifting = attrs.evolve(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(drifting, 100), 2.0)
     found = reflexes.reflex_test_of(tv.preprocess.subtract_mean(ensemble))
     assert found.shown

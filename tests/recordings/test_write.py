@@ -1,9 +1,9 @@
-import dataclasses
 import json
 import math
 from datetime import UTC, datetime
 from pathlib import Path
 
+import attrs
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,7 +51,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(duration=20.0)
     rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
-    ensemble = dataclasses.replace(ensemble, channels={"scheduling": rising})
+    ensemble = attrs.evolve(ensemble, channels={"scheduling": rising})
     methods = {
         key: tv.methods.create(key)
         for key, kind in tv.methods.METHODS.items()
@@ -353,8 +353,8 @@ def test_a_bids_derivative_describes_its_columns(tmp_path):
 def test_a_variable_of_booleans_is_written_and_read(tmp_path, random):
     ensemble = tv.Ensemble(random.normal(size=(4, 100)), random.normal(size=(4, 100)), 100.0)
     model = tv.BasisIRF().identify(ensemble)
-    model = dataclasses.replace(model, coordinates={"leg": np.array([True, False])})
-    model = dataclasses.replace(
+    model = attrs.evolve(model, coordinates={"leg": np.array([True, False])})
+    model = attrs.evolve(
         model, estimates=dict(model.estimates) | {"gain": tv.Estimate([1.0, 2.0], "", ("leg",))}
     )
     tv.recordings.write_models(tmp_path / "models.nc", {"birf": model})

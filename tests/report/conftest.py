@@ -1,7 +1,7 @@
 import shutil
 import subprocess
-from dataclasses import replace
 
+import attrs
 import pandas as pd
 import pytest
 from tests.conftest import ensemble_of
@@ -26,7 +26,7 @@ def pictures(illustrations):
     """The first is drawn, the others are empty axes: it is the page that is looked at."""
     first, *others = illustrations
     empty = {
-        stem: replace(illustrations[stem], draw=lambda: panels(1, 1, 4.0, 3.0)[0])
+        stem: attrs.evolve(illustrations[stem], draw=lambda: panels(1, 1, 4.0, 3.0)[0])
         for stem in others
     }
     return draw_all({first: illustrations[first]} | empty)
@@ -121,7 +121,7 @@ def experiment_page(experiment, tmp_path_factory):
 @pytest.fixture(scope="session")
 def identified():
     """A joint that switches, by three methods; held-out VAF of the quick ones."""
-    ensemble = replace(
+    ensemble = attrs.evolve(
         tv.preprocess.subtract_mean(ensemble_of(120.0, profile="square")), left_out=2
     )
     found = tv.compare(ensemble, ["eirf", "sds", "adaptive"])

@@ -1,8 +1,8 @@
 """The page of one identification."""
 
 import re
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -64,7 +64,9 @@ def test_a_paragraph_is_ready_to_paste(elements, identified):
     told = methods_paragraph(identified)
     assert told in section(elements, "paragraph")
     turned = methods_paragraph(
-        replace(identified, turned=["the torque's sign was reversed", "degrees became radians"])
+        attrs.evolve(
+            identified, turned=["the torque's sign was reversed", "degrees became radians"]
+        )
     )
     assert (
         "When the file was read, the torque's sign was reversed and degrees became radians. "
@@ -116,14 +118,14 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
         20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
     )
     (variable,) = simulation.recording.channels
-    recording = replace(simulation.recording, torque=-simulation.recording.torque)
+    recording = attrs.evolve(simulation.recording, torque=-simulation.recording.torque)
     whole = tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=True), None)
-    whole = replace(whole, channels={"scheduling": whole.channels[variable]})
+    whole = attrs.evolve(whole, channels={"scheduling": whole.channels[variable]})
     account = tv.report.Account(tv.compare(whole, ["lpvkbi"]))
     (told,) = answer(account)
     assert told.startswith("no stiffness is stated. No joint has a negative stiffness. ")
     assert "add --torque-sign -1" in told
-    turned = tv.report.Account(tv.compare(replace(whole, torque=-whole.torque), ["lpvkbi"]))
+    turned = tv.report.Account(tv.compare(attrs.evolve(whole, torque=-whole.torque), ["lpvkbi"]))
     over, along = answer(turned)
     assert over.startswith("lpvkbi: stiffness over scheduling: ")
     assert along.startswith("over time: ")
@@ -192,14 +194,14 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
             **model.estimates,
             "reflex_gain": tv.Estimate(values, "N m s/rad", error=error),
         }
-        diagnostics = replace(
+        diagnostics = attrs.evolve(
             model.diagnostics, details=model.diagnostics.details | {"reflex_shown": shown}
         )
         models = {
             **found.models,
-            "adaptive": replace(model, estimates=estimates, diagnostics=diagnostics),
+            "adaptive": attrs.evolve(model, estimates=estimates, diagnostics=diagnostics),
         }
-        return replace(identified, found=replace(found, models=models))
+        return attrs.evolve(identified, found=attrs.evolve(found, models=models))
 
     sound, doubtful = with_gain(4.0), with_gain(-4.0)
     assert answer(sound)[0].startswith("recommended (adaptive): stiffness ")
@@ -234,8 +236,8 @@ def test_a_stiffness_that_is_not_known_at_any_time_has_a_page_without_a_warning(
     found = tv.compare(ensemble_of(20.0), ["birf"])
     model = found.models["birf"]
     unknown = tv.Estimate(np.full(len(model.time), np.nan), "N m/rad")
-    models = {"birf": replace(model, estimates={**model.estimates, "stiffness": unknown})}
-    account = tv.report.Account(replace(found, models=models))
+    models = {"birf": attrs.evolve(model, estimates={**model.estimates, "stiffness": unknown})}
+    account = tv.report.Account(attrs.evolve(found, models=models))
     assert answer(account) == ["birf estimates no stiffness over time"]
     tv.report.write_identification(tmp_path / "report.html", account)
     told = Elements((tmp_path / "report.html").read_text())

@@ -1,7 +1,6 @@
 """A sheet of A4 about one person."""
 
-from dataclasses import replace
-
+import attrs
 import pytest
 import xarray as xr
 from tests.report.elements import Elements, table
@@ -43,7 +42,7 @@ def test_one_visit_says_its_answer(identified, tmp_path):
 @pytest.mark.usefixtures("sketched")
 def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identified, tmp_path):
     visits = [tmp_path / name for name in ("sound", "biased")]
-    withdrawn = replace(identified, unnamed_references=["Channel 'command' moves the angle."])
+    withdrawn = attrs.evolve(identified, unnamed_references=["Channel 'command' moves the angle."])
     for folder, account in zip(visits, (identified, withdrawn), strict=True):
         tv.recordings.write_models(folder / "models.nc", dict(identified.found.models))
         tv.recordings.describe_models(folder / "models.nc", facts(account))

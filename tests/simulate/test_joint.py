@@ -1,5 +1,4 @@
-import dataclasses
-
+import attrs
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -168,10 +167,8 @@ def test_a_simulation_cannot_be_changed():
     ):
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 1
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(attrs.exceptions.FrozenInstanceError):
         simulation.truth = {}
-    with pytest.raises(TypeError, match="item assignment"):
-        simulation.truth["inertia"] = 1.0
     np.testing.assert_array_equal(simulation.noiseless.torque, simulation.pathways["intrinsic"])
 
 

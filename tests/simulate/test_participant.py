@@ -1,5 +1,4 @@
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given
@@ -129,6 +128,6 @@ def test_numbers_that_are_none_are_refused(number):
 
 def test_impossible_traits_are_refused():
     with pytest.raises(tv.InputError, match="inertia must be a positive number"):
-        replace(perfect(), inertia=0.0)
+        attrs.evolve(perfect(), inertia=0.0)
     with pytest.raises(tv.InputError, match="delay_jitter must be a number of zero or more"):
-        replace(perfect(), delay_jitter=-0.1)
+        attrs.evolve(perfect(), delay_jitter=-0.1)

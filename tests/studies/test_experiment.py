@@ -1,7 +1,6 @@
 """Claims of the paper's experiment against made-up figures."""
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import pytest
 import xarray as xr
@@ -216,6 +215,6 @@ def test_a_recording_with_a_reference_is_diagnosed_with_it():
     recorded = tv.Ensemble(values, values, 100.0)
     assert folder._reference(experiment, recorded) is None
     assert (
-        folder._reference(experiment, replace(recorded, channels={"disturbance": values}))
+        folder._reference(experiment, attrs.evolve(recorded, channels={"disturbance": values}))
         == "disturbance"
     )

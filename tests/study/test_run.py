@@ -4,8 +4,8 @@ import os
 import re
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 import xarray as xr
@@ -269,7 +269,7 @@ def test_a_plain_object_is_named_by_its_class():
 def test_a_method_that_a_worker_cannot_unpickle_spoils_no_other():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", "birf"])
     trial = Simulations(study).task_at((0, 0))
-    outcome = carry_out(replace(trial, methods=trial.methods | {"birf": b"no pickle"}))
+    outcome = carry_out(attrs.evolve(trial, methods=trial.methods | {"birf": b"no pickle"}))
     assert "UnpicklingError" in outcome["failure"][1]
     assert np.isfinite(outcome["estimate"][0, 0]).all()
 
@@ -283,7 +283,7 @@ def test_a_method_that_cannot_be_pickled_is_refused():
 
 def test_a_worker_with_other_software_is_refused():
     study = Study(duration_s=40, trials=1, methods="sds")
-    sent = replace(Simulations(study).task_at((0, 0)), versions={"numpy": "1.0"})
+    sent = attrs.evolve(Simulations(study).task_at((0, 0)), versions={"numpy": "1.0"})
     with pytest.raises(
         tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"
     ):

@@ -7,10 +7,10 @@ import shutil
 import sys
 import tempfile
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
+import attrs
 import numpy as np
 import pytest
 import xarray as xr
@@ -48,7 +48,7 @@ PLACES = [(scenario, trial) for scenario in range(2) for trial in range(3)]
 KEPT = b"what became of the recordings"
 
 
-@dataclass(frozen=True, kw_only=True)
+@attrs.frozen(kw_only=True)
 class ToyTask(Task):
     place: tuple[int, int]
 

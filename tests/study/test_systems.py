@@ -12,7 +12,7 @@ from tvsysid.study import Study, of_quantity, read_results, run, score, summariz
 from tvsysid.study.scores import wave_of
 
 MODULE = """
-from dataclasses import dataclass
+import attrs
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Tones:
         return sum(np.sin(2 * np.pi * f * time + random.uniform(0, 2 * np.pi)) for f in np.arange(0.7, 30, 0.9))
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Stiff(tv.simulate.Joint):
     inertia: float = 0.03
 

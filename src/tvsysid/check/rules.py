@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import attrs
 import cloudpickle
 import numpy as np
 
@@ -18,7 +18,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.threads import single_thread
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Check:
     """One thing that is expected of a method, which it ``passed``, or did not pass or reach.
 
@@ -274,7 +274,7 @@ def _travels(subject: Subject) -> str:
 def _scales(subject: Subject) -> str:
     ensemble = subject.case("constant").ensemble
     tenfold = subject.stiffness(
-        subject.identify(replace(ensemble, torque=10 * ensemble.torque)), ensemble
+        subject.identify(attrs.evolve(ensemble, torque=10 * ensemble.torque)), ensemble
     )
     ratio = float(np.nanmean(tenfold) / np.nanmean(subject.first))
     return _expect(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid import simulate
@@ -74,13 +74,13 @@ def simulated_case(
         simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
     )
     if joint:
-        system = replace(found_as(joint, simulate.SYSTEMS, "system"), stiffness=profile)
+        system = attrs.evolve(found_as(joint, simulate.SYSTEMS, "system"), stiffness=profile)
     kind = found_as(perturbation or "noise", simulate.PERTURBATIONS, "perturbation")
     simulation = system.simulate(duration, perturbation=kind, snr_db=SNR, seed=seed, rate=8 * rate)
-    recording = replace(simulation.recording, channels=_channels(simulation.recording, inputs))
+    recording = attrs.evolve(simulation.recording, channels=_channels(simulation.recording, inputs))
 
     def segmented(torque: Array) -> Ensemble:
-        return segment(decimate(replace(recording, torque=torque), rate), period)
+        return segment(decimate(attrs.evolve(recording, torque=torque), rate), period)
 
     ensemble = segmented(recording.torque)
     pathways = {
@@ -112,7 +112,7 @@ def _channels(recording: Recording, inputs: tuple[Input, ...]) -> dict[str, Arra
     return dict(zip((item.name for item in inputs), recording.channels.values(), strict=False))
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class _Found:
     """A method that has identified already."""
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import attrs
 import typer
 
 from tvsysid.cli import options
@@ -226,7 +226,7 @@ def identify(
     write_results(found, out)  # what is found is kept if holding out is interrupted
     account = _account(found, source, _judged(ensemble, recording, context, deviating), faults)
     unnamed = tuple(unnamed_references(found, file, header, known, read))
-    account = replace(
+    account = attrs.evolve(
         account,
         turned=[*done, *(words for words, was in as_typed.items() if was)],
         unnamed_references=unnamed,
@@ -434,7 +434,7 @@ def _account(
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
             judged, repeats=repeats
         )
-        diagnosis = replace(diagnosis, checks=(*diagnosis.checks, *faults))
+        diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *faults))
         return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
         return Account(

@@ -110,9 +110,8 @@ def plan(
     Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle pos --torque
     tq --rate 1000 --decimate 100 --period 2`
     """
-    from dataclasses import replace
-
     import tvsysid
+    from tvsysid.checked import with_settings
     from tvsysid.figures import save
     from tvsysid.planning import Pilot
     from tvsysid.planning.setups import CONTEXT
@@ -156,7 +155,7 @@ def plan(
             first = Pilot.of(_cut(recording, decimate, period, context))
         say(f"pilot: {first.described()}")
         setups = [
-            replace(first, perturbation=name, amplitude=size)
+            with_settings(first, perturbation=name, amplitude=size)
             for name in (perturbation or (first.perturbation,))
             for size in amplitude or [first.amplitude]
         ]
@@ -175,9 +174,10 @@ def plan(
 def _stated(
     perturbations: list[str], amplitudes: list[float], stated: dict[str, Any]
 ) -> list[Protocol]:
+
     from tvsysid.planning import Protocol
 
-    sizes = amplitudes or [Protocol.amplitude]
+    sizes = amplitudes or [Protocol().amplitude]
     return [
         Protocol(perturbation=name, amplitude=size, **stated)
         for name in perturbations

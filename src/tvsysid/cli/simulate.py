@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tvsysid.checked import with_settings
 from tvsysid.cli.console import say
 from tvsysid.cli.identify import decimation
 from tvsysid.cli.options import option
@@ -115,7 +115,7 @@ def simulate(
         profile = found_as(stiffness, PROFILES, "profile")
         settings: Any = simulated
         try:
-            simulated = replace(settings, stiffness=profile)
+            simulated = with_settings(settings, stiffness=profile)
         except TypeError as error:
             raise InputError(
                 f"--stiffness: {system} is not a dataclass with a field stiffness; leave out "

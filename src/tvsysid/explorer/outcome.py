@@ -8,10 +8,11 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from threading import Lock
 from typing import NamedTuple, TypeVar
+
+import attrs
 
 from tvsysid.comparison import Comparison, compare, delay_to_correct
 from tvsysid.errors import DataQualityWarning, InputError
@@ -47,7 +48,7 @@ class Cut(NamedTuple):
     deviating: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Outcome:
     """What was found with some settings, and the package's warnings."""
 

@@ -10,9 +10,9 @@ import base64
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import attrs
 import numpy as np
 from shiny import App, Inputs, reactive, render, ui
 
@@ -48,7 +48,7 @@ summary { margin: .5rem 0 }
 """
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Shown:
     """An outcome and its picture, or the error in their place."""
 

@@ -7,9 +7,10 @@ import secrets
 import socket
 import threading
 import time
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, checked
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
     from shiny import App
 
 HOST = "127.0.0.1"
-OF_A_FILE = {item.name for item in fields(Reading)}
+OF_A_FILE = {item.name for item in attrs.fields(Reading)}
 FIRST: dict[str, Any] = {
-    item.name: None if item.default is MISSING else item.default
+    item.name: None if item.default is attrs.NOTHING else item.default
     for kind in (Reading, Cutting, Settings)
-    for item in fields(kind)
+    for item in attrs.fields(kind)
     if item.name not in ("file", "source", "cutting")
 } | {"decimate": 100.0}
 """What the page begins with: what `tvsysid identify` does by itself, and a rate that is quick."""

@@ -7,9 +7,10 @@ import numbers
 import shlex
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
+
+import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
@@ -25,7 +26,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Reading:
     """How a file is read: the options of ``tvsysid identify`` of these names."""
 
@@ -50,7 +51,7 @@ class Reading:
         return changed | ({"channels": channels_typed(self.channel)} if self.channel else {})
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Cutting:
     """How a recording is cut into realizations: the options of ``tvsysid identify`` of these names."""
 
@@ -63,7 +64,7 @@ class Cutting:
 Source = Mapping[str, Any] | Recording  # what of a reading has no control, or a recording
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Settings:
     """A recording, or how it is read from a file; how it is cut; and the method, as typed."""
 
@@ -122,7 +123,10 @@ def python(
 
 def _changed(settings: Reading | Cutting) -> dict[str, object]:
     """What has no default or differs from it; not the file."""
-    every = {item.name: (getattr(settings, item.name), item.default) for item in fields(settings)}
+    every = {
+        item.name: (getattr(settings, item.name), item.default)
+        for item in attrs.fields(type(settings))
+    }
     return {
         name: value for name, (value, usual) in every.items() if value != usual and name != "file"
     }

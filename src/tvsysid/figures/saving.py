@@ -6,11 +6,12 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
+
+import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.figures.style import LOOK
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Illustration:
     """A figure that is still to be drawn, and what it shows in words.
 
@@ -38,7 +39,7 @@ class Illustration:
     endings: tuple[str, ...] = ("png", "pdf", "svg")
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Picture:
     """A figure that was drawn, as a page embeds it: SVG, if that was asked for, of a size in pixels, 96 to the inch."""
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, Protocol
 
+import attrs
 import numpy as np
 
+from tvsysid.checked import settings_of
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
 from tvsysid.methods.base import Method, SkippedError, aligned, inputs_of, reason_to_skip
@@ -107,11 +108,11 @@ def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]
             "methods whose settings can"
         )
     return (
-        own.tuned(ensemble) if fields(own) else (own, None)
+        own.tuned(ensemble) if settings_of(own) else (own, None)
     )  # a method without settings has none to choose
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class AdoptedModel(Model):
     """Model with the estimates and the torque of an object that a method returned (``found``)."""
 

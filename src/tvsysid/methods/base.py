@@ -6,7 +6,6 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import (
     TYPE_CHECKING,
@@ -20,9 +19,11 @@ from typing import (
     get_args,
 )
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.checked import with_settings
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import PowerSpectrum
@@ -54,7 +55,7 @@ SELDOM = 0.01  # share of the samples up to which that does not matter
 ONE_LINE = 0.995  # share of the angle's power about one frequency from which on it has no other
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Input:
     """A signal that a method needs beside angle and torque: a channel, and the unit in which the method takes it.
 
@@ -68,7 +69,7 @@ class Input:
     kind: Kind
     unit: str
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         check_choice(self, "kind", Kind)
 
 
@@ -82,7 +83,6 @@ class Choice(NamedTuple, Generic[Chosen]):
         return summary_html("Choice", f"{self.method!r}: {self.evidence}")
 
 
-@dataclass(frozen=True)
 class Method(ABC):
     """Settings of a method, in seconds and hertz, and one verb.
 
@@ -145,12 +145,12 @@ class Method(ABC):
                 *(_changing(ensemble) if self.time_invariant else ()),
             )
         details = {**model.diagnostics.details, **aligned(ensemble)}
-        diagnostics = replace(
+        diagnostics = attrs.evolve(
             model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details
         )
         for text in texts:
             warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
-        return replace(model, diagnostics=diagnostics)
+        return attrs.evolve(model, diagnostics=diagnostics)
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Identify a part of the realizations that a model was identified from, as held-out prediction does.
@@ -186,7 +186,7 @@ class Method(ABC):
             raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
         with single_thread():
             evidence = self._evidence(ensemble, seed)
-        return Choice(replace(self, **evidence.settings), evidence)
+        return Choice(with_settings(self, **evidence.settings), evidence)
 
     @abstractmethod
     def _identify(self, ensemble: Ensemble) -> Model: ...

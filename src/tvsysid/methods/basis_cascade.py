@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import ClassVar
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -16,7 +16,7 @@ from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class BasisCascade(in_turn.InTurn):
     r"""Intrinsic and reflex response that change as sums of basis functions, identified in turn.
 
@@ -85,7 +85,7 @@ class BasisCascade(in_turn.InTurn):
     max_lag: float = 0.04
     delay: float | None = None
     memory: float = 0.5
-    basis: Basis = field(default_factory=CubicBSplines)
+    basis: Basis = attrs.field(factory=CubicBSplines)
     prior: birf.Prior = "ridge"
     nonlinearity: in_turn.Nonlinearity = "rectifier"
     emg: str | None = None
@@ -106,7 +106,7 @@ class BasisCascade(in_turn.InTurn):
     )
     cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
         if self.delay is not None:
             in_turn.check_from_zero(self, self.memory, delay=self.delay)

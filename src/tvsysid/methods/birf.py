@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, NamedTuple
 
+import attrs
 import numpy as np
 from scipy.fft import next_fast_len, rfft
 
@@ -21,7 +21,7 @@ Structure = Literal["parametric", "irf"]
 COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class BasisIRF(base.Method):
     r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
 
@@ -69,7 +69,7 @@ class BasisIRF(base.Method):
     """
 
     max_lag: float = 0.12
-    basis: Basis = field(default_factory=CubicBSplines)
+    basis: Basis = attrs.field(factory=CubicBSplines)
     model: Structure = "parametric"
     prior: Prior = "ard"
     reference: str | None = None
@@ -87,7 +87,7 @@ class BasisIRF(base.Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018", "vanderuit2021")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag)
         base.check_choice(self, "model", Structure)
         base.check_choice(self, "prior", Prior)
@@ -247,7 +247,7 @@ class BasisIRF(base.Method):
         """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
         if self.reference is not None:
             moved = shared.Instrument.of("birf", ensemble, self.reference).moved
-            return replace(self, reference=None)._evidence(moved, seed)
+            return attrs.evolve(self, reference=None)._evidence(moved, seed)
         parametric = self.model == "parametric"
         per_function = (
             2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1

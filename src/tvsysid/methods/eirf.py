@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar, Literal
+
+import attrs
 
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import (
@@ -24,7 +25,7 @@ Solving = Literal["mdl", "full", "lstsq"]
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class EnsembleIRF(Method):
     r"""A two-sided impulse response at each time, estimated across realizations alone.
 
@@ -82,7 +83,7 @@ class EnsembleIRF(Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag)
         check_choice(self, "solver", Solving)
         check_choice(self, "order", pseudoinverse.Order)

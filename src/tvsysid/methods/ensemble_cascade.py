@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
+import attrs
 import numpy as np
 
 from tvsysid.methods import base
@@ -21,7 +21,7 @@ from tvsysid.signals import Array, Ensemble
 ENOUGH = 500  # realizations that the literature asks for, at the least
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class EnsembleCascade(in_turn.InTurn):
     r"""Intrinsic and reflex response at each time, estimated across realizations, in turn.
 
@@ -79,7 +79,7 @@ class EnsembleCascade(in_turn.InTurn):
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2011",)
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
         in_turn.check_from_zero(self, self.memory, delay=self.delay)
         in_turn.check_from_zero(self, math.inf, window=self.window)

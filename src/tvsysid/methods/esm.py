@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, NamedTuple
 
+import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ WINDOWS = (
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class EnsembleSpectral(base.Method):
     r"""A frequency response at each time, from spectra of short segments averaged over realizations.
 
@@ -110,7 +110,7 @@ class EnsembleSpectral(base.Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("vanderuit2021",)
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, window=self.window)
         base.check_choice(self, "stiffness", Stiffness)
         if self.reference is not None:
@@ -221,7 +221,7 @@ class EnsembleSpectral(base.Method):
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         if self.reference is not None:
-            return replace(self, reference=None)._evidence(
+            return attrs.evolve(self, reference=None)._evidence(
                 shared.Instrument.of("esm", ensemble, self.reference).moved, seed
             )
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
@@ -230,7 +230,7 @@ class EnsembleSpectral(base.Method):
         return 1 / self.window, base.EXCITED_ABOVE
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class InstrumentalResponseModel(FrequencyResponseModel):
     """Frequency response by a reference: NaN where that does not move the angle.
 
@@ -402,7 +402,7 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     return np.where(np.isfinite(variance), variance, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class SegmentErrors:
     """Standard errors of the second-order fit to segments, and at 0 Hz.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
+import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ HARMONICS = 3  # with which stiffness and viscosity change where the inertia is 
 FEWEST = 3
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class ModalDecomposition(base.Method):
     r"""Stiffness of a lightly damped joint from the frequency and the decay with which it rings after impulses.
 
@@ -89,7 +89,7 @@ class ModalDecomposition(base.Method):
         "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
     )
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, window=self.window)
         if self.inertia is not None:
             base.check_positive(self, inertia=self.inertia)
@@ -204,7 +204,7 @@ class ModalDecomposition(base.Method):
         return math.inf, 0.0
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class ModalModel(Model):
     """Stiffness and viscosity where impulses tell them, and an inertia that is known."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
+import attrs
 import numpy as np
 
 from tvsysid.impedance import agreement, second_order_readout
@@ -20,7 +20,7 @@ DEGREE = 8  # of the polynomials
 FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sense
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class ParallelCascade(base.Method):
     r"""Intrinsic and reflex pathway of a joint that does not change, identified in turn.
 
@@ -90,7 +90,7 @@ class ParallelCascade(base.Method):
     uses_recorded_angle: ClassVar[bool] = True
     time_invariant: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
         base.check_choice(self, "nonlinearity", Nonlinearity)
 

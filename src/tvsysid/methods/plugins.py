@@ -12,7 +12,6 @@ import inspect
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from tvsysid.checked import settings_of as setting_values
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
@@ -235,7 +235,7 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
     except InputError as error:
         raise InputError(f"{what} {text!r}: {error}") from error
     if usual is not None:
-        values = {item.name: getattr(usual, item.name) for item in fields(usual)} | values
+        values = setting_values(usual) | values
     return _made(key, target, values, what)
 
 
@@ -308,10 +308,7 @@ def typed(method: Method) -> str:
     >>> typed(ShortDataSegments(window=0.2)), typed(KernelRegression())
     ('sds:window=0.2', 'kbr')
     """
-    usual, values = (
-        type(method)(),
-        {item.name: getattr(method, item.name) for item in fields(method)},
-    )
+    usual, values = type(method)(), setting_values(method)
     changed = {name: value for name, value in values.items() if value != getattr(usual, name)}
     words = [
         f"{name}={value if isinstance(value, str) else repr(value)}"

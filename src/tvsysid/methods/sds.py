@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -35,7 +35,7 @@ FEWEST_REALIZATIONS = (
 )
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class ShortDataSegments(Method):
     r"""A two-sided impulse response at each time, estimated across realizations and a short window of time.
 
@@ -90,7 +90,7 @@ class ShortDataSegments(Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2012", "vanderuit2021")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag, window=self.window)
         if self.reference is not None:
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
@@ -127,7 +127,7 @@ class ShortDataSegments(Method):
         model = shared.window_model(
             repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors
         )
-        return replace(model, diagnostics=instrument.seen(model.diagnostics))
+        return attrs.evolve(model, diagnostics=instrument.seen(model.diagnostics))
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -142,7 +142,7 @@ class ShortDataSegments(Method):
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         if self.reference is not None:
             moved = shared.Instrument.of("sds", ensemble, self.reference).moved
-            return replace(self, reference=None)._evidence(moved, seed)
+            return attrs.evolve(self, reference=None)._evidence(moved, seed)
         return tuning.evidence_by_halves(
             self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
         )
@@ -151,7 +151,7 @@ class ShortDataSegments(Method):
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class SegmentErrors:
     """Standard errors at the times whose windows hold samples enough to tell them.
 

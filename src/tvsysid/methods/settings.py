@@ -6,7 +6,6 @@ import ast
 import json
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from tvsysid.errors import InputError
@@ -51,7 +50,7 @@ def converted(target: Any, name: str, text: str) -> Any:
 
     own, hints = isinstance(target, type) and issubclass(target, Method), {}
     with suppress(Exception):  # names that are there for the type checker only
-        hints = get_type_hints(target, include_extras=True) if is_dataclass(target) else {}
+        hints = get_type_hints(target, include_extras=True)
     kind = (hints | (further_settings(target) if own else {})).get(name, Any)
     read, errors = _read(text, kind), []
     for value in (read, text):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
@@ -33,7 +33,7 @@ ON_GRID = 0.02
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class SkirtDecomposition(base.Method):
     r"""Response to each line of a multisine, whose change in time widens the line into a skirt.
 
@@ -84,7 +84,7 @@ class SkirtDecomposition(base.Method):
     cites: ClassVar[tuple[str, ...]] = ("lataire2012",)
     perturbation: ClassVar[str] = "multisine"
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if self.harmonics is not None:
             base.check_whole(self, 0, harmonics=self.harmonics)
         for frequency in self.frequencies or ():

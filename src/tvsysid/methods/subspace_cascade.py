@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,7 +43,7 @@ NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread
 COLOUR = 0.6  # s up to which the noise's autocorrelation counts
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class SubspaceCascade(Method):
     r"""Intrinsic and reflex stiffness, separated by orthogonal projection and subspace identification.
 
@@ -128,7 +128,7 @@ class SubspaceCascade(Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("jalaleddini2017", "jalaleddini2017segments")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         check_positive(self, delay=self.delay, horizon=self.horizon)
         if self.window is not None:
             check_positive(self, window=self.window)

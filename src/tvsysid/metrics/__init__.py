@@ -1,7 +1,8 @@
 """How good an identification is: one function a metric, and their catalogue."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+
+import attrs
 
 from tvsysid.metrics.errors import (
     Value,
@@ -39,7 +40,7 @@ __all__ += [
 __all__ += ["weighted_mean"]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Metric:
     """A row of the catalogue.
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import attrs
 import numpy as np
 import scipy
 from numpy.polynomial import chebyshev, legendre
@@ -83,7 +83,7 @@ def _check_count(basis: object, functions: int, least: int = 1) -> None:
         )
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class CubicBSplines:
     """Cubic B-splines on equal intervals, four functions at least.
 
@@ -99,7 +99,7 @@ class CubicBSplines:
     functions: int = 10
     periodic: bool = False
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         _check_count(self, self.functions, 4)
 
     def __call__(self, time: Array) -> Array:
@@ -115,7 +115,7 @@ class CubicBSplines:
         return np.asarray(scipy.interpolate.BSpline.design_matrix(time, knots, 3).toarray())
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class GaussianBumps:
     """Gaussian bumps at equal distances; what the Kearney lab's toolbox uses.
 
@@ -127,7 +127,7 @@ class GaussianBumps:
     width: float = 0.1
     periodic: bool = False
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         _check_count(self, self.functions)
         if not (math.isfinite(self.width) and self.width > 0):
             raise InputError(f"GaussianBumps: width must be a positive number, got {self.width!r}")
@@ -143,7 +143,7 @@ class GaussianBumps:
         )
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class HaarWavelets:
     """The constant and the first Haar wavelets: steps, for behaviour that switches.
 
@@ -161,7 +161,7 @@ class HaarWavelets:
     functions: int = 16
     periodic: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         _check_count(self, self.functions)
 
     def __call__(self, time: Array) -> Array:
@@ -176,14 +176,14 @@ class HaarWavelets:
         return values
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class FourierSeries:
     """The constant, and a cosine and a sine for each harmonic of the period: 2 x harmonics + 1 functions."""
 
     harmonics: int = 4
     periodic: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         _check_count(self, self.harmonics, 0)
 
     def __call__(self, time: Array) -> Array:
@@ -193,13 +193,13 @@ class FourierSeries:
         return np.concatenate([np.ones((len(time), 1)), math.sqrt(2) * waves], axis=1)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class _Polynomials:
     functions: int = 10
     periodic: ClassVar[bool] = False
     _vander: ClassVar[staticmethod[..., Any]]
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         _check_count(self, self.functions)
 
     def __call__(self, time: Array) -> Array:

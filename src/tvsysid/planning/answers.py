@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.checked import Frozen
@@ -79,7 +79,7 @@ class Verified(NamedTuple):
     trials: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Plan(Shown, Frozen):
     """How much must be recorded, in one or several setups, by one or several methods.
 
@@ -283,7 +283,9 @@ def plan(
             found = curves_of(each, chosen, most[label], draws, seed, advance)
             if isinstance(each, Pilot):
                 own = excess[id(each.recorded)]  # whatever is planned from a pilot
-                found = {name: replace(curve, excess=own[name]) for name, curve in found.items()}
+                found = {
+                    name: attrs.evolve(curve, excess=own[name]) for name, curve in found.items()
+                }
             curves |= {(label, method): curve for method, curve in found.items()}
             needed = {
                 name: curve.needed(precision / HALF, BEYOND * most[label])

@@ -6,10 +6,10 @@ import math
 import warnings
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 import scipy
 
@@ -47,7 +47,7 @@ class Errors(NamedTuple):
         return math.hypot(self.random, self.bias)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Curve:
     """Errors of one method in ensembles of some numbers of ``realizations``, from so many ``draws`` of each.
 

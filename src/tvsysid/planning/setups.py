@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import attrs
 import numpy as np
 import scipy
 from scipy.fft import irfft, next_fast_len, rfftfreq
 
-from tvsysid.checked import checked_rate
+from tvsysid.checked import checked_rate, settings_of, with_settings
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import AdaptiveRegression, KernelRegression, found_as, label_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
@@ -55,7 +55,7 @@ class Simulated(NamedTuple):
     stiffness: Array
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Protocol:
     """A stated joint, and how it would be recorded.
 
@@ -88,7 +88,7 @@ class Protocol:
     period: float = 2.0
     rate: float = 100.0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         checked_rate(self.rate)
         for name in ("amplitude", "period", *(["noise"] if self.noise is not None else [])):
             positive(name, getattr(self, name))
@@ -104,13 +104,13 @@ class Protocol:
             profile = found_as(self.stiffness, PROFILES, "profile")
             if isinstance(profile, (SineWave, SquareWave)):
                 stretch = self.period / profile.period
-                profile = replace(profile, period=self.period, offset=profile.offset * stretch)
-            if not (is_dataclass(system) and hasattr(system, "stiffness")):
+                profile = attrs.evolve(profile, period=self.period, offset=profile.offset * stretch)
+            if "stiffness" not in settings_of(system):
                 raise InputError(
                     f"stiffness: {label_of(self.system)} takes none; give None, and set it in the "
                     "system"
                 )
-            system = replace(system, stiffness=profile)  # type: ignore[type-var]
+            system = with_settings(system, stiffness=profile)
         return system, found_as(self.perturbation, PERTURBATIONS, "perturbation")
 
     def _made(self, duration: float, snr_db: float, seed: int) -> Simulation:
@@ -147,10 +147,10 @@ class Protocol:
         if self.stiffness is None:
             return None
         low, high = _levels(self._parts[0].stiffness(np.arange(0, self.period, 1 / self.rate)))
-        return replace(self, stiffness=SquareWave(low, high, self.period, self.period / 4))
+        return attrs.evolve(self, stiffness=SquareWave(low, high, self.period, self.period / 4))
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Pilot:
     """What a pilot recording shows of joint, noise and perturbation: enough to simulate more of the same.
 
@@ -232,7 +232,7 @@ class Pilot:
             recorded,
         )
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if self.perturbation is not None:
             found_as(self.perturbation, PERTURBATIONS, "perturbation")
 
@@ -289,13 +289,17 @@ class Pilot:
 
     def as_recorded(self) -> Pilot:
         """With the recorded perturbation, whatever else is planned."""
-        return replace(self, perturbation=None, amplitude=_rms(self.movement, self.frequencies))
+        return attrs.evolve(
+            self, perturbation=None, amplitude=_rms(self.movement, self.frequencies)
+        )
 
     def stepped(self) -> Pilot:
         """The same with a stiffness that steps up and down between the pilot's extremes."""
         low, high = _levels(self.stiffness)
         time = np.arange(len(self.stiffness)) / self.sampling_rate
-        return replace(self, stiffness=SquareWave(low, high, self.period, self.period / 4)(time))
+        return attrs.evolve(
+            self, stiffness=SquareWave(low, high, self.period, self.period / 4)(time)
+        )
 
 
 Setup = Protocol | Pilot

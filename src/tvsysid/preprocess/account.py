@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Account:
     """What became of each realization that a step, or a chain of steps, was given.
 
@@ -38,8 +38,8 @@ class Account:
     limits: Array
     units: NDArray[np.str_]
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
+    def __attrs_post_init__(self) -> None:
+        for field in attrs.fields(type(self)):
             object.__setattr__(self, field.name, frozen(getattr(self, field.name)))
 
     @classmethod
@@ -115,7 +115,7 @@ class Account:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Step:
     """One step that excludes realizations: what it judged, by which limits, what it left.
 

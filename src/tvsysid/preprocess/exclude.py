@@ -6,8 +6,8 @@ Exclude those far off or unlike the rest.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -75,13 +75,13 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
 
     signals = every_signal(ensemble, moved)
     signals["channels"][reference] = ensemble.channels[reference][:, reach : reach + left]
-    aligned = replace(
+    aligned = attrs.evolve(
         ensemble,
         **signals,
         context=ensemble.context - reach,
         onsets=ensemble.onsets + shifts / rate,
     )
-    account = replace(
+    account = attrs.evolve(
         Account.of(ensemble, "alignment", np.abs(shifts) / rate, max_shift, "s"),
         shifts=shifts / rate,
     )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import attrs
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
@@ -86,4 +85,4 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
     def without(values: Array) -> Array:
         return np.concatenate([less_line(values[trial]) for trial in recording.trials])
 
-    return replace(recording, **every_signal(recording, without))
+    return attrs.evolve(recording, **every_signal(recording, without))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 
 from tvsysid.preprocess.account import Account, Step
@@ -15,7 +15,7 @@ from tvsysid.showing import Shown
 from tvsysid.signals import Ensemble, Recording
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Preparation(Shown):
     """An ensemble ready for identification, and how it came about.
 

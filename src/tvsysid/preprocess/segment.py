@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import TypedDict
 
+import attrs
 import numpy as np
 
 from tvsysid.checked import checked_rate
@@ -135,10 +135,10 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
 
     starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
     recorded = np.concatenate([_recorded(recording, trial, factor) for trial in recording.trials])
-    lowered = every_signal(replace(recording, recorded_angle=None), lower) | {
+    lowered = every_signal(attrs.evolve(recording, recorded_angle=None), lower) | {
         "recorded_angle": recorded
     }
-    return replace(recording, **lowered, sampling_rate=rate, trial_starts=starts)
+    return attrs.evolve(recording, **lowered, sampling_rate=rate, trial_starts=starts)
 
 
 def _recorded(recording: Recording, trial: slice, factor: int) -> Array:
@@ -212,7 +212,7 @@ def align_channels(recording: Recording, delay: float) -> Recording:
     signals["torque"] = np.concatenate(
         [earlier(recording.torque[trial]) for trial in recording.trials]
     )
-    return replace(
+    return attrs.evolve(
         recording,
         **signals,
         start=recording.start + head / recording.sampling_rate,
@@ -252,7 +252,7 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
         return np.concatenate([x[trial] for trial in inner])
 
     starts = _starts(trial.stop - trial.start for trial in inner)
-    return replace(
+    return attrs.evolve(
         recording,
         **every_signal(recording, trimmed),
         start=-kept_outside / rate,
@@ -447,7 +447,7 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
     changes = pair | {"recorded_angle": ensemble.angle_as_recorded}
-    return replace(
+    return attrs.evolve(
         ensemble, **changes, channels={**ensemble.channels, **deviations}, mean_subtracted=True
     )
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
+import attrs
 import numpy as np
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
@@ -17,7 +16,7 @@ SEGMENT, WELCH = (
 FARTHEST = 0.3  # lags in s that are shown, to either side
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Curves:
     """Spectra, coherence, stiffness and correlations of an ensemble.
 
@@ -63,8 +62,8 @@ class Curves:
     correlation: Array
     chance: Array
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
+    def __attrs_post_init__(self) -> None:
+        for field in attrs.fields(type(self)):
             getattr(self, field.name).flags.writeable = False
 
 

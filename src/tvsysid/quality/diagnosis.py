@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -43,7 +43,7 @@ LAGS = 0.12
 HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Finding:
     """One thing that was looked at in an ensemble, and what was seen.
 
@@ -121,7 +121,7 @@ class Finding:
         return f"Finding({self.name}: {self.state}; {self.what})"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Diagnosis(Shown):
     """What was looked at in an ensemble, and what is wrong with it.
 
@@ -275,7 +275,7 @@ def diagnose(
             "with a shorter period"
         )
     channels = {} if reference is None else {reference: ensemble.signal(reference)}
-    data = FittedEnsemble.of(replace(ensemble, channels=channels))
+    data = FittedEnsemble.of(attrs.evolve(ensemble, channels=channels))
     known = known_samples(data.ensemble.samples, data.ensemble.context)
     if known < SHORTEST:
         context = f"{HALF_WIDTH / data.rate:g} s of context"

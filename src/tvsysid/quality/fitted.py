@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, gaussian_filter1d
@@ -53,7 +53,7 @@ def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
     return tuple(np.flatnonzero(concerned).tolist())
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class SecondOrder:
     r"""Fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta` by least squares, with k and b free in bins.
 
@@ -205,7 +205,7 @@ def _constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class FittedEnsemble:
     """An ensemble as the checks see it: what the user gave, and the same at some 100 Hz."""
 
@@ -412,7 +412,7 @@ class FittedEnsemble:
         if not angle.any() and not torque.any():
             return self
         given = self.ensemble
-        level = replace(
+        level = attrs.evolve(
             given, angle=given.angle - angle[:, None], torque=given.torque - torque[:, None]
         )
         return FittedEnsemble(self.given, level)
@@ -425,4 +425,6 @@ class FittedEnsemble:
             return self
         timely = every_signal(given, lambda values: values[:, cut : width - cut])
         timely["torque"] = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
-        return FittedEnsemble(self.given, replace(given, **timely, context=given.context - cut))
+        return FittedEnsemble(
+            self.given, attrs.evolve(given, **timely, context=given.context - cut)
+        )

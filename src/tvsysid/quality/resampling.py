@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+import attrs
 import numpy as np
 import scipy
 
@@ -62,10 +62,10 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     low = decimate(whole, rate / factor)
     assert low.recorded_angle is not None
     lower = every_signal(
-        replace(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1)
+        attrs.evolve(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1)
     )
     lower["recorded_angle"] = low.recorded_angle.reshape(*lower["angle"].shape, -1)
-    return replace(ensemble, **lower, sampling_rate=rate / factor, context=context // factor)
+    return attrs.evolve(ensemble, **lower, sampling_rate=rate / factor, context=context // factor)
 
 
 def _resampled(ensemble: Ensemble) -> Ensemble | None:
@@ -92,5 +92,5 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
             scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places)
         )
 
-    signals = every_signal(replace(ensemble, recorded_angle=None), lower)
-    return replace(ensemble, **signals, context=margin, sampling_rate=rate / step)
+    signals = every_signal(attrs.evolve(ensemble, recorded_angle=None), lower)
+    return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)

@@ -7,9 +7,10 @@ import re
 import warnings
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 
-from tvsysid.checked import Frozen
+import attrs
+
+from tvsysid.checked import Frozen, settings_of
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import DEFAULT_METHODS, Tuned, key_of, parse
 from tvsysid.methods.apply import Identifies
@@ -30,7 +31,7 @@ MAY_BE_A_LOOP = (
 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Recommendation(Frozen):
     """Which method suits an ensemble, and why.
 
@@ -233,9 +234,11 @@ def _alike(wanted: Identifies, method: object) -> bool:
     own, other = (
         getattr(each, "method", each) for each in (wanted, method)
     )  # of a tuned one, what is tuned
-    usual = vars(type(own)())
+    usual = settings_of(type(own)())
     return type(other) is type(own) and all(
-        vars(other)[name] == each for name, each in vars(own).items() if each != usual.get(name)
+        getattr(other, name) == each
+        for name, each in settings_of(own).items()
+        if each != usual.get(name)
     )
 
 

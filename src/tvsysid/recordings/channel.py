@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -34,7 +34,7 @@ UNEVEN = "values at times that are not evenly spaced"
 TIMES_ITS_SIZE = 3  # values as read, as columns of trials one after the other, and in SI units
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Channel:
     """A variable or column of a file, with what the file states of it.
 
@@ -62,8 +62,8 @@ class Channel:
     unit: str = ""
     sampling_rate: float | None = None
     trial_starts: tuple[int, ...] = ()
-    values: Callable[[], NDArray[Any]] | None = field(default=None, repr=False, compare=False)
-    held: bool = field(default=False, repr=False, compare=False)
+    values: Callable[[], NDArray[Any]] | None = attrs.field(default=None, repr=False, eq=False)
+    held: bool = attrs.field(default=False, repr=False, eq=False)
 
     @property
     def size(self) -> int:
@@ -116,7 +116,9 @@ def stored(
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
     """Channel of values that are read already."""
     array = np.asarray(values)
-    return replace(stored(array.shape, array.dtype, lambda: array, unit, sampling_rate), held=True)
+    return attrs.evolve(
+        stored(array.shape, array.dtype, lambda: array, unit, sampling_rate), held=True
+    )
 
 
 def _kind_of(dtype: np.dtype[Any]) -> str:
@@ -197,7 +199,7 @@ def with_rates(channels: Mapping[str, Channel]) -> dict[str, Channel]:
     return {
         name: channel
         if channel.sampling_rate is not None or math.prod(channel.shape) <= 1
-        else replace(channel, sampling_rate=rates.get(_split(name)[0], rates.get("")))
+        else attrs.evolve(channel, sampling_rate=rates.get(_split(name)[0], rates.get("")))
         for name, channel in channels.items()
     }
 

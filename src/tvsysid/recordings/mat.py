@@ -8,10 +8,10 @@ import warnings
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import attrs
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -198,7 +198,7 @@ def _cut(
             values.shape[:1], "a segdat with segments that its samples do not have", unit
         )
     channel = in_memory(np.concatenate([values[span, number] for span in spans]), unit, rate)
-    return replace(
+    return attrs.evolve(
         channel, trial_starts=(0, *np.cumsum(lengths)[:-1].tolist()) if len(spans) > 1 else ()
     )
 

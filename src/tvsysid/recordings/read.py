@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.checked import checked_array
@@ -119,7 +119,7 @@ def read_recording(
     return recording
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class _Request:
     """What the caller says of a file; nothing of it is guessed."""
 
@@ -130,11 +130,11 @@ class _Request:
     torque_sign: Literal[1, -1] = 1
     columns: Columns = "contiguous"
     start: float = 0.0
-    channels: Mapping[str, str] = field(default_factory=dict)
+    channels: Mapping[str, str] = attrs.field(factory=dict)
     header: bool = True
     torque_unit: Literal["Nm", "Nmm"] = "Nm"
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         for what, unit, known in (
             ("angle", self.angle_unit, ANGLE_UNITS),
             ("torque", self.torque_unit, TORQUE_UNITS),

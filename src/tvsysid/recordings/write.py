@@ -10,11 +10,11 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +28,7 @@ LONGEST_NAME = (
 )
 UNITS = {"angle": "rad", "torque": "N m"}
 RESERVED = {"time", "realization", "trial", "tvsysid"}
-RESERVED |= {item.name for kind in (Recording, Ensemble) for item in fields(kind)}
+RESERVED |= {item.name for kind in (Recording, Ensemble) for item in attrs.fields(kind)}
 
 
 @contextmanager

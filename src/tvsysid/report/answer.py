@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.comparison import Comparison
@@ -36,7 +36,7 @@ EXPLAINED = {
 EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five folds held out"}
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Account:
     """All that is known of an identification.
 
@@ -49,10 +49,10 @@ class Account:
     """
 
     found: Comparison
-    held_out: Mapping[str, Array] = field(default_factory=dict)
+    held_out: Mapping[str, Array] = attrs.field(factory=dict)
     diagnosis: Diagnosis | None = None
     undiagnosed: str = "nobody looked"
-    source: Mapping[str, str] = field(default_factory=dict)
+    source: Mapping[str, str] = attrs.field(factory=dict)
     turned: Sequence[str] = ()
     unnamed_references: Sequence[str] = ()
 

@@ -6,9 +6,10 @@ import base64
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
+
+import attrs
 
 from tvsysid import __version__
 from tvsysid.errors import printable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 Kind = Literal["", "number", "label", "long", "verdict"]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Cell:
     """A number as text, and for sorting; ``value`` is None where there is none."""
 
@@ -29,7 +30,7 @@ class Cell:
     value: float | None
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Column:
     """Column of a table.
 
@@ -46,7 +47,7 @@ def columns(kinds: Mapping[str, Kind]) -> list[Column]:
     return [Column(heading, kind=kind) for heading, kind in kinds.items()]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Row:
     """Row of a table, a cell for each column; the first one is its heading.
 
@@ -58,7 +59,7 @@ class Row:
     total: bool = False
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Table:
     """Table with a caption in full sentences.
 
@@ -75,11 +76,11 @@ class Table:
     anchor: str = ""
     sortable: bool = False
     narrow: bool = False
-    groups: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, str] = attrs.field(factory=dict)
     chosen: str = ""
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Heading:
     """Heading within a section."""
 
@@ -89,7 +90,7 @@ class Heading:
     level: int = 3
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Bullets:
     """List of short texts."""
 
@@ -97,7 +98,7 @@ class Bullets:
     items: Sequence[str]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Box:
     """Paragraphs that stand out."""
 
@@ -105,7 +106,7 @@ class Box:
     paragraphs: Sequence[str]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Code:
     """Something to type, with its name for a screen reader."""
 
@@ -114,7 +115,7 @@ class Code:
     text: str
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Fold:
     """Blocks that are shown on demand."""
 
@@ -123,7 +124,7 @@ class Fold:
     blocks: Sequence[Block]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Figure:
     """Picture with its title and description.
 
@@ -146,7 +147,7 @@ Block = str | Table | Heading | Bullets | Box | Code | Fold | Figure
 """A piece of a section; text is a paragraph, escaped unless it is ``markupsafe.Markup``."""
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Section:
     """Part of a page with a heading; the page's contents call it ``contents``, or by its title."""
 
@@ -157,7 +158,7 @@ class Section:
     wide: bool = False
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Page:
     """A whole page, with the version of this package that its results came from.
 

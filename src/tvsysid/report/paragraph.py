@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
 
 import numpy as np
 
 from tvsysid import __version__
+from tvsysid.checked import settings_of as setting_values
 from tvsysid.comparison import FOLDS
 from tvsysid.figures.words import count
 from tvsysid.methods.apply import Identifies
@@ -58,9 +58,7 @@ def settings_of(method: Identifies) -> str:
     Those of None are left out: they turn something off, or let the method find a value.
     """
     own = method.method if isinstance(method, Tuned) else method
-    if not is_dataclass(own):
-        return ""
-    values = {item.name: getattr(own, item.name) for item in fields(own) if item.repr}
+    values = setting_values(own)
     return ", ".join(
         f"{name}={_short(value)}" for name, value in values.items() if value is not None
     )

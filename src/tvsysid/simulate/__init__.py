@@ -62,6 +62,6 @@ SYSTEMS: dict[str, Joint] = {
 }
 """Systems by name.
 
-Each is a dataclass with fields ``stiffness``, ``viscosity`` and ``inertia``, so that
-``dataclasses.replace(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with
+Each has fields ``stiffness``, ``viscosity`` and ``inertia``, so that
+``attrs.evolve(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with
 another profile."""

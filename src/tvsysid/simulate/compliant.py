@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal, get_args
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -23,7 +23,7 @@ STIFF = 0.1  # squared natural frequency times step, beyond which an actuator co
 QUANTITIES = ("stiffness", "viscosity", "inertia")
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class CompliantActuator(Joint):
     r"""A joint in closed loop: its torque moves the actuator, or whatever load it is on.
 
@@ -74,8 +74,8 @@ class CompliantActuator(Joint):
     noise_bandwidth: float = BANDWIDTH
     disturbance: Disturbance = "angle"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         if self.disturbance not in get_args(Disturbance):
             raise InputError(
                 "CompliantActuator: disturbance must be 'angle' or 'torque', got "

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
+import attrs
 import numpy as np
 import scipy
 from numpy.polynomial import Polynomial
@@ -25,7 +25,7 @@ EMG_LEAD = 0.010  # seconds from EMG to force
 Relation = Callable[[Array], Array]  # of a variable's values, to one number for each
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Joint:
     r"""A joint whose torque answers an imposed angle.
 
@@ -54,11 +54,11 @@ class Joint:
     pathways intrinsic)
     """
 
-    stiffness: Profile = field(default_factory=SquareWave)
+    stiffness: Profile = attrs.field(factory=SquareWave)
     viscosity: float | Profile = 2.2
     inertia: float = 0.02
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         name = type(self).__name__
         checked_profile(name, "stiffness", self.stiffness)
         checked_profile(name, "viscosity", self.viscosity, number=True)
@@ -124,7 +124,7 @@ class Joint:
         }
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class StretchReflex:
     r"""Torque of a muscle that answers the velocity of stretch some time later.
 
@@ -145,7 +145,7 @@ class StretchReflex:
     direction: int = 1
     gain_after: bool = False
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if not callable(self.frequency):
             positive("StretchReflex", frequency=self.frequency)
         positive("StretchReflex", damping=self.damping)
@@ -195,7 +195,7 @@ class StretchReflex:
         return np.asarray(moved[0, 0])
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class ReflexJoint(Joint):
     r"""A joint with a stretch reflex, whose angle is imposed.
 
@@ -231,11 +231,11 @@ class ReflexJoint(Joint):
     """
 
     reflex_gain: float | Profile = 8.0
-    reflex: StretchReflex = field(default_factory=StretchReflex)
+    reflex: StretchReflex = attrs.field(factory=StretchReflex)
     noise_bandwidth: float = BANDWIDTH
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         checked_profile("ReflexJoint", "reflex_gain", self.reflex_gain, number=True)
         positive("ReflexJoint", noise_bandwidth=self.noise_bandwidth)
         if not isinstance(self.reflex, StretchReflex):
@@ -260,7 +260,7 @@ class ReflexJoint(Joint):
         )
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class ScheduledJoint(Joint):
     r"""A joint whose stiffness follows a measured variable, such as EMG, that differs from realization to realization.
 
@@ -303,19 +303,21 @@ class ScheduledJoint(Joint):
     ['emg']
     """
 
-    stiffness: Profile = field(default_factory=SineWave)
-    relation: Relation = field(default_factory=lambda: Polynomial([20.0, 200.0]))
+    stiffness: Profile = attrs.field(factory=SineWave)
+    viscosity: float | Profile = 2.2
+    inertia: float = 0.02
+    relation: Relation = attrs.field(factory=lambda: Polynomial([20.0, 200.0]))
     variation: float = 0.3
     interval: float = 2.0
     variable: str = "emg"
     schedule: Profile | None = None
     viscosity_relation: Relation | None = None
     gain_relation: Relation | None = None
-    reflex: StretchReflex = field(default_factory=StretchReflex)
+    reflex: StretchReflex = attrs.field(factory=StretchReflex)
     noise_bandwidth: float = BANDWIDTH
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         for name in ("relation", "schedule", "viscosity_relation", "gain_relation"):
             value = getattr(self, name)
             if not callable(value) and (name == "relation" or value is not None):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ FLUCTUATION_BANDWIDTH = 3.0  # cut-off in Hz of the fluctuations of voluntary to
 MEMORY = 0.9  # how much of the drift in amplitude is left after a period
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Traits:
     """What makes one person differ from another.
 
@@ -66,7 +66,7 @@ class Traits:
     weak: float
     twitches: float
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         positive(
             "Traits",
             **{
@@ -74,7 +74,7 @@ class Traits:
                 for name in ("maximal_torque", "inertia", "passive_stiffness")
             },
         )
-        not_negative("Traits", **vars(self))
+        not_negative("Traits", **attrs.asdict(self))
 
     @classmethod
     def of(cls, number: int) -> Traits:
@@ -120,7 +120,7 @@ def streams_of(number: int) -> list[np.random.Generator]:
         ) from error
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Participant:
     r"""A virtual person who follows a target torque while the ankle is perturbed.
 
@@ -159,7 +159,7 @@ class Participant:
     number: int
     traits: Traits = None  # type: ignore[assignment]  # replaced by the person's own
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         streams_of(self.number)
         if self.traits is None:
             object.__setattr__(self, "traits", Traits.of(self.number))

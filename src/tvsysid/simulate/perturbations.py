@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
+import attrs
 import numpy as np
 import scipy
 
@@ -41,13 +41,13 @@ def generated(
     return np.asarray(values)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class FilteredNoise:
     """White noise through a second-order low-pass Butterworth filter, with its -3 dB frequency ``cutoff`` in Hz."""
 
     cutoff: float = 5.0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         positive("FilteredNoise", cutoff=self.cutoff)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
@@ -63,7 +63,7 @@ class FilteredNoise:
         )
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class PRBS:
     """Pseudo-random binary sequence: each ``switch_interval`` (s) takes one of two levels with equal probability.
 
@@ -74,7 +74,7 @@ class PRBS:
 
     switch_interval: float = 0.147
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         positive("PRBS", switch_interval=self.switch_interval)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
@@ -95,7 +95,7 @@ class PRBS:
         return np.repeat(levels, lengths)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Pulses:
     """Pulses to either side with rests between them, as the ankle is often perturbed while its muscles contract.
 
@@ -109,7 +109,7 @@ class Pulses:
     interval: float = 0.5
     variation: float = 0.2
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         positive("Pulses", duration=self.duration, interval=self.interval)
         not_negative("Pulses", variation=self.variation)
         if self.duration >= self.interval or self.variation >= 1:
@@ -136,7 +136,7 @@ class Pulses:
         return np.repeat(levels.ravel(), shown)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Multisine:
     """Sum of sines of equal amplitude at these ``frequencies`` in Hz, each at a random phase.
 
@@ -149,7 +149,7 @@ class Multisine:
 
     frequencies: tuple[float, ...] = (1.2, 5.2, 9.2, 13.2, 17.2)
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if not self.frequencies:
             raise InputError("Multisine: frequencies must be numbers of hertz, got none")
         for frequency in self.frequencies:

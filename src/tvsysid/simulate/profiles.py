@@ -6,8 +6,8 @@ These are the usual ones.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +18,13 @@ from tvsysid.simulate.settings import finite, is_number, positive
 Profile = Callable[[Array], Array]  # of times in s, to one number for each
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Constant:
     """The same value at all times, in N·m/rad for stiffness, N·m·s/rad for viscosity."""
 
     value: float = 100.0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         finite("Constant", value=self.value)
 
     @property
@@ -37,7 +37,7 @@ class Constant:
         return np.full(np.shape(time), self.value)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class SquareWave:
     """Low, then high for half a period, then low: the most sudden change.
 
@@ -54,7 +54,7 @@ class SquareWave:
     period: float = 2.0
     offset: float = 0.5
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         finite("SquareWave", low=self.low, high=self.high, offset=self.offset)
         positive("SquareWave", period=self.period)
 
@@ -65,7 +65,7 @@ class SquareWave:
         return np.where(phase < 0.5, self.high, self.low)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class SineWave:
     """Sinusoid about a mean, both in N·m/rad, of a period in s: the usual voluntary modulation.
 
@@ -77,7 +77,7 @@ class SineWave:
     period: float = 2.0
     offset: float = 0.0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         finite("SineWave", mean=self.mean, amplitude=self.amplitude, offset=self.offset)
         positive("SineWave", period=self.period)
 
@@ -87,7 +87,7 @@ class SineWave:
         return np.asarray(self.mean + self.amplitude * np.sin(phase))
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class CovaryingViscosity:
     """Viscosity that rises and falls with a stiffness, a profile in N·m/rad.
 
@@ -104,7 +104,7 @@ class CovaryingViscosity:
     low: float = 1.0
     high: float = 3.0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if not callable(self.stiffness):
             raise InputError(
                 f"CovaryingViscosity: stiffness must be a callable of time, got {self.stiffness!r}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import reduce
 
+import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ MARGIN = 1.0
 RUN_IN = 1.0
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Setup:
     """What is asked of a system, checked once; its name is for messages."""
 
@@ -38,7 +38,7 @@ class Setup:
     seed: Seed
     rate: float
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         rate, name = checked_rate(self.rate), self.system
         object.__setattr__(self, "rate", rate)
         if rate <= 2 * BANDWIDTH:

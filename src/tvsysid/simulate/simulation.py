@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import reduce
-from types import MappingProxyType
 from typing import Protocol
 
+import attrs
 import numpy as np
 
 from tvsysid.checked import Frozen, checked_array
@@ -35,7 +34,7 @@ class System(Protocol):
         ...  # pragma: no cover
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@attrs.frozen(eq=False, repr=False)
 class Simulation(Shown, Frozen):
     """A simulated recording and the truth about it, sample by sample.
 
@@ -54,7 +53,7 @@ class Simulation(Shown, Frozen):
     truth: Mapping[str, Array]
     pathways: Mapping[str, Array]
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         for kind in ("truth", "pathways"):
             checked = {}
             for name, values in getattr(self, kind).items():
@@ -65,7 +64,7 @@ class Simulation(Shown, Frozen):
                         f"{len(self.recording)} samples, "
                         f"got {len(checked[name])}"
                     )
-            object.__setattr__(self, kind, MappingProxyType(checked))
+            object.__setattr__(self, kind, checked)
         if not self.pathways:
             raise InputError(
                 "pathways: expected the noiseless torque of one pathway at least, got none"
@@ -82,7 +81,7 @@ class Simulation(Shown, Frozen):
     @property
     def noiseless(self) -> Recording:
         """The same recording with the sum of the pathways as its torque."""
-        return replace(self.recording, torque=reduce(np.add, self.pathways.values()))
+        return attrs.evolve(self.recording, torque=reduce(np.add, self.pathways.values()))
 
     def truth_of(self, ensemble: Ensemble) -> dict[str, Array]:
         """Truth at each sample of an ensemble that was cut from the recording: (realization, samples), by quantity.

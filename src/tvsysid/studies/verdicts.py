@@ -9,9 +9,9 @@ jointly (Bonferroni). It is undecided otherwise.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +38,7 @@ class Margin(Protocol):
         """
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Claim:
     """A sentence of the paper with its section, and how to hold it against figures.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -156,7 +156,7 @@ SCHEDULED_OF_ANALYSIS = {
 }
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Layout:
     """What the store of a study holds.
 
@@ -172,7 +172,7 @@ class Layout:
     fixed: tuple[Fixed, ...]
     measured: Mapping[str, Variable]
     coordinates: tuple[str, ...]
-    identity: Mapping[str, tuple[Mapping[str, object], str]] = field(default_factory=dict)
+    identity: Mapping[str, tuple[Mapping[str, object], str]] = attrs.field(factory=dict)
 
     @property
     def number(self) -> int:

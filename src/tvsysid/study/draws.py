@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -16,7 +16,7 @@ from tvsysid.study import task
 from tvsysid.study.task import Known, Outcome, Row
 
 
-@dataclass(frozen=True, kw_only=True)
+@attrs.frozen(kw_only=True)
 class DrawsTask(task.Task):
     """Draws of so many realizations from one recording, identified by the one method there is.
 

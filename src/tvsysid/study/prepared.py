@@ -7,9 +7,9 @@ import hashlib
 import os
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
@@ -30,7 +30,7 @@ TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 """Channels that pass through the preparation: the torque, which loses its mean there, and the noiseless pathways."""
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Prepared:
     """One recording, ready for identification.
 
@@ -160,7 +160,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     )
     return Prepared(
         recorded=recorded,
-        ensemble=replace(
+        ensemble=attrs.evolve(
             ensemble,
             channels={name: ensemble.channels[name] for name in needed},
             recorded_angle=ensemble.recorded_angle if rectified else None,
@@ -216,7 +216,9 @@ def _recording(
 
 
 def _with_torque(recording: Recording, beside: dict[str, Array]) -> Recording:
-    return replace(recording, channels={**recording.channels, TORQUE: recording.torque} | beside)
+    return attrs.evolve(
+        recording, channels={**recording.channels, TORQUE: recording.torque} | beside
+    )
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
+import attrs
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
@@ -115,7 +115,7 @@ class Recorded(NamedTuple):
         return not self.files
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Analysis:
     """A method with a number of realizations."""
 
@@ -130,7 +130,7 @@ class Analysis:
         return f"{self.name}-{self.realizations}"
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class _OfStore:
     """What the methods of a stored experiment need of its recordings."""
 
@@ -367,7 +367,7 @@ class Experiment(StudySettings):
             item for method in self.named_methods.values() for item in inputs_of(method)
         )
         return json.dumps(
-            settings | ({"inputs": [asdict(item) for item in inputs]} if inputs else {})
+            settings | ({"inputs": [attrs.asdict(item) for item in inputs]} if inputs else {})
         )
 
     @classmethod

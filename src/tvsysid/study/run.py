@@ -7,9 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.showing import reported
@@ -135,7 +136,7 @@ def read_results(path: str | Path) -> xr.Dataset:
     return with_recordings(results, recordings_in(store, results))
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Plan:
     """What a study will take.
 

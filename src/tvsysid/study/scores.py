@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
 from functools import cache, cached_property, reduce
 from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ SCORED = (
 """Variables of a study that metrics are made from."""
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Cell:
     """What the trials of one method in one scenario gave of one quantity.
 
@@ -380,7 +380,7 @@ def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Val
         values["random_error"] = np.nan  # one trial has no spread that could be told
         yield from ((name, value, np.nan) for name, value in values.items())
         return
-    drawn = replace(cell, weights=weights)
+    drawn = attrs.evolve(cell, weights=weights)
     found = {name: drawn.measured(name) for name in names if name != "debiased_bias_error"}
     _undraw(found, len(cell.estimates))
     yield from ((name, value, found[name]) for name, value in values.items())

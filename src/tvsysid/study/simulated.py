@@ -7,13 +7,13 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from tvsysid.checked import settings_of, with_settings
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
@@ -341,7 +341,7 @@ class Study(_Grid, StudySettings):
     def _as_taken(self, scenario: Scenario) -> Scenario:
         """The scenario, without what its system does not take."""
         system = self.parts[f"system {scenario.system}"]
-        takes = {item.name for item in fields(system)} if is_dataclass(system) else set()
+        takes = settings_of(system).keys()
         return scenario._replace(
             stiffness=scenario.stiffness if "stiffness" in takes else OWN,
             viscosity=scenario.viscosity if {"stiffness", "viscosity"} <= takes else OWN,
@@ -354,7 +354,7 @@ class Study(_Grid, StudySettings):
             changes["stiffness"] = self.parts[f"stiffness {scenario.stiffness}"]
         if scenario.viscosity == "covarying":
             changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
-        return replace(system, **changes) if changes else system, self.parts[
+        return with_settings(system, **changes) if changes else system, self.parts[
             f"perturbation {scenario.perturbation}"
         ]
 

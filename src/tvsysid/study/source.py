@@ -6,10 +6,10 @@ import json
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
+from tvsysid.checked import settings_of
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.study.contents import RECORDINGS, Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
@@ -65,10 +65,7 @@ class Simulations(Source):
         label = scenario.label
         if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
-            names: list[str] = (
-                [item.name for item in fields(system)] if is_dataclass(system) else []
-            )
-            parts = (system, perturbation, *(getattr(system, name) for name in names))
+            parts = (system, perturbation, *settings_of(system).values())
             self._simulated[scenario] = pickled({label: (system, perturbation)}, "scenario", parts)[
                 label
             ]

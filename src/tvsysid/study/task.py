@@ -11,13 +11,13 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import attrs
 import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ def versions() -> dict[str, str]:
     return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
 
-@dataclass(frozen=True, kw_only=True)
+@attrs.frozen(kw_only=True)
 class Task(ABC):
     """One unit of work of a study, which travels to a worker as it is; its label is for messages.
 
@@ -72,8 +72,8 @@ class Task(ABC):
     label: str
     methods: Mapping[str, bytes]
     shapes: Shapes
-    versions: Mapping[str, str] = field(default_factory=versions)
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = attrs.field(factory=versions)
+    left_out: Mapping[str, str] = attrs.field(factory=dict)
 
     @abstractmethod
     def work(self) -> Outcome:

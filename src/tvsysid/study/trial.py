@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import attrs
 import cloudpickle
 import numpy as np
 
@@ -64,7 +64,7 @@ class Setting(NamedTuple):
             if name in simulation.pathways
         }
         cut = self.cut(
-            replace(simulation.noiseless, channels=beside)
+            attrs.evolve(simulation.noiseless, channels=beside)
         )  # a pathway may be at rest, a torque may not
         torques = {name: np.asarray(cut.signal(name)[:, cut.core]) for name in ("torque", *beside)}
         return (
@@ -74,7 +74,7 @@ class Setting(NamedTuple):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@attrs.frozen(kw_only=True)
 class Trial(task.Task):
     """One trial of one scenario, as sent to a worker.
 

@@ -17,10 +17,11 @@ from concurrent.futures import (
 )
 from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from functools import partial
 from itertools import islice
 from typing import Any
+
+import attrs
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.study.source import Source
@@ -56,7 +57,7 @@ def carry_out_missing(
     killers: dict[str, str] = {}
 
     def task_at(place: Place) -> Task:
-        return replace(source.task_at(place), left_out=dict(killers))
+        return attrs.evolve(source.task_at(place), left_out=dict(killers))
 
     if progress is not None:
         progress(done, total)
@@ -168,13 +169,13 @@ def _alone(task: Task, killers: dict[str, str]) -> Outcome:
     """
     while True:
         try:
-            return _in_one_process(replace(task, left_out=dict(killers)))
+            return _in_one_process(attrs.evolve(task, left_out=dict(killers)))
         except BrokenExecutor:
             untried = dict.fromkeys(task.methods, "not tried")
             for label in (None, *(label for label in task.methods if label not in killers)):
                 try:
                     _in_one_process(
-                        replace(
+                        attrs.evolve(
                             task,
                             left_out={each: untried[each] for each in untried if each != label},
                         )

@@ -1,7 +1,6 @@
 """What aligning realizations to the target does to their stiffness."""
 
-import dataclasses
-
+import attrs
 import numpy as np
 import pytest
 from tests.virtual import simulated
@@ -55,7 +54,7 @@ def test_without_shifts_nothing_is_reported(small):
 
 def test_realizations_too_short_for_sds_are_not_judged():
     preparation = tv.preprocess.prepare(simulated(1).recording)
-    recorded = dataclasses.replace(
+    recorded = attrs.evolve(
         preparation.recorded,
         angle=preparation.recorded.angle[:, 120:140],
         torque=preparation.recorded.torque[:, 120:140],
@@ -63,4 +62,4 @@ def test_realizations_too_short_for_sds_are_not_judged():
         channels={},
         recorded_angle=None,
     )
-    assert effect_of_alignment(dataclasses.replace(preparation, recorded=recorded)) is UNKNOWN
+    assert effect_of_alignment(attrs.evolve(preparation, recorded=recorded)) is UNKNOWN

@@ -1,10 +1,10 @@
 """Preparing recordings, of which some cannot be used."""
 
-import dataclasses
 import os
 import re
 import warnings
 
+import attrs
 import h5py
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def experiment_on(folder, files, **changes):
 def test_a_virtual_participant_is_prepared_as_by_hand(small):
     simulation = simulated(1)
     parts = {**simulation.recording.channels, "voluntary": simulation.pathways["voluntary"]}
-    by_hand = tv.preprocess.prepare(dataclasses.replace(simulation.recording, channels=parts))
+    by_hand = tv.preprocess.prepare(attrs.evolve(simulation.recording, channels=parts))
     prepared = small.prepared[0]
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.account.excluded_by)
@@ -236,7 +236,7 @@ def test_the_digest_tells_how_the_ensemble_was_cut(tmp_path):
         {"context": first.ensemble.context - 1},
         {"sampling_rate": 50.0},
     ):
-        changed = dataclasses.replace(first, ensemble=dataclasses.replace(first.ensemble, **change))
+        changed = attrs.evolve(first, ensemble=attrs.evolve(first.ensemble, **change))
         assert changed.digest != first.digest, change
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
+import attrs
 import numpy as np
 from scipy.ndimage import convolve1d
 
@@ -66,7 +66,7 @@ MISFIT = 1.5
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class AdaptiveRegression(base.Method):
     r"""Stiffness that changes smoothly, suddenly, or not at all, as the data say: there is nothing to set.
 
@@ -166,7 +166,7 @@ class AdaptiveRegression(base.Method):
         "reflex is shown, its torque is no stiffness."
     )
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if self.emg is not None:
             object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 

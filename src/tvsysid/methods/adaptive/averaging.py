@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
@@ -141,7 +141,7 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
     of 1/2, and what the data leave open is averaged.
     """
     if known:
-        own = replace(line, axis=known[0].axis)
+        own = attrs.evolve(line, axis=known[0].axis)
         return _weighed(own, _found(own, known=known))
     every = _found(line)
     found = _weighed(line, every)
@@ -160,7 +160,8 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
     if scores[1 + other] + prior < scores[0] - OPEN:
         return found
     beside = _found(
-        replace(line, axis=axes[other]), parts=[each.smooth.roughness for each in found.candidates]
+        attrs.evolve(line, axis=axes[other]),
+        parts=[each.smooth.roughness for each in found.candidates],
     )
     return _weighed(
         line, [*every, *(each._replace(evidence=each.evidence + prior) for each in beside)]
@@ -173,7 +174,7 @@ def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Aver
     That it switches where the other's best candidate does has a prior probability of 1/2. No
     other switches are searched for where none seems to be there at first.
     """
-    own = replace(line, axis=other.candidates[0].smooth.line.axis)
+    own = attrs.evolve(line, axis=other.candidates[0].smooth.line.axis)
     return _weighed(own, _found(own, other.candidates[0].placed, known))
 
 
@@ -188,7 +189,7 @@ def tied(placed: Placed, line: Line) -> Placed:
 
 def _score(best: Candidate, line: Line, axis: Axis) -> float:
     """Score of a candidate's switches, smeared as on another axis."""
-    smeared = replace(line, axis=axis)
+    smeared = attrs.evolve(line, axis=axis)
     smooth = Smooth(smeared, best.smooth.roughness)
     windows = Windows(smeared, COARSELY)
     found = refined(Found(best.placed.positions, smooth), windows)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
@@ -43,7 +43,7 @@ def solved_by(factor: Array, right: Array) -> Array:
     return np.asarray(dtrtrs(factor, right, lower=1)[0])
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Line:
     """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error.
 

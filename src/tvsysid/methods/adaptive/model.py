@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from scipy.special import ndtr
 
@@ -47,7 +47,7 @@ class Smoothness(NamedTuple):
     probability: float
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
 
@@ -56,15 +56,6 @@ class MixtureError(StandardError):
     """
 
     mixture: Mixture | None = None
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (
-            self.values,
-            np.array(self.freedom),
-            self.arc,
-            self.absent,
-            self.mixture,
-        )
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
@@ -111,7 +102,7 @@ def _as_normal(multiple: Array, freedom: Array) -> Array:
     return np.asarray(np.copysign(shrunk, multiple))
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class AdaptiveModel(Model):
     r"""Impedance of second order, of which stiffness and viscosity change smoothly, suddenly, or not at all.
 
@@ -126,7 +117,7 @@ class AdaptiveModel(Model):
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
     beside: JointCascadeModel | None = None
-    hypotheses: Mapping[str, Sequence[Hypothesis]] = field(default_factory=dict)
+    hypotheses: Mapping[str, Sequence[Hypothesis]] = attrs.field(factory=dict)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         signals = ensemble.derivatives()

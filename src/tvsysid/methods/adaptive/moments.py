@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.methods.base import missing_edge
@@ -27,7 +27,7 @@ STILL = (
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@attrs.frozen(eq=False, kw_only=True)
 class Signals(ABC):
     """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
 
@@ -50,7 +50,7 @@ class Signals(ABC):
         """Signals (signal, realization, time) of some realizations after the other."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@attrs.frozen(eq=False, kw_only=True)
 class Derived(Signals):
     """Angle and torque of an ensemble and the angle's derivatives, made anew for a block of realizations at a time.
 

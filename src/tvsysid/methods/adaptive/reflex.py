@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -21,7 +21,7 @@ from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@attrs.frozen(eq=False, kw_only=True)
 class WithReflex(Signals):
     """Signals of a joint with a reflex.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import ClassVar, Literal
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ FINE = 500.0  # Hz from which on a rectified velocity is one
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class JointCascade(base.Method):
     r"""Both pathways in one fit: a short intrinsic response to the angle, and a stretch reflex behind a muscle.
 
@@ -149,7 +149,7 @@ class JointCascade(base.Method):
     takes_deviations: ClassVar[bool] = True
     uses_recorded_angle: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag)
         if self.period is not None:
             base.check_positive(self, period=self.period)

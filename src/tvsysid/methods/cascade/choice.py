@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
+import attrs
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -38,7 +38,7 @@ Drives = Mapping[
 ]  # by threshold, deviations (realization, history + time)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Candidate:
     """A solution."""
 
@@ -158,7 +158,7 @@ class Search(NamedTuple):
         rows = np.concatenate([each[some] for each in data.features(weights)])
         gains = [] if reflex is None else [reflex.basis(self.ensemble.time[some] / self.period)]
         problems = [
-            replace(fit.problem, positive=block_diag(rows, *(sign * gain for gain in gains)))
+            attrs.evolve(fit.problem, positive=block_diag(rows, *(sign * gain for gain in gains)))
             for sign in ((1, -1) if name == "emg" else (1,))
         ]
         both = [
@@ -184,7 +184,7 @@ class Search(NamedTuple):
         if "threshold" not in problem.free or found.shape.threshold == 0:
             return best
         others = tuple(each for each in problem.free if each != "threshold")
-        without = replace(problem, free=others).refined(found.shape._replace(threshold=0.0))
+        without = attrs.evolve(problem, free=others).refined(found.shape._replace(threshold=0.0))
         simple = Candidate(problem, without)
         return best if _better({name: best}, {name: simple}) else simple
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, Self
 
+import attrs
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
@@ -88,7 +88,7 @@ def deviations(values: Array) -> Array:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Data:
     """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
 
@@ -147,7 +147,7 @@ class Data:
         """Data of coefficients that do not change."""
         first = np.cumsum([0, *(functions.shape[1] for functions in self.bases)])
         bases = tuple(functions[:, :1] for functions in self.bases)
-        return replace(self, bases=bases, own=self.own[:, first[:, None], first])
+        return attrs.evolve(self, bases=bases, own=self.own[:, first[:, None], first])
 
     def weighed(self, noise: Array, true: Array | None = None) -> Self:
         """Data whose noise has this autocorrelation, from lag 0 on, within a realization or a window of it.
@@ -165,8 +165,8 @@ class Data:
                 inverse -= np.outer(weight, weight) / weight.sum()
             inverses[size] = inverse if true is None else inverse @ _matrix(true, size) @ inverse
         windows = [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
-        data = replace(self, noise=noise, windows=windows)
-        return replace(data, own=np.stack([data.products(fold) for fold in self.folds]))
+        data = attrs.evolve(self, noise=noise, windows=windows)
+        return attrs.evolve(data, own=np.stack([data.products(fold) for fold in self.folds]))
 
     def are_few(self, columns: int) -> bool:
         """Whether so many columns have fewer samples than products by which these are found."""
@@ -264,7 +264,7 @@ class Shape(NamedTuple):
         return np.asarray(response / response.sum())
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Reflex:
     """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
@@ -35,7 +35,7 @@ class Chosen(NamedTuple):
     emg: str | None
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class JointCascadeModel(TwoPathwayModel):
     """Both pathways, and what the torque of fast movements has beyond the impulse response.
 

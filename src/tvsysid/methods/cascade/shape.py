@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
+import attrs
 import numpy as np
 
 from tvsysid.methods.cascade.evidence import UNLIMITED, Family, Moments, Prior, Solved, solve, tuned
@@ -80,7 +80,7 @@ class Found(NamedTuple):
         return self.solved.coefficients / self.scale
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Problem:
     """Data, what else drives the torque (nothing, in a plain model), which numbers of its shape are ``free``.
 
@@ -92,7 +92,7 @@ class Problem:
     prior: Prior
     reflex: Reflex | None = None
     free: tuple[str, ...] = ()
-    positive: Array = field(default_factory=lambda: UNLIMITED)
+    positive: Array = attrs.field(factory=lambda: UNLIMITED)
 
     @classmethod
     def of(cls, data: Data, reflex: Reflex | None, free: tuple[str, ...]) -> Self:
@@ -109,7 +109,9 @@ class Problem:
 
     def with_data(self, data: Data) -> Self:
         """Problem whose samples are weighed in another way."""
-        return replace(self, data=data, reflex=self.reflex and replace(self.reflex, data=data))
+        return attrs.evolve(
+            self, data=data, reflex=self.reflex and attrs.evolve(self.reflex, data=data)
+        )
 
     @property
     def own(self) -> int:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 
+import attrs
 import numpy as np
 
 from tvsysid.estimates import StandardError
@@ -24,7 +24,7 @@ SMOOTH = 0.5  # Hz to either side over which the residual's power is averaged
 FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class KernelPosterior:
     """Posterior of all coefficients: from the ``fit`` of those ``kept``, (coefficient, column), and the prior.
 
@@ -136,7 +136,7 @@ def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
     return np.asarray((powers[last] - powers[first]) / (counts[last] - counts[first]))
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class KernelErrors:
     """Standard errors of sums of features, averaged over realizations.
 

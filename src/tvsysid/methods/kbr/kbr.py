@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, Literal, Self
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
@@ -32,7 +32,7 @@ LOST = 5.0  # points of VAF that tuning may lose without saying so
 REWEIGHTED = 2
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class KernelRegression(base.Method):
     r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
 
@@ -158,7 +158,7 @@ class KernelRegression(base.Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("lataire2017", "cavallo2020", "vanderuit2021")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         base.check_choice(self, "weighting", Weights)
         if self.reference is not None:
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
@@ -313,7 +313,7 @@ class KernelRegression(base.Method):
         if self.reference is not None:
             ensemble = self._instrument(ensemble, self.reference).moved
         if self.reference is not None or self.weighting != "white":
-            return replace(self, reference=None, weighting="white")._evidence(ensemble, seed)
+            return attrs.evolve(self, reference=None, weighting="white")._evidence(ensemble, seed)
         noise, share = self._noise(ensemble)
         scale = self._scale(record.Record.of(ensemble, self.band))
         theta = np.log([self.length_periodic, *self._variances(scale), noise])
@@ -321,7 +321,7 @@ class KernelRegression(base.Method):
         compared = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
         evidence = compared.evidence(given, self, scale)
         if evidence.chosen:
-            self._compare(replace(self, **evidence.settings), ensemble)
+            self._compare(attrs.evolve(self, **evidence.settings), ensemble)
         return evidence
 
     def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
@@ -341,7 +341,7 @@ class KernelRegression(base.Method):
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
+        endless = attrs.evolve(self, length_decay=ENDLESS)._identify(ensemble)
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
@@ -358,7 +358,7 @@ class KernelRegression(base.Method):
             )
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class KernelModel(SecondOrderModel):
     """Impedance as a function of time that holds at any time.
 

@@ -10,8 +10,8 @@ features with independent coefficients, so that no matrix of the record's length
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
@@ -36,7 +36,7 @@ MOST = 5400
 NODES = 1024
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Kernel:
     """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
 

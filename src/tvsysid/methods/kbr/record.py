@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class NoiseSpectrum(NamedTuple):
 WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Runs:
     """Unbroken stretches of record of one length, of which the ``band`` in Hz is fitted.
 
@@ -225,7 +225,7 @@ def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
             _joined(ensemble, realizations[None], ensemble.context)[0], lag, ensemble.sampling_rate
         )
         angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
-    return replace(ensemble, angle=angle)
+    return attrs.evolve(ensemble, angle=angle)
 
 
 def _joined(ensemble: Ensemble, members: NDArray[np.int64], context: int) -> Array:
@@ -237,7 +237,7 @@ def _joined(ensemble: Ensemble, members: NDArray[np.int64], context: int) -> Arr
     return np.concatenate([before, inside, after], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Record:
     """A record in ``stacks`` of unbroken runs, from ``start`` to ``stop`` in s."""
 
@@ -272,10 +272,10 @@ class Record:
     def with_instrument(self, other: Record) -> Record:
         """Record with the signals of another after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
-        return replace(
+        return attrs.evolve(
             self,
             stacks=tuple(
-                replace(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs
+                attrs.evolve(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs
             ),
         )
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any
 
+import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ CLEARLY = 5.0
 _value = attrgetter("value")
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Tried:
     """Settings that were tried, and their log marginal likelihood.
 
@@ -88,7 +88,7 @@ class Tried:
         return of_kernel | {"order": self.order, "lag": lag}
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Likelihood:
     r"""Log marginal likelihood as a function of the logs of l1, three prior variances and the noise variance.
 
@@ -146,7 +146,7 @@ class Likelihood:
         """Likelihood of the model without the higher derivatives."""
         mask = self.coefficient <= order
         columns = {name: getattr(self, name)[mask] for name in ("coefficient", "harmonic", "fixed")}
-        return replace(self, statistics=of_columns(self.statistics, mask), **columns)
+        return attrs.evolve(self, statistics=of_columns(self.statistics, mask), **columns)
 
     @property
     def order(self) -> int:
@@ -219,7 +219,7 @@ class Likelihood:
         return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Search:
     """What settings are compared on.
 
@@ -307,7 +307,7 @@ class Search:
         slow, and so is quiet where inertia shows. So they must be better by all the numbers,
         too.
         """
-        whole = replace(self, share=1.0)
+        whole = attrs.evolve(self, share=1.0)
         best_of_kind = {(each.order, each.lag > 0): each for each in sorted(other, key=_value)}
         for each in sorted(best_of_kind.values(), key=_value, reverse=True):
             if each.value <= endless.value + CLEARLY:

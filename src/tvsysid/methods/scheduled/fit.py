@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import pairwise, product
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -148,7 +148,7 @@ def fitted(
 
 def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
     """Fit of the same ensemble whose torque at rest has a polynomial with so many degrees."""
-    structure, rows = replace(fit.structure, rest=degrees), fit.rows
+    structure, rows = attrs.evolve(fit.structure, rest=degrees), fit.rows
     rest = _in_order(structure.at_rest(ensemble), ensemble)[:, rows.known]
     columns = np.concatenate([rest, rows.columns[rows.parts[0] :]])
     rows = rows._replace(columns=columns, parts=structure.sizes)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -38,7 +38,7 @@ FAR = 0.05
 ALONE = 0.02  # share of a fold's samples that the others' range may lack
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class Scheduled(base.Method):
     """Settings and steps that both methods share; see :class:`ScheduledIRF`."""
 
@@ -55,7 +55,7 @@ class Scheduled(base.Method):
 
     uses_recorded_angle: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         name = type(self).__name__
         base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
         orders = {
@@ -191,7 +191,7 @@ class Scheduled(base.Method):
         return evidence_by_folds(self, ensemble)
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class ScheduledIRF(Scheduled):
     r"""Impulse response and reflex that follow a measured variable, such as the joint's own slow movement.
 
@@ -268,8 +268,8 @@ class ScheduledIRF(Scheduled):
     )
     cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         base.check_positive(self, max_lag=self.max_lag)
 
     def _lags(self, ensemble: Ensemble) -> int:
@@ -279,7 +279,7 @@ class ScheduledIRF(Scheduled):
         return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class ScheduledImpedance(Scheduled):
     r"""Stiffness and viscosity as polynomials in a measured variable, constant inertia, and a reflex that follows it.
 
@@ -315,7 +315,7 @@ class ScheduledImpedance(Scheduled):
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     """Orders of the polynomials by what they predict of folds of consecutive time."""
     every = dict.fromkeys(
-        (method, replace(method, order=None, reflex_order=None))
+        (method, attrs.evolve(method, order=None, reflex_order=None))
     )  # one where no order is given
     fits = [each._fit(ensemble)[0] for each in every]
     given, best = fits[0].structure.orders, fits[-1].structure.orders

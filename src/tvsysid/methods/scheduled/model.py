@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,7 +20,7 @@ GRID = 61  # values of the variable at which estimates are stated
 BEYOND = 1e-3  # share of the samples beyond the limits from which on they are worth a warning
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Curves:
     """Quantities that are polynomials in the variable: by name, their weights (degree,) and these' covariance."""
 
@@ -58,7 +58,7 @@ class Curves:
         return found
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class ScheduledModel(Model):
     r"""Stiffness, viscosity, inertia and reflex gain as polynomials in a measured variable.
 

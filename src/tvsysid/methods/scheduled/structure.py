@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
+import attrs
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
@@ -18,7 +17,7 @@ from tvsysid.numerics.laguerre import laguerre_filters
 from tvsysid.signals import Array, Ensemble
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Reflex:
     """Reflex: ``filters`` of the stretch after a ``delay``, of a ``memory`` and a ``time_constant``, all in samples.
 
@@ -55,7 +54,7 @@ class Reflex:
         return out.reshape(-1, *out.shape[2:])
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Structure:
     """Model of the torque, but for its weights.
 
@@ -77,8 +76,8 @@ class Structure:
         """The same with the other direction of stretch."""
         if self.reflex is None:
             return self
-        drive = replace(self.reflex.drive, direction=direction)
-        return replace(self, reflex=replace(self.reflex, drive=drive))
+        drive = attrs.evolve(self.reflex.drive, direction=direction)
+        return attrs.evolve(self, reflex=attrs.evolve(self.reflex, drive=drive))
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -103,8 +102,8 @@ class Structure:
 
     def of_orders(self, order: int, reflex_order: int) -> Structure:
         """The same with polynomials of other orders."""
-        reflex = self.reflex and replace(self.reflex, degrees=reflex_order + 1)
-        return replace(self, degrees=order + 1, reflex=reflex)
+        reflex = self.reflex and attrs.evolve(self.reflex, degrees=reflex_order + 1)
+        return attrs.evolve(self, degrees=order + 1, reflex=reflex)
 
     def within(self, order: int, reflex_order: int) -> NDArray[np.bool_]:
         """Which columns polynomials of these orders have, (column,)."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,7 @@ CURVE = 101  # velocities at which a polynomial is written down
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class VelocityPolynomial:
     """Polynomial of the velocity of the total angle, 0 where that is.
 
@@ -150,9 +149,9 @@ def cascade_model(
     The gain is the area under the reflex's response. No estimate has a band.
     """
     rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
-    known = {name: replace(each, error=none) for name, each in plain.estimates.items()}
+    known = {name: attrs.evolve(each, error=none) for name, each in plain.estimates.items()}
     model = TwoPathwayModel(
-        **{item.name: getattr(plain, item.name) for item in fields(plain)}
+        **{item.name: getattr(plain, item.name) for item in attrs.fields(type(plain))}
         | {"estimates": {**known, "reflex_gain": Estimate(reflex.sum(axis=1), unit, error=none)}},
         reflex_response=reflex * rate,
         reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
@@ -172,7 +171,9 @@ def with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
         name: 100 * (1 - float(np.sum((torque - part)[seen] ** 2)) / power)
         for name, part in explained.items()
     }
-    return replace(
+    return attrs.evolve(
         model,
-        diagnostics=replace(model.diagnostics, details={**model.diagnostics.details, **shares}),
+        diagnostics=attrs.evolve(
+            model.diagnostics, details={**model.diagnostics.details, **shares}
+        ),
     )

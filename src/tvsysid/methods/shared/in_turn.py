@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +30,7 @@ GAIN = 1e-5  # share of the torque's power by which a turn must improve the fit
 FEWEST = 3  # realizations with their past, below which there is nothing to average over
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Reflex:
     """What is taken of the reflex: its response from the ``delay`` to the ``memory`` in s, and what drives it."""
 
@@ -128,7 +128,7 @@ def identify_in_turn(
     for turn in range(1, TURNS + 1):
         less = part.torque.copy()
         less[:, part.core] -= answer + slow
-        found = intrinsic._identify(replace(part, torque=less))
+        found = intrinsic._identify(attrs.evolve(part, torque=less))
         assert isinstance(found, ImpulseResponseModel)
         beyond = torque - found.predict(part)
         left = beyond - slow
@@ -151,8 +151,8 @@ def identify_in_turn(
     details = {**diagnostics.details, "turns": float(turn), "direction": float(direction)}
     if directions is not None:
         details["vaf_with_slow"] = 100 * best.explained
-    plain = replace(
-        best.intrinsic, method=method, diagnostics=replace(diagnostics, details=details)
+    plain = attrs.evolve(
+        best.intrinsic, method=method, diagnostics=attrs.evolve(diagnostics, details=details)
     )
     unit = "N m/V" if reflex.emg else UNITS["reflex_gain"]
     return hammerstein.cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
@@ -180,7 +180,7 @@ def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
     angle, torque = (
         each[:, spare : each.shape[1] - spare] for each in (ensemble.angle, ensemble.torque)
     )
-    return replace(
+    return attrs.evolve(
         ensemble, angle=angle, torque=torque, channels={}, recorded_angle=None, context=samples
     )
 

@@ -8,9 +8,9 @@ place of x in the left factor of every moment.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
@@ -71,7 +71,7 @@ class Instrument(NamedTuple):
                 "with the angle? If "
                 f"so, disturb more strongly{_alternative(reference) if least > LEAST else ''}"
             )
-        moved = replace(ensemble, angle=angle)
+        moved = attrs.evolve(ensemble, angle=angle)
         strength = _strength(ensemble, moved)
         independent = independent_realizations(ensemble)
         return cls(
@@ -96,7 +96,7 @@ class Instrument(NamedTuple):
             "instrument_strength_least": of_known[1],
             "instrument_strength_needed": self.needed,
         }
-        return replace(
+        return attrs.evolve(
             diagnostics,
             strength=self.strength,
             warnings=(*diagnostics.warnings, *self._warnings(banded)),
@@ -161,7 +161,7 @@ def reference_input(reference: str) -> tuple[Input, ...]:
     return (Input(reference, "reference", "of any unit"),)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class WhereStrong:
     """Standard errors without those of the times at which the instrument is ``weak``, for a reason."""
 
@@ -174,7 +174,7 @@ class WhereStrong:
         found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
         why = self.reason if self.weak.all() else ""
         return {
-            name: replace(
+            name: attrs.evolve(
                 error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or why
             )
             for name, error in found.items()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 from typing import Protocol
 
+import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -31,7 +31,7 @@ class Drive(Hashable, Protocol):
         ...  # pragma: no cover
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Stretch:
     """Velocity beyond a ``threshold`` in rad/s, in the ``direction`` of stretch, 1 or -1.
 
@@ -58,7 +58,7 @@ class Stretch:
         return self.direction * velocity[order], np.array([0.0, 0.0, self.direction])[order]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Measured:
     """A channel that drives the reflex."""
 
@@ -95,7 +95,7 @@ def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class TwoPathwayModel(ImpulseResponseModel):
     r"""Intrinsic and reflex pathway, side by side.
 

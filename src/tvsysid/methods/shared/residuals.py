@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from scipy.linalg import toeplitz
 
@@ -165,7 +165,7 @@ def _mean_square(x: Array) -> float:
     return float(np.einsum("rt,rt->", x, x)) / x.size
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class PosteriorErrors:
     """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
 

@@ -6,9 +6,9 @@ And methods that choose their own.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
@@ -46,7 +46,7 @@ CLEARLY = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False)
 class Evidence(Shown):
     """What speaks for settings that were chosen from data.
 
@@ -71,7 +71,7 @@ class Evidence(Shown):
     lines: tuple[str, ...]
     edges: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         for name in ("values", "standard_errors", "positions"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
@@ -204,7 +204,7 @@ def _kind(basis: Basis) -> str:
     return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Tuned:
     """A method whose settings are chosen anew from each ensemble that it identifies from.
 
@@ -224,7 +224,7 @@ class Tuned:
     method: Method
     seed: int = 0
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if not isinstance(self.method, Method):
             raise InputError(f"Tuned: expected one of the package's methods, got {self.method!r}")
 

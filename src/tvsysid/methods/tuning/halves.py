@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from tvsysid.checked import with_settings
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
@@ -110,7 +110,7 @@ def evidence_by_halves(
             if value == settings[name]:
                 continue
             try:
-                found = halves.estimates(replace(method, **{**settings, name: value}))
+                found = halves.estimates(with_settings(method, **{**settings, name: value}))
             except InputError:  # it does not fit the ensemble
                 continue
             if _known(found) >= enough:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 import pandas as pd
 from scipy.stats import t as student
@@ -63,7 +63,7 @@ NEAR = 5.0  # percentage points within which a VAF is near the paper's
 NAMES = {"noise": "noise", "prbs": "PRBS"}
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Paired:
     """A margin with its value for each participant, shape (participant,)."""
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import attrs
 import numpy as np
 import pandas as pd
 from scipy.stats import beta
@@ -118,7 +118,7 @@ class Scores:
         return int(self._trials[self.scenarios[scenario], self._methods.get_loc(method)])
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Replicated:
     """A margin with its bootstrap replicates, shape (draw,)."""
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Mapping
-from typing import Any, TypeVar
 
 import attrs
 import numpy as np
@@ -13,8 +11,6 @@ from numpy.typing import ArrayLike
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-
-Kind = TypeVar("Kind")
 
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
@@ -78,17 +74,6 @@ def checked_rate(sampling_rate: float) -> float:
             f"sampling_rate: expected a positive number of hertz, got {sampling_rate!r}"
         )
     return rate
-
-
-def settings_of(item: object) -> dict[str, Any]:
-    """Return the settings of an object by name: the parameters of its class that it keeps."""
-    names = inspect.signature(type(item)).parameters
-    return {name: getattr(item, name) for name in names if hasattr(item, name)}
-
-
-def with_settings(item: Kind, **changes: object) -> Kind:
-    """Return an object of the same class with some settings changed."""
-    return type(item)(**settings_of(item) | changes)
 
 
 class Frozen:

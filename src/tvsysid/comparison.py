@@ -13,7 +13,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.checked import Frozen, with_settings
+from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels, label_of, parse
@@ -30,6 +30,7 @@ from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
 from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import with_settings
 
 if TYPE_CHECKING:
     import pandas as pd

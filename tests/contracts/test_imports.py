@@ -17,7 +17,7 @@ PACKAGE = Path(tvsysid.__file__).parent
 LEVELS = [
     ["errors", "limits"],
     ["numerics", "showing"],
-    ["checked"],
+    ["checked", "validators"],
     ["signals", "impedance", "estimates"],
     ["models"],
     ["preprocess"],

@@ -444,10 +444,10 @@ def test_a_model_predicts_as_it_was_fitted():
     [
         ({"harmonics": (25, 25)}, "three whole numbers"),
         ({"harmonics": (25, -1, 3)}, "three whole numbers"),
-        ({"delay": "free"}, "delay must be a number"),
+        ({"delay": "free"}, "delay must be a positive number"),
         ({"delay": "fit", "emg": "emg"}, "is not fitted; give it in s"),
         ({"constant": "yes"}, "constant must be True, False or None"),
-        ({"period": 0.0}, "period must be positive"),
+        ({"period": 0.0}, "period must be a positive number"),
     ],
 )
 def test_wrong_settings_are_refused(settings, message):

@@ -193,7 +193,7 @@ def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record,
             "slow_order must be a whole number from 0 on, or None; got -1",
         ),
         (lambda: tv.EnsembleCascade(window=-1), "window must be from 0"),
-        (lambda: tv.BasisCascade(memory=0), "memory must be positive"),
+        (lambda: tv.BasisCascade(memory=0), "memory must be a positive number"),
         (lambda: tv.BasisCascade(nonlinearity="hk"), "must be one of 'rectifier', 'polynomial'"),
         (
             lambda: tv.ParallelCascade(nonlinearity="cubic"),

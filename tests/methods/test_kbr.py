@@ -166,7 +166,7 @@ def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
         )
     other = tv.KernelRegression(scale=DEGREE).identify(softer)
     assert np.abs(other.stiffness - 0.01 * one.stiffness).max() > 0.01
-    with pytest.raises(tv.InputError, match="scale must be positive"):
+    with pytest.raises(tv.InputError, match="scale must be a positive number"):
         tv.KernelRegression(scale=0.0)
 
 
@@ -357,7 +357,7 @@ def test_a_lag_remembers_what_came_before_in_the_run(ensemble_of):
         ({"order": 3}, "order must be 0 .a spring., 1 .* got 3"),
         ({"order": True}, "got True"),
         ({"order": 1.0}, "got 1.0"),
-        ({"lag": -0.01}, "lag must be positive and finite, got -0.01"),
+        ({"lag": -0.01}, "lag must be a positive number, got -0.01"),
         ({"lag": np.nan}, "got nan"),
         ({"lag": "long"}, "got 'long'"),
     ],

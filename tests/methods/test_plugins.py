@@ -498,7 +498,7 @@ def test_label_in_results(item, label):
 
 
 def test_inputs_are_checked_wherever_a_method_begins():
-    with pytest.raises(tv.InputError, match=r"Input: kind must be one of 'input', .*; got 'Input'"):
+    with pytest.raises(tv.InputError, match=r"Input: kind must be one of 'input', .*, got 'Input'"):
         tv.Input("emg", "Input", "V")
 
     class Alone(tv.BasisIRF):

@@ -111,11 +111,11 @@ def plan(
     tq --rate 1000 --decimate 100 --period 2`
     """
     import tvsysid
-    from tvsysid.checked import with_settings
     from tvsysid.figures import save
     from tvsysid.planning import Pilot
     from tvsysid.planning.setups import CONTEXT
     from tvsysid.recordings import whole_file
+    from tvsysid.validators import with_settings
 
     if not out.is_dir():
         check_folder(out)

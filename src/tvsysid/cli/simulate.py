@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tvsysid.checked import with_settings
 from tvsysid.cli.console import say
 from tvsysid.cli.identify import decimation
 from tvsysid.cli.options import option
 from tvsysid.errors import InputError, describe_error
+from tvsysid.validators import with_settings
 
 if TYPE_CHECKING:
     from tvsysid.signals import Array

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Protocol
 import attrs
 import numpy as np
 
-from tvsysid.checked import settings_of
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
 from tvsysid.methods.base import Method, SkippedError, aligned, inputs_of, reason_to_skip
@@ -17,6 +16,7 @@ from tvsysid.methods.tuning.evidence import Evidence, Tuned
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import settings_of
 
 LONGEST_NAME = 80  # letters of a quantity, pathway or axis
 

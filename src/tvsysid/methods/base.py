@@ -16,14 +16,12 @@ from typing import (
     NamedTuple,
     Self,
     TypeVar,
-    get_args,
 )
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.checked import with_settings
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import PowerSpectrum
@@ -39,6 +37,7 @@ from tvsysid.quality.statistics import (
 )
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
+from tvsysid.validators import at_least, one_of, positive, with_settings
 
 if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
@@ -66,11 +65,8 @@ class Input:
     """
 
     name: str
-    kind: Kind
+    kind: Kind = attrs.field(validator=one_of(Kind))
     unit: str
-
-    def __attrs_post_init__(self) -> None:
-        check_choice(self, "kind", Kind)
 
 
 class Choice(NamedTuple, Generic[Chosen]):
@@ -361,33 +357,21 @@ def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDAr
     return np.pad(values, edges, constant_values=np.nan)
 
 
-def check_positive(method: object, **settings: float) -> None:
+def check_positive(method: object, **settings: object) -> None:
     """Raise for a setting that is not a positive finite number."""
     for name, value in settings.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise InputError(f"{type(method).__name__}: {name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(
-                f"{type(method).__name__}: {name} must be positive and finite, got {value!r}"
-            )
+        positive.check(type(method).__name__, name, value)
 
 
 def check_whole(method: object, least: int, **settings: object) -> None:
     """Raise for a setting that is not a whole number from ``least`` on."""
     for name, value in settings.items():
-        if type(value) is not int or value < least:
-            raise InputError(
-                f"{type(method).__name__}: {name} must be a whole number from {least} on, got "
-                f"{value!r}"
-            )
+        at_least(least).check(type(method).__name__, name, value)
 
 
 def check_choice(method: object, name: str, allowed: object) -> None:
     """Raise for a setting that is none of a Literal's values."""
-    value, choices = getattr(method, name), get_args(allowed)
-    if value not in choices:
-        listed = ", ".join(repr(choice) for choice in choices)
-        raise InputError(f"{type(method).__name__}: {name} must be one of {listed}; got {value!r}")
+    one_of(allowed).check(type(method).__name__, name, getattr(method, name))
 
 
 # second-order agreement in per cent below which a joint is not of second order; simulated ones

@@ -8,24 +8,18 @@ from typing import ClassVar, Literal
 import attrs
 
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import (
-    EXCITED_ABOVE,
-    Method,
-    check_choice,
-    check_positive,
-    fitting_lags,
-    whole_samples,
-)
+from tvsysid.methods.base import EXCITED_ABOVE, Method, fitting_lags, whole_samples
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
+from tvsysid.validators import one_of, positive
 
 Solving = Literal["mdl", "full", "lstsq"]
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class EnsembleIRF(Method):
     r"""A two-sided impulse response at each time, estimated across realizations alone.
 
@@ -65,9 +59,11 @@ class EnsembleIRF(Method):
     leaves out. With no more realizations than lags there is none.
     """
 
-    max_lag: float = 0.12
-    solver: Solving = "mdl"
-    order: pseudoinverse.Order = "natural"
+    max_lag: float = attrs.field(default=0.12, validator=positive)
+    solver: Solving = attrs.field(default="mdl", validator=one_of(Solving))
+    order: pseudoinverse.Order = attrs.field(
+        default="natural", validator=one_of(pseudoinverse.Order)
+    )
 
     key: ClassVar[str] = "eirf"
     title: ClassVar[str] = "Ensemble impulse response function"
@@ -82,11 +78,6 @@ class EnsembleIRF(Method):
         "is the largest by far, and it explains noise as well."
     )
     cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
-
-    def __attrs_post_init__(self) -> None:
-        check_positive(self, max_lag=self.max_lag)
-        check_choice(self, "solver", Solving)
-        check_choice(self, "order", pseudoinverse.Order)
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)

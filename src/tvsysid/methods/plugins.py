@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from tvsysid.checked import settings_of as setting_values
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
@@ -39,6 +38,7 @@ from tvsysid.methods.settings import converted, further_settings, parts
 from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Tuned
+from tvsysid.validators import settings_of as setting_values
 
 METHODS: dict[str, type[Method]] = {
     method.key: method

@@ -10,10 +10,11 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
+from tvsysid.methods.base import EXCITED_ABOVE, Input, Method, fitting_lags, whole_samples
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import optional, positive, text
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
 WINDOWS = (
@@ -35,7 +36,7 @@ FEWEST_REALIZATIONS = (
 )
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class ShortDataSegments(Method):
     r"""A two-sided impulse response at each time, estimated across realizations and a short window of time.
 
@@ -73,9 +74,9 @@ class ShortDataSegments(Method):
     realization, have none.
     """
 
-    max_lag: float = 0.12
-    window: float = 0.10
-    reference: str | None = None
+    max_lag: float = attrs.field(default=0.12, validator=positive)
+    window: float = attrs.field(default=0.10, validator=positive)
+    reference: str | None = attrs.field(default=None, validator=optional(text))
 
     key: ClassVar[str] = "sds"
     title: ClassVar[str] = "Short data segments"
@@ -90,10 +91,10 @@ class ShortDataSegments(Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2012", "vanderuit2021")
 
-    def __attrs_post_init__(self) -> None:
-        check_positive(self, max_lag=self.max_lag, window=self.window)
-        if self.reference is not None:
-            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
+    @property
+    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
+        """Return the channel of the reference."""
+        return shared.reference_input(self.reference)
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)

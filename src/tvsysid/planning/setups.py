@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from scipy.fft import irfft, next_fast_len, rfftfreq
 
-from tvsysid.checked import checked_rate, settings_of, with_settings
+from tvsysid.checked import checked_rate
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import AdaptiveRegression, KernelRegression, found_as, label_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
@@ -31,6 +31,7 @@ from tvsysid.simulate import (
 )
 from tvsysid.simulate.setup import RMS_ANGLE
 from tvsysid.simulate.simulation import Simulation, System, checked_simulation
+from tvsysid.validators import settings_of, with_settings
 
 SIMULATED_HZ = 1000.0
 PROBE = 40.0  # s that are simulated to see how large the noise is

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import attrs
 
-from tvsysid.checked import Frozen, settings_of
+from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import DEFAULT_METHODS, Tuned, key_of, parse
 from tvsysid.methods.apply import Identifies
@@ -22,6 +22,7 @@ from tvsysid.recommendation.properties import measured_in
 from tvsysid.recommendation.rules import AGAINST, IS_SLOW, IS_STRONG, Measured, holds, rule_of
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
+from tvsysid.validators import settings_of
 
 SAID = ("reflex", "loop-bias", "feedback")  # faults that the rules speak of
 MAY_BE_A_LOOP = (

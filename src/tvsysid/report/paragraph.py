@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from tvsysid import __version__
-from tvsysid.checked import settings_of as setting_values
 from tvsysid.comparison import FOLDS
 from tvsysid.figures.words import count
 from tvsysid.methods.apply import Identifies
@@ -17,6 +16,7 @@ from tvsysid.numerics.bands import mean_of
 from tvsysid.recommendation.trust import negative_reflex, reflex_shown
 from tvsysid.report.answer import Account, one_pathway, reflex_found
 from tvsysid.signals import Ensemble
+from tvsysid.validators import settings_of as setting_values
 
 
 def methods_paragraph(account: Account) -> str:

@@ -13,7 +13,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from tvsysid.checked import settings_of, with_settings
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
@@ -42,6 +41,7 @@ from tvsysid.study.settings import (
     unique,
 )
 from tvsysid.study.trial import Setting, true_values
+from tvsysid.validators import settings_of, with_settings
 
 VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.checked import settings_of
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.study.contents import RECORDINGS, Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
@@ -19,6 +18,7 @@ from tvsysid.study.simulated import Scenario, Study
 from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Task, pickled
 from tvsysid.study.trial import Trial
+from tvsysid.validators import settings_of
 
 if TYPE_CHECKING:
     import xarray as xr

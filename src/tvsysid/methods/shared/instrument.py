@@ -156,9 +156,9 @@ class Instrument(NamedTuple):
         return WhereStrong(errors, self.weak, self.reason)
 
 
-def reference_input(reference: str) -> tuple[Input, ...]:
-    """What a method with a reference needs."""
-    return (Input(reference, "reference", "of any unit"),)
+def reference_input(reference: str | None) -> tuple[Input, ...]:
+    """Return the channels that a method needs for its reference; none if it has no reference."""
+    return () if reference is None else (Input(reference, "reference", "of any unit"),)
 
 
 @attrs.frozen(eq=False)

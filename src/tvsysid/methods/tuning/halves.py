@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from tvsysid.checked import with_settings
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import with_settings
 
 DEALS = 6  # how often the realizations are dealt into halves
 # standard deviations over deals by which settings must be better than those given to be chosen

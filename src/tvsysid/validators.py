@@ -1,0 +1,108 @@
+"""Validators for settings: an attrs field, or a function's argument, that cannot be used raises InputError."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, get_args
+
+import attrs
+import numpy as np
+
+from tvsysid.errors import InputError
+
+Item = TypeVar("Item")
+
+
+@attrs.frozen
+class Validator:
+    """Rule for a value, as a validator of an attrs field: ``attrs.field(validator=positive)``.
+
+    Parameters
+    ----------
+    expected
+        Description of valid values, which completes "must be …".
+    is_valid
+        Function that tells whether a value is valid. It may be given any object.
+
+    Examples
+    --------
+    >>> positive.check("segment", "period", -2.0)
+    Traceback (most recent call last):
+    tvsysid.errors.InputError: segment: period must be a positive number, got -2.0
+    """
+
+    expected: str
+    is_valid: Callable[[Any], bool]
+
+    def __call__(self, item: object, attribute: attrs.Attribute[Any], value: object) -> None:
+        """Check a field of an attrs class."""
+        self.check(type(item).__name__, attribute.name, value)
+
+    def check(self, owner: str, name: str, value: object) -> None:
+        """Check an argument of a function, or an item of a field.
+
+        Raises
+        ------
+        InputError
+            If the value is not valid.
+        """
+        if not self.is_valid(value):
+            raise InputError(f"{owner}: {name} must be {self.expected}, got {value!r}")
+
+
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number; a truth value is none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a finite real number; a truth value is none."""
+    return is_whole(value) or (isinstance(value, (float, np.floating)) and math.isfinite(value))
+
+
+def between(low: float, high: float) -> Validator:
+    """Return a validator for numbers from ``low`` to ``high``."""
+    return Validator(
+        f"a number from {low:g} to {high:g}",
+        lambda value: is_number(value) and low <= value <= high,
+    )
+
+
+def at_least(least: int) -> Validator:
+    """Return a validator for whole numbers of ``least`` or more."""
+    return Validator(
+        f"a whole number from {least} on", lambda value: is_whole(value) and value >= least
+    )
+
+
+def one_of(literal: object) -> Validator:
+    """Return a validator for the values of a ``typing.Literal``."""
+    choices = get_args(literal)
+    return Validator(f"one of {', '.join(map(repr, choices))}", lambda value: value in choices)
+
+
+def optional(validator: Validator) -> Validator:
+    """Return a validator that accepts None beside the values of another."""
+    return Validator(
+        f"{validator.expected}, or None", lambda value: value is None or validator.is_valid(value)
+    )
+
+
+finite = Validator("a finite number", is_number)
+positive = Validator("a positive number", lambda value: is_number(value) and value > 0)
+not_negative = Validator("a number of zero or more", lambda value: is_number(value) and value >= 0)
+boolean = Validator("True or False", lambda value: isinstance(value, bool))
+text = Validator("a text", lambda value: isinstance(value, str))
+
+
+def settings_of(item: object) -> dict[str, Any]:
+    """Return an object's settings by name: the parameters of its class that are attributes too."""
+    names = inspect.signature(type(item)).parameters
+    return {name: getattr(item, name) for name in names if hasattr(item, name)}
+
+
+def with_settings(item: Item, **changes: object) -> Item:
+    """Return an object of the same class with some settings changed."""
+    return type(item)(**settings_of(item) | changes)

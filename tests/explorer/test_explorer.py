@@ -15,8 +15,8 @@ from tvsysid.explorer import outcome as steps
 from tvsysid.explorer.outcome import outcome
 from tvsysid.explorer.settings import (
     Cutting,
-    Reading,
     Settings,
+    SourceFile,
     command,
     method_parts,
     method_settings,
@@ -92,7 +92,7 @@ def test_the_python_shown_finds_the_same(found):
 
 
 def test_a_recording_needs_no_file(recording):
-    settings = Settings(recording, Cutting(2.0, 100.0), "esm")
+    settings = Settings(recording, Cutting(period=2.0, decimate=100.0), "esm")
     found, names = outcome(settings), {"recording": recording}
     assert command(settings) == ""
     exec(python(settings), names)
@@ -103,7 +103,7 @@ def test_a_recording_needs_no_file(recording):
 
 def test_gaps_and_mains_are_taken_out_as_identify_does(recording):
     spoilt = faults.gapped(faults.humming(recording), count=2)
-    settings = Settings(spoilt, Cutting(2.0, 100.0), "esm")
+    settings = Settings(spoilt, Cutting(period=2.0, decimate=100.0), "esm")
     found, names = outcome(settings), {"recording": spoilt}
     assert (found.cut.mains, len(found.notes)) == (50.0, 2)
     exec(found.python, names)
@@ -112,7 +112,10 @@ def test_gaps_and_mains_are_taken_out_as_identify_does(recording):
     )
     assert (
         len(found.cut.ensemble)
-        == len(outcome(Settings(recording, Cutting(2.0, 100.0), "esm")).cut.ensemble) - 4
+        == len(
+            outcome(Settings(recording, Cutting(period=2.0, decimate=100.0), "esm")).cut.ensemble
+        )
+        - 4
     )
 
 
@@ -121,7 +124,7 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
         raise AssertionError("done anew")
 
     found = outcome(found.settings)  # other tests may have filled the caches meanwhile
-    monkeypatch.setattr(steps, "read_recording", nobody)
+    monkeypatch.setattr(tv.recordings.Reading, "read", nobody)
     again = Settings(found.settings.source, found.settings.cutting, "esm")
     assert outcome(again).found is outcome(again).found
     monkeypatch.setattr(steps, "compare", nobody)
@@ -183,14 +186,14 @@ def test_what_is_wrong_is_an_input_error(file, changed, message):
 
 
 def test_a_command_has_what_differs_from_the_defaults():
-    reading = Reading("a.csv", "1", "2", 500.0, header=False, start=-0.5, channel=("emg=3",))
-    assert command(Settings(reading, Cutting(1.5))) == (
-        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --no-header --start -0.5 "
-        "--channel emg=3 --period 1.5 "
+    reading = tv.recordings.Reading(
+        angle="1", torque="2", sampling_rate=500, header=False, start=-0.5, channels={"emg": "3"}
+    )
+    assert command(Settings(SourceFile("a.csv", reading), Cutting(period=1.5))) == (
+        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 "
+        "--no-header --start -0.5 --period 1.5 "
         "--method adaptive"
     )
-    with pytest.raises(tv.InputError, match="expected NAME=CHANNEL"):
-        _ = Reading("a.csv", "1", "2", 500.0, channel=("emg",)).arguments
 
 
 @pytest.mark.parametrize("key", tv.methods.METHODS)

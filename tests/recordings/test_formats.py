@@ -620,7 +620,9 @@ def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, turn):
         recording.torque, np.concatenate([signals[1][part] for part in parts])
     )
     assert recording.trial_starts == (0, 200, 300)
-    usable = tv.recordings.read_usable_trials({"P1": file}, 0.6, **names, sampling_rate=200.0)
+    usable = tv.recordings.read_usable_trials(
+        {"P1": file}, tv.recordings.Reading(**names, sampling_rate=200.0), 0.6
+    )
     assert usable.names == ("P1, trial 1", "P1, trial 3")
     np.testing.assert_array_equal(usable.recording.torque[200:], signals[1][parts[2]])
     with pytest.raises(

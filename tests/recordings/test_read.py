@@ -87,16 +87,13 @@ def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
         ({"angle": "angle"}, r"no channel 'angle'; it holds pos \(40 x 3\), tq \(40 x 3\), note"),
         ({"angle": "note"}, "ankle.mat: note: expected real numbers"),
         ({"torque": "rate"}, "different lengths: pos 40 x 3, rate 1 x 1"),
-        ({"angle_unit": "grad"}, "angle_unit must be one of 'rad', 'deg'; got 'grad'"),
-        ({"torque_sign": 2}, "torque_sign must be 1 or -1; got 2"),
-        ({"columns": "rows"}, "columns must be 'contiguous' or 'trials'; got 'rows'"),
-        ({"sampling_rate": 0.0}, "positive number of hertz"),
+        ({"angle_unit": "grad"}, "angle_unit must be one of 'rad', 'deg', got 'grad'"),
+        ({"torque_sign": 2}, "torque_sign must be one of 1, -1, got 2"),
+        ({"columns": "rows"}, "columns must be one of 'contiguous', 'trials', got 'rows'"),
+        ({"sampling_rate": 0.0}, "sampling_rate must be a positive number"),
+        ({"sampling_rate": None}, r"sampling_rate is missing; give it \(--rate\)"),
         ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
-        (
-            {"channels": ["emg"]},
-            r"channels: expected a name in the recording and one in the file for each, got "
-            r"\['emg'\]",
-        ),
+        ({"channels": ["emg"]}, "--channel emg: expected NAME=CHANNEL"),
         ({"channels": {"torque": "angle"}}, "channels: 'torque' is the name of a signal already"),
     ],
 )

@@ -145,7 +145,7 @@ def read(
     channel: Iterable[str] = (),
 ) -> Recording:
     """Recording as the options say; each of the further channels as NAME=CHANNEL."""
-    from tvsysid.recordings.read import channels_typed, read_recording
+    from tvsysid.recordings.reading import named_channels, read_recording
 
     return read_recording(
         file,
@@ -153,10 +153,10 @@ def read(
         torque=torque,
         sampling_rate=rate,
         angle_unit=angle_unit,
-        torque_sign=torque_sign,  # type: ignore[arg-type]
+        torque_sign=torque_sign,
         columns=columns,
         start=start,
-        channels=channels_typed(channel),
+        channels=named_channels(channel),
         header=header,
         torque_unit=torque_unit,
     )

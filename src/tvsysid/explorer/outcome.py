@@ -16,7 +16,7 @@ import attrs
 
 from tvsysid.comparison import Comparison, compare, delay_to_correct
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
+from tvsysid.explorer.settings import Cutting, Settings, SourceFile, command, python
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import deviating_channels, parse
 from tvsysid.preprocess import (
@@ -29,7 +29,6 @@ from tvsysid.preprocess import (
     subtract_mean,
 )
 from tvsysid.quality import Diagnosis, diagnose, diagnose_recording
-from tvsysid.recordings import read_recording
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Ensemble, Recording
 
@@ -123,7 +122,7 @@ def outcome(settings: Settings) -> Outcome:
 
 @lru_cache(maxsize=16)
 def _found(
-    source: Reading | Recording, changed: int, how: Cutting, method: str
+    source: SourceFile | Recording, changed: int, how: Cutting, method: str
 ) -> Noted[tuple[Cut, Comparison]]:
     cut, before = _cut(source, changed, how, tuple(deviating_channels([parse(method)])))
     found, notes = _noted(lambda: compare(cut.ensemble, [method]))
@@ -132,7 +131,7 @@ def _found(
 
 @lru_cache(maxsize=8)
 def _cut(
-    source: Reading | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]
+    source: SourceFile | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]
 ) -> Noted[Cut]:
     recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
     names = tuple(name for name in deviating if name in recording.channels)
@@ -161,10 +160,8 @@ def _cut(
 
 
 @lru_cache(maxsize=4)
-def _read(source: Reading, changed: int) -> Noted[Recording]:
-    return _noted(
-        lambda: read_recording(source.file, sampling_rate=source.rate, **source.arguments)
-    )
+def _read(source: SourceFile, changed: int) -> Noted[Recording]:
+    return _noted(lambda: source.reading.read(source.file))
 
 
 def _noted(work: Callable[[], T]) -> Noted[T]:

@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.explorer.settings import Cutting, Reading, Settings, checked
-from tvsysid.recordings import describe_file
+from tvsysid.explorer.settings import Cutting, checked
+from tvsysid.recordings import Reading, describe_file
+from tvsysid.recordings.reading import OPTION_NAMES
 from tvsysid.signals import Recording
 
 if TYPE_CHECKING:
     from shiny import App
 
 HOST = "127.0.0.1"
-OF_A_FILE = {item.name for item in attrs.fields(Reading)}
+OF_A_FILE = {OPTION_NAMES.get(item.name, item.name) for item in attrs.fields(Reading)}
 FIRST: dict[str, Any] = {
-    item.name: None if item.default is attrs.NOTHING else item.default
-    for kind in (Reading, Cutting, Settings)
-    for item in attrs.fields(kind)
-    if item.name not in ("file", "source", "cutting")
-} | {"decimate": 100.0}
+    OPTION_NAMES.get(name, name): value
+    for settings in (Reading(), Cutting())
+    for name, value in attrs.asdict(settings).items()
+} | {"channel": (), "decimate": 100.0, "method": "adaptive"}
 """What the page begins with: what `tvsysid identify` does by itself, and a rate that is quick."""
 GRACE_S = 1  # for pages that are still open when it closes
 

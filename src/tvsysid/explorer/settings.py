@@ -8,56 +8,45 @@ import shlex
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
 from tvsysid.methods.settings import further_settings, parts
-from tvsysid.recordings.read import channels_typed
+from tvsysid.recordings.reading import (
+    OPTION_NAMES,
+    AngleUnit,
+    Columns,
+    Reading,
+    Segmentation,
+    TorqueSign,
+    TorqueUnit,
+    named_channels,
+)
 from tvsysid.signals import Recording
 
 CHOICES: dict[str, tuple[Any, ...]] = {
-    "angle_unit": ("rad", "deg"),
-    "torque_unit": ("Nm", "Nmm"),
-    "columns": ("contiguous", "trials"),
-    "torque_sign": (1, -1),
+    "angle_unit": get_args(AngleUnit),
+    "torque_unit": get_args(TorqueUnit),
+    "columns": get_args(Columns),
+    "torque_sign": get_args(TorqueSign),
 }
 
 
 @attrs.frozen
-class Reading:
-    """How a file is read: the options of ``tvsysid identify`` of these names."""
+class SourceFile:
+    """A file, and how it is read."""
 
     file: Path
-    angle: str
-    torque: str
-    rate: float
-    columns: str = "contiguous"
-    torque_sign: int = 1
-    angle_unit: str = "rad"
-    torque_unit: str = "Nm"
-    header: bool = True
-    start: float = 0.0
-    channel: tuple[str, ...] = ()
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """What :func:`tvsysid.read_recording` takes beside file and rate, where it is not the default."""
-        changed = {
-            name: value for name, value in _changed(self).items() if name not in ("rate", "channel")
-        }
-        return changed | ({"channels": channels_typed(self.channel)} if self.channel else {})
+    reading: Reading
 
 
 @attrs.frozen
-class Cutting:
-    """How a recording is cut into realizations: the options of ``tvsysid identify`` of these names."""
+class Cutting(Segmentation):
+    """How a recording is cut into realizations, after a delay of the torque was corrected or not."""
 
-    period: float
-    decimate: float | None = None
-    context: float = 0.5
     align_channels: bool = True
 
 
@@ -68,7 +57,7 @@ Source = Mapping[str, Any] | Recording  # what of a reading has no control, or a
 class Settings:
     """A recording, or how it is read from a file; how it is cut; and the method, as typed."""
 
-    source: Reading | Recording
+    source: SourceFile | Recording
     cutting: Cutting
     method: str = "adaptive"
 
@@ -79,17 +68,16 @@ def command(settings: Settings) -> str:
         return ""
     words = ["tvsysid", "identify", str(settings.source.file)]
     for name, value in (
-        _changed(settings.source) | _changed(settings.cutting) | {"method": settings.method}
+        _changed(settings.source.reading) | _changed(settings.cutting) | {"method": settings.method}
     ).items():
-        option = f"--{name.replace('_', '-')}"
+        option = f"--{OPTION_NAMES.get(name, name).replace('_', '-')}"
         if isinstance(value, bool):
             words.append(option if value else option.replace("--", "--no-"))
+        elif isinstance(value, Mapping):
+            for own, in_file in value.items():
+                words += (option, f"{own}={in_file}")
         else:
-            words += (
-                word
-                for each in (value if isinstance(value, tuple) else (value,))
-                for word in (option, _text(each))
-            )
+            words += (option, _text(value))
     return shlex.join(words)
 
 
@@ -101,9 +89,12 @@ def python(
     ``deviating`` channels lose their mean.
     """
     lines = ["import tvsysid as tv", ""]
-    if isinstance(settings.source, Reading):
-        words = [repr(str(settings.source.file)), f"sampling_rate={_text(settings.source.rate)}"]
-        words += (f"{name}={value!r}" for name, value in settings.source.arguments.items())
+    if isinstance(settings.source, SourceFile):
+        words = [repr(str(settings.source.file))]
+        words += (
+            f"{name}={_text(value) if name == 'sampling_rate' else repr(value)}"
+            for name, value in _changed(settings.source.reading).items()
+        )
         lines.append(f"recording = tv.read_recording({', '.join(words)})")
     lines.append("gaps = tv.preprocess.find_gaps(recording)")
     if mains:
@@ -122,14 +113,9 @@ def python(
 
 
 def _changed(settings: Reading | Cutting) -> dict[str, object]:
-    """What has no default or differs from it; not the file."""
-    every = {
-        item.name: (getattr(settings, item.name), item.default)
-        for item in attrs.fields(type(settings))
-    }
-    return {
-        name: value for name, (value, usual) in every.items() if value != usual and name != "file"
-    }
+    """Return the settings that differ from the defaults."""
+    usual = attrs.asdict(type(settings)())
+    return {name: value for name, value in attrs.asdict(settings).items() if value != usual[name]}
 
 
 def _text(value: object) -> str:
@@ -149,7 +135,7 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
     for name, in_file in {
         "angle": given["angle"],
         "torque": given["torque"],
-        **channels_typed(further),
+        **named_channels(further),
     }.items():
         if in_file is not None and in_file not in channels:
             raise InputError(
@@ -170,7 +156,7 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
 def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
     """Settings of what the controls ``said``, by name.
 
-    ``source`` has what of a :class:`Reading` has no control.
+    ``source`` has the file, and the settings of :class:`Reading` that have no control.
 
     Raises
     ------
@@ -185,18 +171,29 @@ def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
     )
     context = _number(said["context"], "context", "0 for none (s)")
     cutting = Cutting(
-        period, _number(said["decimate"], "decimate"), context, said["align_channels"]
+        period=period,
+        decimate=_number(said["decimate"], "decimate"),
+        context=context,
+        align_channels=said["align_channels"],
     )
     return Settings(reading, cutting, method_text(said["method"], said["settings"]))
 
 
-def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> Reading:
+def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> SourceFile:
     for name in ("angle", "torque"):
         if not said[name]:
             raise InputError(f"choose the channel with the {name}")
     own = {name: said[name] for name in ("angle", "torque", "angle_unit", "torque_unit", "columns")}
     rate = _number(said["rate"], "sampling rate", "what the recording was sampled at (Hz)")
-    return Reading(**{**source, **own, "rate": rate, "torque_sign": -1 if said["reversed"] else 1})
+    reading = Reading(
+        **own,
+        sampling_rate=rate,
+        torque_sign=-1 if said["reversed"] else 1,
+        channels=source["channel"],
+        header=source.get("header", True),
+        start=source.get("start", 0.0),
+    )
+    return SourceFile(source["file"], reading)
 
 
 def _number(value: object, what: str, need: str = "") -> Any:

@@ -204,10 +204,9 @@ def _recording(
     files, missing = _files(experiment.folder, recorded.files)
     channels = {} if preparing.reference is None else {preparing.reference: preparing.reference}
     channels |= experiment.reading.channels
+    reading = attrs.evolve(experiment.reading, channels=channels)
     shortest = 2 * preparing.ends + preparing.period
-    usable = read_usable_trials(
-        files, shortest, **experiment.reading.model_dump(exclude={"channels"}), channels=channels
-    )
+    usable = read_usable_trials(files, reading, shortest)
     refused = missing | usable.refused
     if usable.recording is None:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())

@@ -6,16 +6,17 @@ import json
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import attrs
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Input, inputs_of, said_by
+from tvsysid.recordings import Reading
 from tvsysid.signals import Ensemble
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
 
@@ -30,18 +31,16 @@ Counts = Annotated[tuple[Annotated[int, Field(ge=2)], ...], Listed, Field(min_le
 Files = Annotated[tuple[str, ...], Listed, Field(min_length=1)]
 
 
-class Reading(Settings):
-    """How files are read; see :func:`tvsysid.read_recording`."""
-
-    angle: str
-    torque: str
-    sampling_rate: Annotated[float, Field(gt=0)]
-    angle_unit: Literal["rad", "deg"] = "rad"
-    torque_sign: Literal[1, -1] = 1
-    columns: Literal["contiguous", "trials"] = "contiguous"
-    channels: Mapping[str, str] = Field(default_factory=dict)
-    header: bool = True
-    torque_unit: Literal["Nm", "Nmm"] = "Nm"
+def _reading(value: Any) -> Any:
+    """Make a Reading of a table of settings."""
+    if not isinstance(value, Mapping):
+        return value
+    names = [item.name for item in attrs.fields(Reading)]
+    if unknown := [name for name in value if name not in names]:
+        raise ValueError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(names)}")
+    reading = Reading(**value)
+    _ = reading.names  # raises if a setting is missing
+    return reading
 
 
 class Preparing(Settings):
@@ -191,7 +190,7 @@ class Experiment(StudySettings):
 
     participants: dict[str, dict[str, Files]] = Field(default_factory=dict)
     virtual: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Listed] | None = None
-    reading: Reading | None = None
+    reading: Annotated[Reading, BeforeValidator(_reading)] | None = None
     preparation: Preparing = Preparing()
     perturbation: Annotated[tuple[str, ...], Listed, Field(min_length=1)] | None = None
     methods: Annotated[tuple[Applied, ...], Field(min_length=1)] = tuple(
@@ -355,7 +354,7 @@ class Experiment(StudySettings):
         if participants:
             settings |= {"participants": participants, "folder": str(self.folder.resolve())}
         if self.reading is not None:
-            settings["reading"] = self.reading.model_dump()
+            settings["reading"] = attrs.asdict(self.reading)
         prepared = self.preparation.model_dump()
         settings["preparation"] = {
             name: False if value is None else value for name, value in prepared.items()

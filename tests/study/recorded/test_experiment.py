@@ -123,7 +123,7 @@ def test_a_toml_file_says_the_same(tmp_path):
         ),
         (
             {"reading": {"angle": "pos", "torque": "tq"}},
-            r"reading.sampling_rate: this is missing; give it",
+            r"reading: sampling_rate is missing; give it",
         ),
         ({"preparation": {"ratee": 1}}, r"preparation.ratee: unknown key; did you mean rate\?"),
         (
@@ -146,7 +146,7 @@ def test_a_toml_file_says_the_same(tmp_path):
             {"participants": {"a\0": {"noise": "a"}}, "reading": READING},
             r"names that files and tables may have",
         ),
-        ({"reading": READING | {"start": 1}}, r"reading.start: unknown key"),
+        ({"reading": READING | {"strat": 1}}, r"reading: unknown setting 'strat'"),
         ({"virtual": -1}, r"virtual.0: Input should be greater than or equal to 0; got -1"),
         ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),
         (

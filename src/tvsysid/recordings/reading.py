@@ -1,0 +1,340 @@
+"""How a recording is read from a file and cut into realizations: every setting, declared once."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import attrs
+
+from tvsysid.checked import checked_array
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.recordings.channel import Channel
+from tvsysid.recordings.limits import check_fits
+from tvsysid.recordings.plausible import contradictions, implausible
+from tvsysid.recordings.process import describe_file
+from tvsysid.signals import Array, Recording
+from tvsysid.validators import boolean, finite, not_negative, one_of, optional, positive
+
+AngleUnit = Literal["rad", "deg"]
+TorqueUnit = Literal["Nm", "Nmm"]
+Columns = Literal["contiguous", "trials"]
+TorqueSign = Literal[1, -1]
+
+RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
+NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
+OPTION_NAMES = {"sampling_rate": "rate", "channels": "channel"}
+"""Names of command-line options that differ from the names of the settings."""
+
+
+def named_channels(channels: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
+    """Return names in the file by names in the recording, from a mapping or NAME=CHANNEL texts.
+
+    Examples
+    --------
+    >>> named_channels(["emg=EMG_SIGNAL"])
+    {'emg': 'EMG_SIGNAL'}
+    """
+    if not isinstance(channels, Mapping):
+        if isinstance(channels, str):
+            raise InputError(f"channels: expected a mapping, got {channels!r}; give {{'emg': 'X'}}")
+        pairs = [text.partition("=") for text in channels]
+        for name, equals, in_file in pairs:
+            if not name or not in_file:
+                raise InputError(
+                    f"--channel {name}{equals}{in_file}: expected NAME=CHANNEL, as in "
+                    "emg=EMG_SIGNAL"
+                )
+        channels = {name: in_file for name, _, in_file in pairs}
+    if taken := [name for name in ("angle", "torque") if name in channels]:
+        raise InputError(
+            f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
+        )
+    return dict(channels)
+
+
+@attrs.frozen(kw_only=True)
+class Reading:
+    """How a recording is read from a file.
+
+    Parameters
+    ----------
+    angle
+        Name of the variable or column with the angle.
+    torque
+        Name of the variable or column with the torque.
+    sampling_rate
+        Sampling rate of the recording in Hz.
+    channels
+        Read a further channel for methods that need one, and give it the name that the method
+        expects: ``emg=EMG_SIGNAL`` reads EMG_SIGNAL as emg. Repeatable.
+    columns
+        What the columns of a matrix are: parts of one recording, in order of time, or separate
+        trials.
+    torque_sign
+        Give -1 if the file's torque has the opposite sign: torque must rise with the angle
+        (torque = stiffness x angle, with positive stiffness).
+    angle_unit
+        Unit of the angle in the file.
+    torque_unit
+        Unit of the torque in the file; N·mm is what C3D files have in most laboratories.
+    header
+        Whether the first line of a text table (CSV, TSV) has names; if not, columns are called
+        1, 2, ...
+    start
+        Time of the first sample in s; realizations begin at multiples of the period.
+
+    Raises
+    ------
+    InputError
+        For a setting that is not valid.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
+    >>> reading = Reading(angle="pos", torque="tq", sampling_rate=100)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
+    ...     reading.read(f"{folder}/ankle.npz")
+    Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
+    """
+
+    angle: str | None = None
+    torque: str | None = attrs.field(default=None)
+    sampling_rate: float | None = attrs.field(default=None, validator=optional(positive))
+    channels: Mapping[str, str] = attrs.field(factory=dict, converter=named_channels, hash=False)
+    columns: Columns = attrs.field(default="contiguous", validator=one_of(Columns))
+    torque_sign: TorqueSign = attrs.field(default=1, validator=one_of(TorqueSign))
+    angle_unit: AngleUnit = attrs.field(default="rad", validator=one_of(AngleUnit))
+    torque_unit: TorqueUnit = attrs.field(default="Nm", validator=one_of(TorqueUnit))
+    header: bool = attrs.field(default=True, validator=boolean)
+    start: float = attrs.field(default=0.0, validator=finite)
+
+    @torque.validator
+    def _is_another_channel(self, _: object, torque: str | None) -> None:
+        if torque is not None and torque == self.angle:
+            raise InputError(
+                f"angle and torque are both {torque!r}; name the channel of each "
+                "(--angle, --torque)"
+            )
+
+    def read(self, path: str | Path) -> Recording:
+        """Read angle and torque from a file, in rad and N·m, and the further channels as they are.
+
+        Raises
+        ------
+        InputError
+            If the angle, the torque or the sampling rate is not given; if the file cannot be read,
+            lacks a channel (the message lists those that it holds), or holds no usable numbers.
+
+        Warns
+        -----
+        DataQualityWarning
+            If the angle, said to be in rad, is so large that it is probably in degrees; if the file
+            states another unit or sampling rate; if angle or torque stand still while the joint
+            moves, or a channel does throughout.
+        """
+        file = Path(path)
+        content = self.signals(file)
+        signals = {
+            name: checked_array(f"{file.name}: {name}", matrix, ("time", "trial")).ravel(order="F")
+            for name, matrix in content.matrices.items()
+        }
+        recording = self.recording(signals, content.trial_starts)
+        for text in self.warnings(content.channels, recording):
+            warnings.warn(f"{file.name}: {text}", DataQualityWarning, stacklevel=3)
+        return recording
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names in the file of all channels that are read, the angle and the torque first.
+
+        Raises
+        ------
+        InputError
+            If the angle, the torque or the sampling rate is not given.
+        """
+        for name in ("angle", "torque", "sampling_rate"):
+            if getattr(self, name) is None:
+                raise InputError(
+                    f"{name} is missing; give it (--{OPTION_NAMES.get(name, name)}). `tvsysid "
+                    "inspect FILE` lists the channels of a file"
+                )
+        return tuple(map(str, dict.fromkeys((self.angle, self.torque, *self.channels.values()))))
+
+    def signals(self, file: Path) -> Signals:
+        """Read the signals that a recording is made of, each of one shape (time, trial)."""
+        names = self.names
+        found = describe_file(file, self.header)
+        for name in names:
+            if name not in found:
+                there = (
+                    ", ".join(f"{own} ({channel.described})" for own, channel in found.items())
+                    or "nothing"
+                )
+                raise InputError(f"{file.name}: no channel {name!r}; it holds {there}")
+        channels = {name: found[name] for name in names}
+        # Channels without numbers are refused when they are read.
+        shapes = {
+            name: _time_first(channel.shape)
+            for name, channel in channels.items()
+            if channel.values is not None
+        }
+        if len(set(shapes.values())) > 1:
+            _refuse_lengths(file, channels, shapes)
+        check_fits(file.name, sum(channels[name].needed for name in shapes))
+        matrices = {}
+        for name, channel in channels.items():
+            values = channel.read(f"{file.name}: {name}")
+            matrices[name] = values.reshape(_time_first(values.shape))
+            if matrices[name].ndim != 2 or not matrices[name].size:
+                checked_array(f"{file.name}: {name}", matrices[name], ("time", "trial"))
+        shape = matrices[names[0]].shape
+        return Signals(channels, matrices, self._trial_starts(file, channels, shape))
+
+    def _trial_starts(
+        self, file: Path, channels: Mapping[str, Channel], shape: tuple[int, ...]
+    ) -> tuple[int, ...]:
+        """First sample of each trial: of each column, or where the file states that one begins."""
+        stated = {channel.trial_starts for channel in channels.values()}
+        if len(stated) > 1:
+            raise InputError(
+                f"{file.name}: the channels are cut into trials at different samples; cut them "
+                "alike"
+            )
+        segments = next(iter(stated))
+        if self.columns == "trials":
+            return segments or tuple(range(0, shape[0] * shape[1], shape[0]))
+        if len(segments) > 1:
+            raise InputError(
+                f"{file.name}: the channels are {len(segments)} segments with gaps between them; "
+                "read each as a trial (--columns trials)"
+            )
+        return (0,)
+
+    def recording(
+        self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
+    ) -> Recording:
+        """Return the recording of signals of shape (time,), by their names in the file."""
+        angle, torque = self.names[:2]
+        return Recording(
+            angle=_scaled(signals[angle], RAD_PER_UNIT[self.angle_unit]),
+            torque=_scaled(signals[torque], self.torque_sign * NM_PER_UNIT[self.torque_unit]),
+            sampling_rate=self.sampling_rate or math.nan,
+            start=self.start,
+            channels={name: signals[in_file] for name, in_file in self.channels.items()},
+            trial_starts=trial_starts,
+        )
+
+    def warnings(self, channels: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
+        """Yield a sentence for all that the file states otherwise, or that looks wrong."""
+        angle, torque = self.names[:2]
+        units = {angle: self.angle_unit, torque: self.torque_unit}
+        yield from contradictions(channels, recording.sampling_rate, units)
+        yield from implausible(recording, angle, torque, self.angle_unit)
+
+
+@attrs.frozen
+class Signals:
+    """Signals of a file.
+
+    Parameters
+    ----------
+    channels
+        What the file states of each signal, by name.
+    matrices
+        Values of shape (time, trial), by name.
+    trial_starts
+        First sample of each trial, where all columns follow each other.
+    """
+
+    channels: dict[str, Channel]
+    matrices: dict[str, Array]
+    trial_starts: tuple[int, ...]
+
+
+@attrs.frozen(kw_only=True)
+class Segmentation:
+    """How a recording is decimated and cut into realizations.
+
+    Parameters
+    ----------
+    period
+        Duration of one realization in s, that is, of one repetition of the behaviour.
+    decimate
+        Low-pass filter and decimate to this rate in Hz first; 100 Hz is usual, and makes it much
+        faster.
+    context
+        Seconds kept before and after each realization, because lags and windows reach beyond its
+        ends.
+    """
+
+    period: float | None = attrs.field(default=None, validator=optional(positive))
+    decimate: float | None = attrs.field(default=None, validator=optional(positive))
+    context: float = attrs.field(default=0.5, validator=not_negative)
+
+
+def read_recording(path: str | Path, **settings: Any) -> Recording:
+    """Read angle and torque from a file, in rad and N·m.
+
+    Parameters
+    ----------
+    path
+        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS
+        (``_motion.tsv``), Parquet (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF
+        (``tvsysid[edf]``), by its ending.
+    angle, torque
+        Names of the variables or columns, as ``tvsysid inspect`` lists them: ``run.angle`` in a
+        MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
+    sampling_rate
+        In Hz. What the file says of itself is compared with it, and never used in its place.
+    **settings
+        ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
+        ``angle_unit="deg"``, ``torque_unit="Nmm"``, ``header=False`` and ``start``: see
+        :class:`tvsysid.recordings.Reading`. Errors and warnings are those of
+        :meth:`tvsysid.recordings.Reading.read`.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
+    ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
+    Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
+    """
+    return Reading(**settings).read(path)
+
+
+def _refuse_lengths(
+    file: Path, channels: Mapping[str, Channel], shapes: Mapping[str, tuple[int, ...]]
+) -> None:
+    lengths = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in shapes.items())
+    rates = {name: channels[name].sampling_rate for name in shapes if channels[name].sampling_rate}
+    if len(set(rates.values())) > 1:
+        stated = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
+        lengths += f" (sampled at {stated})"
+    raise InputError(
+        f"{file.name}: the channels have different lengths: {lengths}; name channels that were "
+        "sampled together, or cut or resample them to one rate before"
+    )
+
+
+def _scaled(values: Array, factor: float) -> Array:
+    """Return values times a factor, without a copy where the factor is 1."""
+    if factor == 1:
+        return values
+    scaled = values * factor
+    scaled.flags.writeable = False
+    return scaled
+
+
+def _time_first(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Shape of a vector of any orientation as (time, 1); that of a matrix as it is."""
+    if len(shape) < 2 or (len(shape) == 2 and shape[0] == 1):
+        return (math.prod(shape), 1)
+    return shape

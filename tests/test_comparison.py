@@ -130,7 +130,7 @@ def test_two_methods_of_one_name_are_refused_and_none_is_told():
     with pytest.raises(tv.InputError, match="two methods have the name OnlyStiffness"):
         tv.compare(ensemble_of(), [OnlyStiffness(), OnlyStiffness()])
     assert list(tv.compare(ensemble_of(), ["esm", "esm"]).models) == ["esm"]
-    with pytest.raises(tv.InputError, match="expected a method at least, got none"):
+    with pytest.raises(tv.InputError, match="expected at least one method, got none"):
         tv.compare(ensemble_of(), [])
 
 
@@ -325,6 +325,4 @@ def test_held_out_vaf_says_where_a_method_cannot_do_without_a_fold():
         found.held_out_vaf(1)
     alone, two = (attrs.evolve(found, ensemble=ensemble.select(range(count))) for count in (1, 2))
     assert np.isnan(alone.held_out_vaf()["kbr"]).all()
-    with pytest.warns(tv.DataQualityWarning) as said:
-        assert np.isnan(two.held_out_vaf()["kbr"]).all()
-    assert [str(each.message).partition(":")[0] for each in said] == ["no held-out VAF"]
+    assert np.isnan(two.held_out_vaf()["kbr"]).all()

@@ -36,6 +36,8 @@ def only_identified(monkeypatch, not_held_out):
         raise InputError("it is not diagnosed")
 
     monkeypatch.setattr("tvsysid.quality.diagnose", undiagnosed)
-    monkeypatch.setattr("tvsysid.comparison.diagnose", undiagnosed)
+    monkeypatch.setattr("tvsysid.comparison.delay.diagnose", undiagnosed)
     recommended = Recommendation(("adaptive",), "for any data", {}, {})
-    monkeypatch.setattr("tvsysid.comparison.recommend", lambda *given, **words: recommended)
+    monkeypatch.setattr(
+        "tvsysid.comparison.comparison.recommend", lambda *given, **words: recommended
+    )

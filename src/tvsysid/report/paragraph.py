@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tvsysid import __version__
-from tvsysid.comparison import FOLDS
+from tvsysid.comparison.comparison import FOLDS
 from tvsysid.figures.words import count
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited

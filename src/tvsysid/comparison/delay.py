@@ -1,0 +1,89 @@
+"""Decide how much of a delay between torque and angle to correct."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+
+import attrs
+import numpy as np
+
+from tvsysid.comparison.comparison import compare
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.quality import diagnose
+from tvsysid.quality.reflexes import predicts_better
+from tvsysid.recommendation.trust import LOOP, WRONG
+from tvsysid.signals import Array, Ensemble
+
+SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than another
+
+
+def delay_to_correct(
+    cut: Callable[[float], Ensemble], judged: Ensemble, method: str
+) -> tuple[float, str]:
+    """Choose how much of a delay of the torque to correct: all of it, half of it or none.
+
+    A joint that is not of second order, or a compliant fixture, looks like a delay of another
+    size. So all of the delay is corrected unless half or none of it predicts held-out
+    realizations better (p < 0.05). ``adaptive`` predicts them. A single realization is predicted
+    by ``method``, if that holds out fifths of the record.
+
+    Parameters
+    ----------
+    cut
+        Function that returns the ensemble after correction of a delay in s.
+    judged
+        Ensemble in which the delay is looked for: as recorded, or pieces of it.
+    method
+        Method for a single realization, which ``adaptive`` cannot identify.
+
+    Returns
+    -------
+    float
+        Delay to correct in s. 0 if none is found or can be corrected, or if worse faults are
+        found.
+    str
+        What was found and done. Empty if no delay is found.
+    """
+    try:
+        faults = {each.name: each for each in diagnose(judged).findings}
+    except InputError:  # realizations are too few, or too short
+        return 0.0, ""
+    if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
+        return 0.0, ""
+    found, shares = faults["delay"].what.partition(";")[0], np.array([0.0, 0.5, 1.0])
+    delays = shares * faults["delay"].value / 1000
+    try:
+        ensembles = [cut(delay) for delay in delays]
+        method, predicted = _predicted(ensembles, method)
+    except InputError as error:
+        return 0.0, f"{found}; none of it is corrected: {error}"
+    means = [each.mean() for each in predicted]
+    if not np.isfinite(means).all():
+        return float(delays[-1]), f"{found}; all of it is corrected"
+    best, count = int(np.argmax(means)), min(map(len, predicted))
+    p_value, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
+    chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
+    what = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
+    none, half, every = means
+    return float(delays[chosen]), (
+        f"{what}: held-out VAF of {method} is {none:.1f} % as recorded, {half:.1f} with half and "
+        f"{every:.1f} with all of it corrected"
+    )
+
+
+def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Array]]:
+    """Return the method that predicts, and its held-out VAF of each candidate.
+
+    ``adaptive`` identifies the first candidate, and starts from this model for the others.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        if len(ensembles[0]) == 1:
+            models = [compare(each, [method]).models[method] for each in ensembles]
+            details = [model.diagnostics.details for model in models]
+            return method, [np.array([each.get("vaf_folds", np.nan)]) for each in details]
+        found = compare(ensembles[0], ["adaptive"])
+        return "adaptive", [
+            attrs.evolve(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles
+        ]

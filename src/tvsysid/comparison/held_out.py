@@ -1,0 +1,92 @@
+"""Predict realizations that a method was not fitted to."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.methods import Tuned, deviating_channels
+from tvsysid.methods.apply import Identifies, identify
+from tvsysid.methods.base import Method
+from tvsysid.metrics import vaf
+from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.threads import single_thread
+from tvsysid.showing import Progress, reported
+from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import at_least
+
+
+def held_out_vaf(
+    ensemble: Ensemble,
+    methods: Mapping[str, Identifies],
+    models: Mapping[str, Model],
+    folds: int,
+    progress: Progress | None,
+) -> dict[str, Array]:
+    """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
+    at_least(2).check("held_out_vaf", "folds", folds)
+    parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
+    found = {label: np.full(len(ensemble), np.nan) for label in models}
+    failed: dict[str, str] = {}
+    # Of one realization kept, nothing is left beside its mean.
+    if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
+        return found
+    jobs = [(label, part) for part in parts for label in found]
+    with single_thread(), reported(progress, "identifying without a part") as advance:
+        for number, (label, part) in enumerate(jobs):
+            advance(number, len(jobs))
+            try:
+                found[label][part] = _vaf_of(ensemble, part, label, methods[label], models[label])
+            except Exception as error:  # a user's method may raise anything; the others go on
+                failed.setdefault(label, describe_error(error))
+    for reason in dict.fromkeys(failed.values()):
+        labels = ", ".join(label for label, own in failed.items() if own == reason)
+        warnings.warn(
+            f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: "
+            f"{reason}",
+            DataQualityWarning,
+            stacklevel=3,
+        )
+    return found
+
+
+def _vaf_of(
+    ensemble: Ensemble, left: NDArray[np.int64], label: str, method: Identifies, model: Model
+) -> Array:
+    """Identify all realizations but those ``left`` out, and return the VAF of the latter."""
+    kept = np.setdiff1d(np.arange(len(ensemble)), left)
+    if ensemble.mean_subtracted:
+        ensemble = _without_mean_of(ensemble, kept, deviating_channels([method]))
+    torque = ensemble.torque[:, ensemble.core]
+    unseen = np.array(ensemble.torque)
+    unseen[left] = 0.0  # a method that predicts cannot look at it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
+        known = ensemble.select(kept)
+        if isinstance(method, (Method, Tuned)):
+            model = method.refit(known, model)
+        else:
+            model = identify(method, known, label).model
+        predicted = model.predict(attrs.evolve(ensemble, torque=unseen))
+    if ensemble.mean_subtracted:
+        predicted = predicted - mean_known(predicted[kept])
+    return vaf(torque[left], predicted[left])
+
+
+def _without_mean_of(
+    ensemble: Ensemble, kept: NDArray[np.int64], channels: tuple[str, ...]
+) -> Ensemble:
+    """Subtract the mean of the realizations kept from angle, torque and these channels."""
+    names = ("angle", "torque", *(name for name in channels if name in ensemble.channels))
+    signals = {name: ensemble.signal(name) for name in names}
+    deviations = {name: values - values[kept].mean(axis=0) for name, values in signals.items()}
+    angle, torque = deviations.pop("angle"), deviations.pop("torque")
+    return attrs.evolve(
+        ensemble, angle=angle, torque=torque, channels={**ensemble.channels, **deviations}
+    )

@@ -146,8 +146,8 @@ def test_reversed_sign_is_told(recordings_folder):
         sampling_rate=1000,
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    with pytest.warns(tv.DataQualityWarning, match="sign reversed"):
-        tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
+    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(ensemble))
+    assert "reversed-torque" in [each.name for each in diagnosis.findings]
 
 
 # Range of the stiffness, VAF and stiffness by an independent fit of the same kind; other methods

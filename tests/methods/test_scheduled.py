@@ -226,10 +226,7 @@ def record_of(ensemble):
 def test_realizations_that_follow_each_other_are_one_record(noisy):
     method = tv.ScheduledIRF(order=2, reflex_order=2)
     cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
-    with pytest.warns(
-        tv.DataQualityWarning, match="mean over realizations"
-    ):  # the reflex pulls to one side only
-        model = method.identify(cut)
+    model = method.identify(cut)
     own, same = (each.at(GRID)["stiffness"] for each in (method.identify(noisy), model))
     assert (np.abs(same.values - own.values) < 0.5 * own.standard_error.values).all()
     np.testing.assert_allclose(same.standard_error.values, own.standard_error.values, rtol=0.3)

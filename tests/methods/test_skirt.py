@@ -139,17 +139,6 @@ def test_what_it_does_not_serve_is_said_in_words(method, perturbation, message):
         method.identify(ensemble)
 
 
-def test_a_single_line_that_the_mean_left_is_told_by_every_method():
-    # Three lines on multiples of 1/period, which the mean takes.
-    with pytest.warns(
-        tv.DataQualityWarning, match=r"the angle moves within 1 Hz of 2.3 Hz only"
-    ) as told:
-        tv.KernelRegression().identify(
-            tv.preprocess.subtract_mean(perturbed(Multisine((0.5, 1.0, 1.5, 2.25))))
-        )
-    assert len(told) == 1
-
-
 @pytest.mark.parametrize(
     "settings", [{"harmonics": -1}, {"harmonics": 1.5}, {"frequencies": (1.0, -2.0)}]
 )

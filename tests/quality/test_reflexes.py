@@ -6,8 +6,8 @@ import pytest
 from scipy.special import stdtr
 
 import tvsysid as tv
-from tvsysid.quality import reflexes
-from tvsysid.quality.reflexes import reflex_test
+from tvsysid.methods.cascade import reflex_test as reflex_testing
+from tvsysid.methods.cascade.reflex_test import reflex_test
 
 REFLEX = tv.simulate.StretchReflex
 
@@ -86,13 +86,13 @@ def test_a_joint_that_changes_is_told_from_one_that_does_not(gain):
             40.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
         ).recording
         ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-        assert reflexes.changes(ensemble) == changing
+        assert reflex_testing.changes(ensemble) == changing
 
 
 def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random):
     """12 realizations, each third predicted from the others."""
-    monkeypatch.setattr(reflexes, "BLOCKS", 3)
-    monkeypatch.setattr(reflexes, "HARMONICS", 1)
+    monkeypatch.setattr(reflex_testing, "BLOCKS", 3)
+    monkeypatch.setattr(reflex_testing, "HARMONICS", 1)
     angle, torque, positive, negative = random.normal(size=(4, 12, 120))
     found = reflex_test(angle, torque, (positive, negative), slice(10, 110), 100.0)
     drives = [each - each.mean(axis=0) for each in (positive, negative)]
@@ -169,6 +169,6 @@ def test_a_reflex_is_found_under_slow_voluntary_torque():
     slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
     drifting = attrs.evolve(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(drifting, 100), 2.0)
-    found = reflexes.reflex_test_of(tv.preprocess.subtract_mean(ensemble))
+    found = reflex_testing.reflex_test_of(tv.preprocess.subtract_mean(ensemble))
     assert found.shown
     assert found.direction == 1

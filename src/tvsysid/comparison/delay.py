@@ -10,8 +10,8 @@ import numpy as np
 
 from tvsysid.comparison.comparison import compare
 from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import diagnose
-from tvsysid.quality.reflexes import predicts_better
 from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.signals import Array, Ensemble
 

@@ -1,4 +1,4 @@
-"""What the five methods share: checks before, warnings and timing after."""
+"""Base class of methods: checks before the fit, warnings and timing after it."""
 
 from __future__ import annotations
 
@@ -23,18 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
+from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
-from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.numerics.threads import single_thread
-from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.reflexes import changes
-from tvsysid.quality.statistics import (
-    LEAST_POWER,
-    MOSTLY_NEGATIVE,
-    angle_inflation,
-    mean_left,
-    still_samples,
-)
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 from tvsysid.validators import at_least, one_of, positive, with_settings
@@ -48,10 +39,10 @@ MOST_VALUES = 100_000  # of a variable of a method's own
 NOTHING = 1e-12  # share of the largest value that is rounding
 Kind = Literal["input", "reference", "scheduling"]
 
-# variance inflation of stiffness by velocity and acceleration above which it is undetermined
-RINGING = 15.0
-SELDOM = 0.01  # share of the samples up to which that does not matter
-ONE_LINE = 0.995  # share of the angle's power about one frequency from which on it has no other
+MIN_AGREEMENT = (
+    95.0  # second-order agreement in % of a joint of second order; simulated ones have 99
+)
+CERTAIN = 2.0  # standard errors by which it must lie lower
 
 
 @attrs.frozen
@@ -102,9 +93,6 @@ class Method(ABC):
         False  # whether it needs realizations that follow each other in the record
     )
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
-    takes_deviations: ClassVar[bool] = (
-        False  # whether it subtracts the mean over realizations by itself
-    )
     uses_recorded_angle: ClassVar[bool] = (
         False  # whether it uses the angle at the rate at which it was recorded
     )
@@ -128,7 +116,8 @@ class Method(ABC):
         Warns
         -----
         DataQualityWarning
-            For what is legal, but makes the result doubtful; kept in the model's diagnostics.
+            If the method's model does not fit the joint; kept in the model's diagnostics.
+            Faults of the data are found by :func:`tvsysid.diagnose`.
         """
         started = perf_counter()
         with single_thread():
@@ -137,8 +126,7 @@ class Method(ABC):
             texts = (
                 *model.diagnostics.warnings,
                 *self._own_warnings(ensemble),
-                *_common_warnings(self, ensemble, model),
-                *(_changing(ensemble) if self.time_invariant else ()),
+                *_fit_warnings(self, ensemble, model),
             )
         details = {**model.diagnostics.details, **aligned(ensemble)}
         diagnostics = attrs.evolve(
@@ -190,10 +178,6 @@ class Method(ABC):
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         """What speaks for which settings."""
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
-
-    @abstractmethod
-    def _needed_band(self) -> tuple[float, float]:
-        """Frequency below which the angle must have power, and the one above which, in Hz."""
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         yield from ()
@@ -374,101 +358,20 @@ def check_choice(method: object, name: str, allowed: object) -> None:
     one_of(allowed).check(type(method).__name__, name, getattr(method, name))
 
 
-# second-order agreement in per cent below which a joint is not of second order; simulated ones
-# reach 99
-AGREES = 95.0
-CERTAIN = 2.0  # standard errors by which it must lie lower
-EXCITED_ABOVE = 1.0  # Hz above which viscosity and inertia show beside a joint's stiffness at all
-
-
-def _changing(ensemble: Ensemble) -> Iterator[str]:
-    """What is to be said of a joint that changes, where the method takes it as constant."""
-    try:
-        changing = changes(ensemble)
-    except InputError:  # realizations are too short to see it
-        return
-    if changing:
+def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
+    """Yield why the method's model of a joint does not fit this one."""
+    details = model.diagnostics.details
+    agreement = details.get("second_order_agreement", math.nan)
+    error = details.get("second_order_agreement_error", 0.0)
+    if agreement + CERTAIN * error < MIN_AGREEMENT:
         yield (
-            "stiffness or viscosity change over a realization (p < 0.0001), and this method takes "
-            "the joint as "
-            "constant: what it finds is some mean; use one that follows changes"
+            f"inertia, viscosity and stiffness explain only {agreement:.0f} % of the torque that "
+            "depends on the angle: the joint is not of second order, so viscosity and inertia "
+            "mean nothing; look at the impulse response (eirf, sds; in models.nc, in Python "
+            "model.impulse_response)"
         )
-
-
-def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    spectrum = PowerSpectrum.of(
-        ensemble.angle[:: max(1, len(ensemble) // 32)], ensemble.sampling_rate
-    )
-    peak, share, width = spectrum.strongest_line()
-    is_line = share > ONE_LINE and peak > 2 * width
-    known = model.stiffness[
-        np.isfinite(model.stiffness) & (not is_line)
-    ]  # of a line, it is rounding
-    if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
+    if method.time_invariant and changes(ensemble):
         yield (
-            f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
-            "is the torque's sign reversed? (read it with --torque-sign -1, in Python "
-            "torque_sign=-1) Or does noise "
-            "alone move the angle, as where the perturbation is the same in every realization?"
+            "stiffness or viscosity change over a realization (p < 0.0001), but this method takes "
+            "the joint as constant and finds a mean; use a method that follows changes"
         )
-    if len(known) and abs(usual := float(np.median(known))) > FAULTS["torque-unit"].limit:
-        yield (
-            f"the stiffness is {usual:.4g} N·m/rad in the median, stiffer than any joint: are the "
-            "angle in rad and the "
-            "torque in N·m, and not swapped?"
-        )
-    shared = model.diagnostics.details.get("second_order_agreement", math.nan)
-    error = model.diagnostics.details.get("second_order_agreement_error", 0.0)
-    if shared + CERTAIN * error < AGREES:
-        yield (
-            f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that "
-            "answers to the angle: "
-            "the joint is not of second order, so viscosity and inertia mean nothing; look at the "
-            "impulse response (eirf, sds; in models.nc, in Python model.impulse_response)"
-        )
-    left = mean_left(ensemble.torque[:, ensemble.core])
-    if left.found and not method.takes_deviations:
-        yield (
-            f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than "
-            "chance would leave: it is "
-            "no answer to the perturbation and biases the stiffness; use "
-            "tvsysid.preprocess.subtract_mean first"
-        )
-    if len(ensemble) > 1:
-        still = still_samples(ensemble.angle[:, ensemble.core])
-        if len(still):
-            yield (
-                f"the angle is still in all realizations at {len(still)} of {ensemble.samples} "
-                "samples, the first at "
-                f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the "
-                "values mean nothing"
-            )
-    low, high = method._needed_band()
-    below, above = spectrum.shares((0.0, low), (high, math.inf))
-    if min(below, above) < LEAST_POWER:
-        side, limit, part, fault = (
-            ("below", low, below, "stiffness")
-            if below < above
-            else ("above", high, above, "viscosity and inertia")
-        )
-        yield (
-            f"only {100 * part:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the "
-            "method needs it: "
-            f"{fault} cannot be told from the noise; use a perturbation with power there"
-        )
-    if is_line:
-        yield (
-            f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia "
-            "cannot "
-            "be told apart; perturb at several frequencies, none of them a multiple of 1/period"
-        )
-    elif not (method.time_invariant or method.perturbation):
-        ringing = float(np.mean(angle_inflation(ensemble.angle, ensemble.sampling_rate) > RINGING))
-        if ringing > SELDOM:
-            yield (
-                f"at {100 * ringing:.0f} % of the samples the angle moves like a free "
-                "oscillation: its acceleration "
-                "follows from angle and velocity, so stiffness there comes from other times or "
-                "from noise, and no band "
-                "counts that; perturb without rests, at more frequencies"
-            )

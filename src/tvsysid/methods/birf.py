@@ -278,9 +278,6 @@ class BasisIRF(base.Method):
             self.basis, self.prior, ensemble.samples, log_evidence, per_function
         )
 
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
-
 
 class System(NamedTuple):
     """Normal equations of coefficients whose columns have unit RMS: averaged over realizations, summed over ``times``.

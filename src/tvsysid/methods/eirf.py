@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import attrs
 
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import EXCITED_ABOVE, Method, fitting_lags, whole_samples
+from tvsysid.methods.base import Method, fitting_lags, whole_samples
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
@@ -122,9 +122,6 @@ class EnsembleIRF(Method):
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
-
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -226,9 +226,6 @@ class EnsembleSpectral(base.Method):
             )
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / self.window, base.EXCITED_ABOVE
-
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class InstrumentalResponseModel(FrequencyResponseModel):

@@ -200,9 +200,6 @@ class ModalDecomposition(base.Method):
             diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
         )
 
-    def _needed_band(self) -> tuple[float, float]:
-        return math.inf, 0.0
-
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class ModalModel(Model):

@@ -166,9 +166,6 @@ class ParallelCascade(base.Method):
         reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
         return hammerstein.cascade_model(plain, ensemble, reflex, drive)
 
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
-
 
 def _explained(fit: Cascade) -> float:
     return fit.explained

@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import EXCITED_ABOVE, Input, Method, fitting_lags, whole_samples
+from tvsysid.methods.base import Input, Method, fitting_lags, whole_samples
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
@@ -147,9 +147,6 @@ class ShortDataSegments(Method):
         return tuning.evidence_by_halves(
             self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
         )
-
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
 @attrs.frozen(eq=False)

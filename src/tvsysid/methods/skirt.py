@@ -209,9 +209,6 @@ class SkirtDecomposition(base.Method):
             turning[:, own] *= (found[: len(lines)] + 1j * found[len(lines) : -1])[:, None, None]
         return turning, angle
 
-    def _needed_band(self) -> tuple[float, float]:
-        return math.inf, 0.0
-
 
 class Skirts(NamedTuple):
     """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom.

@@ -13,7 +13,6 @@ from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError, impedance_estimates
 from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods.base import (
-    EXCITED_ABOVE,
     Method,
     check_positive,
     check_whole,
@@ -325,9 +324,6 @@ class SubspaceCascade(Method):
                 details={"second_order_agreement": agrees, "reflex_order": float(order)},
             ),
         )
-
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.delay), EXCITED_ABOVE
 
 
 class Fit(NamedTuple):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tvsysid.numerics import Array
 
 Order = Literal["natural", "output"]
+RIDGE = 1e-9  # share of the regressors' mean power that is added to each
 
 
 class Solution(NamedTuple):
@@ -116,3 +117,9 @@ def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
         rank, explained = usable.sum(axis=1), np.sum(projections**2 * usable, axis=1) / len(u)
         parts.append((weights, rank, inverse, rank, explained))
     return Solution(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def solve_regularized(gram: Array, cross: Array) -> Array:
+    """Solve least squares from second moments, also where regressors are nearly the same."""
+    ridge = RIDGE * np.trace(gram) / len(gram) + np.finfo(float).tiny
+    return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), cross))

@@ -145,11 +145,3 @@ class PowerSpectrum(NamedTuple):
             for low, high in bands
         ]
         return [float(share / total) if total > 0 else 0.0 for share in inside]
-
-    def strongest_line(self) -> tuple[float, float, float]:
-        """Return the frequency with most power, the share within so many Hz of it, and these."""
-        peak, width = (
-            float(self.frequency[np.argmax(self.power)]),
-            0.5 + 1.5 * float(self.frequency[1]),
-        )
-        return peak, self.shares((peak - width, peak + width))[0], width

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+from tvsysid.recordings.plausible import MAX_ANGLE_RMS_RAD, MAX_STANDSTILL_S
+
 
 class Fault(NamedTuple):
-    """One thing that can be wrong, and the limit that readers, methods and the diagnosis hold it against.
+    """One fault that data can have, and its limit.
 
     Parameters
     ----------
@@ -129,7 +131,7 @@ FAULTS: dict[str, Fault] = {
     "angle-unit": Fault(
         "The angle is too large for radians",
         "RMS of the angle about its mean over realizations",
-        0.2,
+        MAX_ANGLE_RMS_RAD,
         "rad",
         "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if "
         "they are radians, no "
@@ -283,7 +285,7 @@ FAULTS: dict[str, Fault] = {
     "lost-angle": Fault(
         "The angle is lost for a while",
         "time during which the torque moves and the angle does not",
-        0.25,
+        MAX_STANDSTILL_S["angle"],
         "s",
         "the torque seems to move by itself there, which adds noise and mostly lowers the "
         "stiffness",
@@ -292,7 +294,7 @@ FAULTS: dict[str, Fault] = {
     "lost-torque": Fault(
         "The torque is lost for a while",
         "time during which the angle moves and the torque does not",
-        0.08,
+        MAX_STANDSTILL_S["torque"],
         "s",
         "where the torque is held or zero the joint seems to have no stiffness",
         "exclude the realizations concerned",

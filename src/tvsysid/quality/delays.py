@@ -9,6 +9,7 @@ from contextlib import suppress
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import (
@@ -21,7 +22,7 @@ from tvsysid.quality.fitted import (
     Seen,
     fit_motion,
 )
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
+from tvsysid.quality.statistics import SIGNIFICANT, p_value, p_value_of
 from tvsysid.quality.structure import feedback
 from tvsysid.signals import Array
 
@@ -137,7 +138,7 @@ def _cost(given: FittedEnsemble, timely: FittedEnsemble) -> str:
 
 def clock_skew(data: FittedEnsemble) -> Seen:
     """Best shift of the second half of the experiment against that of the first."""
-    data.require(2 * LEAST_REALIZATIONS, answer=False)
+    data.require(2 * MIN_TESTED_REALIZATIONS, answer=False)
     (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
     # What each half leaves with the other's shift, against what it leaves with its own.
     trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)

@@ -135,7 +135,7 @@ class Diagnosis(Shown):
     curves, ensemble
         What the pictures show; what was diagnosed, in words.
     remarks
-        What is no fault and could be better.
+        What is no fault but limits the result, or could be better.
     """
 
     checks: tuple[Finding, ...]
@@ -306,8 +306,9 @@ def diagnose(
     misleading = any(
         found[name].found for name in ("same-channel", "same-perturbation", "wrong-period")
     )
-    remarks = timing.shorter_period(timely) if repeats and not misleading else ()
-    return Diagnosis(checks, _measures(timely, seen), seen, words, remarks)
+    shorter = timing.shorter_period(timely) if repeats and not misleading else ()
+    unmoved = () if found["narrow-excitation"].found else scales.unmoved_times(data)
+    return Diagnosis(checks, _measures(timely, seen), seen, words, (*unmoved, *shorter))
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:

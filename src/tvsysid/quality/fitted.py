@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
 from tvsysid.impedance import second_order_fit
+from tvsysid.methods.cascade.reflex_test import ReflexTest, reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
 from tvsysid.preprocess.segment import every_signal
-from tvsysid.quality.reflexes import ReflexTest, reflex_test_of
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble

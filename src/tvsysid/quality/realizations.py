@@ -7,11 +7,11 @@ import math
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.quality import statistics
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble, NotJudged, Seen, indices
 from tvsysid.quality.statistics import (
     FOLDS,
-    LEAST_REALIZATIONS,
     SIGNIFICANT,
     p_value,
     p_value_of,
@@ -56,7 +56,7 @@ def mean_left(data: FittedEnsemble, which: str) -> Seen:
     The same of a common offset, if it is more.
     """
     ensemble = data.ensemble
-    data.require(LEAST_REALIZATIONS, answer=False)
+    data.require(MIN_TESTED_REALIZATIONS, answer=False)
     if ensemble.mean_subtracted:
         raise NotJudged("the mean over realizations has been subtracted")
     left, unit = statistics.mean_left(ensemble.signal(which)[:, ensemble.core]), UNITS[which]
@@ -89,7 +89,7 @@ def repeated(data: FittedEnsemble) -> Seen:
 
 def offset(data: FittedEnsemble, which: str) -> Seen:
     """Change of the realizations' means, along a line from the first to the last."""
-    data.require(LEAST_REALIZATIONS, answer=False)
+    data.require(MIN_TESTED_REALIZATIONS, answer=False)
     values = data.core(which)
     means, size = values.mean(axis=1), float(np.sqrt(values.var(axis=1).mean()))
     if size == 0:
@@ -115,7 +115,7 @@ def offset_line(data: FittedEnsemble, which: str) -> Array:
 
 def misaligned(data: FittedEnsemble) -> Seen:
     """Realizations that the behaviour of all explains clearly better when it is shifted."""
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     if not _has_a_shape(data):
         raise NotJudged("stiffness hardly varies within a realization, so that no shift shows")
     fit, again, rate = data.fit, data.white_fit, data.rate
@@ -187,7 +187,7 @@ def _has_a_shape(data: FittedEnsemble) -> bool:
 
 def unlike(data: FittedEnsemble, misplaced: tuple[int, ...]) -> Seen:
     """Realizations of other stiffness, size of answer, or noise; those only misplaced are none."""
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     grams, moments = data.own_fits
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
     answers = 1 + moments.sum(axis=1) / whole
@@ -236,8 +236,8 @@ def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -
         raise NotJudged("the period is wrong")
     order = data.order[~np.isin(data.order, told)]
     count = len(order)
-    if count < 2 * LEAST_REALIZATIONS:
-        raise NotJudged(f"it takes {2 * LEAST_REALIZATIONS} realizations")
+    if count < 2 * MIN_TESTED_REALIZATIONS:
+        raise NotJudged(f"it takes {2 * MIN_TESTED_REALIZATIONS} realizations")
     # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock
     # beats with the sampling.
     motion, left = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,9 +17,13 @@ from tvsysid.quality.fitted import (
     NotJudged,
     Seen,
 )
+from tvsysid.quality.statistics import angle_inflation, still_samples
 from tvsysid.signals import Array
 
 QUARTER = 0.25  # of the sampling rate: above it a joint hardly moves, but a sensor's noise goes on
+# Variance inflation of stiffness by velocity and acceleration: above it, stiffness is unknown.
+MAX_INFLATION = 15.0
+MAX_RINGING = 0.01  # share of the samples above that inflation
 UNKNOWN = 9.99  # relative error from which on more digits tell nothing
 SURE = 5.0  # standard errors from which on a value's sign is sure
 LOWEST, HIGHEST = 1.0, 40.0  # natural frequencies of joints in Hz
@@ -61,6 +66,24 @@ def narrow_excitation(data: FittedEnsemble) -> Seen:
         f"{value:.2g} %"
     )
     return Seen(value, what)
+
+
+def unmoved_times(data: FittedEnsemble) -> Iterator[str]:
+    """Yield when the movement does not determine the stiffness: the angle is still, or it rings."""
+    still = still_samples(data.core("angle"))
+    if len(still):
+        yield (
+            f"the angle is still in all realizations at {len(still)} of {data.ensemble.samples} "
+            f"samples, the first at {still[0] / data.rate:.3g} s: no stiffness is identifiable "
+            "there"
+        )
+    ringing = float(np.mean(angle_inflation(data.angle, data.rate) > MAX_INFLATION))
+    if ringing > MAX_RINGING:
+        yield (
+            f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: "
+            "stiffness there comes from other times or from noise, and no band counts that; "
+            "perturb without rests and at more frequencies, or take the joint as constant (pc)"
+        )
 
 
 def same_perturbation(data: FittedEnsemble) -> Seen:

@@ -13,31 +13,26 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.moments import sliding_sum
+from tvsysid.numerics.pseudoinverse import RIDGE, solve_regularized
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.signals import Array
 
-LEAST_REALIZATIONS = 8  # fewer have no scatter to judge by
 TOLD_BY_FEW = 5  # realizations below which a mean over them is not judged at all
 SIGNIFICANT = 1e-5  # probability below which noise is not taken for the cause of what is seen
 FOLDS = 4
-RIDGE = 1e-9  # share of the regressors' mean power that keeps their fit from falling apart
 STILL = 1e-6  # share of the angle's mean power over realizations below which it does not move
-LEAST_POWER = (
-    0.01  # share of the angle's power below which a band of frequencies counts as not excited
-)
 SEVERAL = 20  # realizations that tell how the angle moves
 STEP_S, WINDOW_S = (
     0.01,
     0.05,
 )  # of the differences that stand for derivatives, and to either side of a time at least
-# share of the samples with negative stiffness from which on the torque's sign is in question
-MOSTLY_NEGATIVE = 0.9
 
 
 def p_value(mean: float, error: float, count: int) -> float:
     """Probability of so large a mean of independent realizations by chance, from its standard error (Student's t)."""
-    if count < LEAST_REALIZATIONS:
+    if count < MIN_TESTED_REALIZATIONS:
         return 1.0
     if error == 0:
         return float(mean == 0)
@@ -76,7 +71,7 @@ def gains(target: Array, regressors: Array) -> Array:
     # Neighbours are left out together: slow noise is alike in them.
     for out in np.array_split(np.arange(count), FOLDS):
         kept = np.setdiff1d(np.arange(count), out)
-        weights = solved(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
+        weights = solve_regularized(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
         taken[out] = 2 * moments[out] @ weights - np.einsum(
             "a,rab,b->r", weights, grams[out], weights
         )
@@ -89,21 +84,17 @@ def without(target: Array, regressors: Array) -> Array:
     Shapes (..., realization, time) and (regressor, realization, time).
     """
     rows = regressors.reshape(len(regressors), -1)
-    weights = solved(rows @ rows.T, rows @ target.reshape(-1, rows.shape[1]).T)
+    weights = solve_regularized(rows @ rows.T, rows @ target.reshape(-1, rows.shape[1]).T)
     return target - (weights.T @ rows).reshape(target.shape)
-
-
-def solved(gram: Array, moments: Array) -> Array:
-    """Least squares from second moments, safe where regressors are nearly the same."""
-    ridge = RIDGE * np.trace(gram) / len(gram) + np.finfo(float).tiny
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), moments))
 
 
 def prediction_error(signal: Array, order: int) -> Array:
     """Filter that leaves what so many samples of the past do not predict of a signal (realization, time)."""
     rows = sliding_window_view(signal, order + 1, axis=1).reshape(-1, order + 1)
     gram = rows.T @ rows
-    return np.concatenate([[1.0], -solved(gram[:order, :order], gram[:order, order])[::-1]])
+    return np.concatenate(
+        [[1.0], -solve_regularized(gram[:order, :order], gram[:order, order])[::-1]]
+    )
 
 
 def innovations(signal: Array, order: int) -> Array:
@@ -156,7 +147,9 @@ def mean_left(values: Array) -> MeanLeft:
         # A common offset shows in the means of realizations long before it does at single times.
         return MeanLeft(size, expected, max(ratio, offset / error if error > 0 else math.inf), True)
     beyond = ratio > FAULTS["mean-torque"].limit
-    tested = count < LEAST_REALIZATIONS or (beyond and p_value_of(_by_others(values)) < SIGNIFICANT)
+    tested = count < MIN_TESTED_REALIZATIONS or (
+        beyond and p_value_of(_by_others(values)) < SIGNIFICANT
+    )
     return MeanLeft(size, expected, ratio, beyond and tested)
 
 

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
+from tvsysid.methods.cascade.reflex_test import LATEST, MIN_TESTED_REALIZATIONS, SOONEST
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
-from tvsysid.quality.reflexes import LATEST, SOONEST
 from tvsysid.quality.statistics import (
-    LEAST_REALIZATIONS,
     SIGNIFICANT,
     gained,
     gains,
@@ -44,7 +43,7 @@ def feedback(data: FittedEnsemble) -> Seen:
     tells; a reflex is late. All is whitened by the noise, and judged by realizations that were
     not fitted to.
     """
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     if FAULTS["coarse-angle"].beyond(data.angle_step):
         raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
     angle, residual, step = (
@@ -77,7 +76,7 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     By one step from the open-loop fit, whose residual is then no answer to what the reference
     moves.
     """
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
     assert ensemble.trials is not None
     assert ensemble.onsets is not None
@@ -126,7 +125,7 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
     the torque and noise; and EMG that makes the torque's noise gives a stiffness that is lower
     still, which is the load's.
     """
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     values = data.signal(channel)
     both = np.concatenate([data.torque, data.angle])
     torques, angles = np.split(
@@ -167,7 +166,7 @@ def _predicted(signal: Array, cause: Array, rate: float) -> float:
 
 def reflex(data: FittedEnsemble) -> Seen:
     """Whether late velocity of one direction predicts torque that neither the joint nor the other direction does."""
-    data.require(LEAST_REALIZATIONS, answer=False)
+    data.require(MIN_TESTED_REALIZATIONS, answer=False)
     try:
         test = data.reflex
     except InputError:
@@ -190,7 +189,7 @@ def reflex(data: FittedEnsemble) -> Seen:
 
 def slow_answer(data: FittedEnsemble) -> Seen:
     """Share of the residual torque that late velocities predict, where no reflex does."""
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     with suppress(InputError):
         if data.reflex.shown:
             raise NotJudged("a reflex is found, whose answer is late; longer lags do not mend that")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.quality.fitted import (
     ANSWERED,
     NO_ANSWER,
@@ -17,7 +18,7 @@ from tvsysid.quality.fitted import (
     NotJudged,
     Seen,
 )
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
+from tvsysid.quality.statistics import SIGNIFICANT, p_value
 from tvsysid.signals import Array
 
 SLOWEST, FASTEST = (
@@ -41,7 +42,7 @@ BEYOND_NOISE = 5.0  # power of what repeats over that of its noise
 
 def drift(data: FittedEnsemble) -> Seen:
     """Stiffness of the second half against that of the first, in the order of recording."""
-    data.require(2 * LEAST_REALIZATIONS, answer=False)
+    data.require(2 * MIN_TESTED_REALIZATIONS, answer=False)
     if data.explained < ANSWERED:
         return _contradiction(data)
     grams, moments = data.own_fits
@@ -93,7 +94,7 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     ensemble, trials = data.ensemble, _trials(data)
     if len(trials) == len(data):
         raise NotJudged("each realization is a trial of its own")
-    data.require(LEAST_REALIZATIONS)
+    data.require(MIN_TESTED_REALIZATIONS)
     left = data.white_fit.residual
     frequencies, coherent, power = lines(left * data.white_parts[0], data)
     # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with
@@ -139,7 +140,7 @@ def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
     """
     ensemble, fit, given = data.ensemble, data.fit, data.ensemble.duration
     count = min(MOST_HARMONICS, int(FASTEST_CHANGE * given))
-    if len(data) < LEAST_REALIZATIONS or data.explained < ANSWERED:
+    if len(data) < MIN_TESTED_REALIZATIONS or data.explained < ANSWERED:
         return ()
     angle, (steady, _) = fit.motion[0], data.mean_impedance
     left = fit.torque - np.tensordot(steady, fit.motion, 1)

@@ -255,4 +255,4 @@ def _caveats(diagnosis: Diagnosis | None, measured: Measured) -> tuple[str, ...]
     loud = any(holds(each, measured) for each in (IS_SLOW, IS_STRONG))
     if loud and not any(check.name == "loop-bias" for check in diagnosis.checks):
         found.append(MAY_BE_A_LOOP)
-    return tuple(found)
+    return (*found, *diagnosis.remarks)

@@ -8,13 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.quality.catalogue import FAULTS
 from tvsysid.recordings.channel import Channel
 from tvsysid.signals import Array, Recording
 
 # ratio of a trial's size to that of the others from which on it is probably in another unit
 UNLIKE = 10.0
 AT_A_LEVEL = 0.02  # part of a signal's range that is counted to its lowest or highest level
+MAX_ANGLE_RMS_RAD = 0.2
+MAX_STANDSTILL_S = {"angle": 0.25, "torque": 0.08}  # of a signal that is recorded
 SAME_RATE = 1e-3  # relative difference of rates that counts as none: files round them
 SPELLINGS = {
     "rad": ("rad", "radian", "radians"),
@@ -68,7 +69,7 @@ def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) 
     """
     with np.errstate(over="ignore"):  # of a damaged file's numbers
         size = float(np.std(recording.angle))
-    if FAULTS["angle-unit"].beyond(size):
+    if size > MAX_ANGLE_RMS_RAD:
         advice = (
             "if it is in degrees, give angle_unit='deg' (--angle-unit deg)"
             if angle_unit == "rad"
@@ -113,7 +114,7 @@ def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
         standing = np.flatnonzero(np.diff(edges) > 2)
         starts, lengths = edges[standing], edges[standing + 1] - edges[standing]
         seconds = lengths / recording.sampling_rate
-        lost = seconds > FAULTS[f"lost-{which}"].limit
+        lost = seconds > MAX_STANDSTILL_S[which]
         if which == "angle":
             lost &= (starts > 0) & (starts + lengths < len(values))
             lost &= ~_held(values, values[starts], lost)

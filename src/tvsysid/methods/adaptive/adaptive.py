@@ -53,14 +53,13 @@ from tvsysid.methods.adaptive.noise import (
 )
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
 from tvsysid.models import Diagnostics, Model
-from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
 
 LONGEST = 3000  # samples of a realization at most
 ROUNDS = 2  # of stiffness beside a viscosity that changes
-EXCITED_BELOW = 5.0  # Hz
 # variance of the scores of velocity, over that of noise, above which the noise is not whitened
 MISFIT = 1.5
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
@@ -122,7 +121,7 @@ class AdaptiveRegression(base.Method):
     noise; see :class:`tvsysid.Estimate`.
 
     Where a test on realizations that were not fitted to shows a stretch reflex
-    (:func:`tvsysid.quality.reflexes.reflex_test`), its columns, those of its shape, and an
+    (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`), its columns, those of its shape, and an
     intrinsic response of 40 ms stand beside stiffness as those of :class:`tvsysid.JointCascade` do.
     The model then has ``reflex_gain`` and the pathways ``intrinsic`` and ``reflex``; otherwise none
     is invented.
@@ -204,9 +203,6 @@ class AdaptiveRegression(base.Method):
         reflex = None if model.beside is None else with_reflex(ensemble, self.emg, model.beside)
         found = Identification(ensemble, reflex or Derived.of(ensemble), model.hypotheses)
         return found.model(repr(self))
-
-    def _needed_band(self) -> tuple[float, float]:
-        return EXCITED_BELOW, base.EXCITED_ABOVE
 
 
 class Stiffness(NamedTuple):
@@ -463,9 +459,9 @@ class Identification:
         And that viscosity and inertia are those of no such joint.
         """
         open_ones = []
-        if len(self.ensemble) < LEAST_REALIZATIONS:
+        if len(self.ensemble) < MIN_TESTED_REALIZATIONS:
             open_ones.append(
-                f"whether there is a stretch reflex, which takes {LEAST_REALIZATIONS} "
+                f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
                 "realizations (got "
                 f"{len(self.ensemble)}): the stiffness holds what it adds"
             )

@@ -11,13 +11,12 @@ from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants, Signals
 from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.regressors import readout
 from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
-from tvsysid.quality.reflexes import reflex_test_of
-from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
 
@@ -77,7 +76,7 @@ def with_reflex(
     try:
         if known is not None:
             chosen = method.refitted(ensemble, known.hyperparameters)
-        elif len(ensemble) < LEAST_REALIZATIONS:
+        elif len(ensemble) < MIN_TESTED_REALIZATIONS:
             return None
         elif emg is not None:
             chosen = method.solved(ensemble)

@@ -23,18 +23,16 @@ from tvsysid.methods.cascade.choice import (
     Search,
     by_evidence,
 )
+from tvsysid.methods.cascade.reflex_test import ENOUGH, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
 from tvsysid.methods.shared.pathways import history, velocity_of
 from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import stretch
-from tvsysid.quality.reflexes import ENOUGH, reflex_test_of
-from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
 
 VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
-EXCITED_BELOW = 5.0  # Hz
 FINE = 500.0  # Hz from which on a rectified velocity is one
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
@@ -90,7 +88,7 @@ class JointCascade(base.Method):
     intrinsic response from 0.5 to 15 Hz.
 
     Whether there is a reflex, and in which direction of stretch s, decides a test on realizations
-    that were not fitted to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the
+    that were not fitted to (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`); of fewer than eight, the
     evidence. Where none is shown, the model is one without, and ``reflex_gain`` says with its band
     what the data leave room for.
 
@@ -146,7 +144,6 @@ class JointCascade(base.Method):
     cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
     quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
     pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    takes_deviations: ClassVar[bool] = True
     uses_recorded_angle: ClassVar[bool] = True
 
     def __attrs_post_init__(self) -> None:
@@ -281,7 +278,7 @@ class JointCascade(base.Method):
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
         """Which reflex there is, or might be, and whether one is shown."""
-        if len(ensemble) < LEAST_REALIZATIONS:
+        if len(ensemble) < MIN_TESTED_REALIZATIONS:
             return by_evidence(fits)
         if self.emg is not None:
             return "emg", fits["emg"].better_than(fits["none"]) < ENOUGH
@@ -290,9 +287,6 @@ class JointCascade(base.Method):
         except InputError:  # realizations are too short for it
             return by_evidence(fits)
         return {1: "positive", -1: "negative"}[test.direction], test.shown
-
-    def _needed_band(self) -> tuple[float, float]:
-        return EXCITED_BELOW, base.EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]

@@ -11,13 +11,12 @@ import attrs
 import numpy as np
 from scipy.linalg import block_diag
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, predicts_better
 from tvsysid.methods.cascade.regressors import Data, Reflex, Shape, readout
 from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import autocorrelation
-from tvsysid.quality.reflexes import predicts_better
-from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
 SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
@@ -126,7 +125,7 @@ class Search(NamedTuple):
         if varying and constant is None:
             unchanging = self._solved(weighed.constant(), shapes)
             found, data = (found, data) if _better(found, unchanging) else (unchanging, still)
-        if len(data.torque) < LEAST_REALIZATIONS:
+        if len(data.torque) < MIN_TESTED_REALIZATIONS:
             return found
         best = _best(found)
         data = data.weighed(autocorrelation(left, PLAIN))
@@ -214,6 +213,6 @@ def _better(one: Mapping[str, Candidate], other: Mapping[str, Candidate]) -> boo
     Of few, if it has more evidence.
     """
     best, rest = _best(one), _best(other)
-    if len(best.problem.data.torque) < LEAST_REALIZATIONS:
+    if len(best.problem.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.found.objective > rest.found.objective
     return best.better_than(rest) < LIKELY

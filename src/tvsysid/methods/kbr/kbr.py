@@ -345,9 +345,6 @@ class KernelRegression(base.Method):
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
-    def _needed_band(self) -> tuple[float, float]:
-        return self.band[1], max(self.band[0], base.EXCITED_ABOVE)
-
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         period = self._period(ensemble)
         if abs(ensemble.duration / period - round(ensemble.duration / period)) > 1e-6:

@@ -275,9 +275,6 @@ class ScheduledIRF(Scheduled):
     def _lags(self, ensemble: Ensemble) -> int:
         return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
 
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
-
 
 @attrs.frozen(slots=False)
 class ScheduledImpedance(Scheduled):
@@ -307,9 +304,6 @@ class ScheduledImpedance(Scheduled):
 
     def _lags(self, ensemble: Ensemble) -> int:
         return 0
-
-    def _needed_band(self) -> tuple[float, float]:
-        return 5.0, base.EXCITED_ABOVE
 
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import UNITS
-from tvsysid.methods.base import EXCITED_ABOVE, Method, whole_samples
+from tvsysid.methods.base import Method, whole_samples
 from tvsysid.methods.shared import hammerstein
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.models import ImpulseResponseModel
@@ -53,9 +53,6 @@ class InTurn(Method):
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where too few realizations have the reflex's memory before them."""
         return reason_to_skip(ensemble, self.max_lag, self.memory)
-
-    def _needed_band(self) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
 class _Turn(NamedTuple):

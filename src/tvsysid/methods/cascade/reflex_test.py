@@ -14,10 +14,11 @@ from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.numerics.moments import row_blocks
+from tvsysid.numerics.pseudoinverse import solve_regularized
 from tvsysid.numerics.stretch import recorded_velocity, stretch
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, solved
 from tvsysid.signals import Array, Ensemble
 
+MIN_TESTED_REALIZATIONS = 8  # fewer do not show the scatter that a test needs
 ENOUGH = 1e-4  # probability below which it is not taken for chance
 SURE = 0.95  # probability with which the share that a reflex predicts is larger than the one given
 # of neighbouring realizations, each predicted from the others: slow noise is alike in neighbours
@@ -117,7 +118,9 @@ class _Moments(NamedTuple):
         gram, moments = columns.T @ sums[:-1, :-1] @ columns, sums[-1, :-1] @ columns
         power = gram.diagonal()
         size = np.sqrt(np.where(power > 0, power, 1.0))
-        return np.asarray(columns @ (solved(gram / np.outer(size, size), moments / size) / size))
+        return np.asarray(
+            columns @ (solve_regularized(gram / np.outer(size, size), moments / size) / size)
+        )
 
     def fits(self, *models: Array) -> list[_Fit]:
         """Models of these columns, each fitted to all but a block of realizations, which it is to predict."""
@@ -157,11 +160,15 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
 
 
 def changes(ensemble: Ensemble) -> bool:
-    """Whether stiffness or viscosity change over a realization, by the first harmonics of it, beside any reflex.
+    """Return whether stiffness or viscosity change over a realization, beside any reflex.
 
-    Tested as :func:`reflex_test` does, with the same error where realizations are too short.
+    The first harmonics of the realization are tested as :func:`reflex_test` tests a reflex.
+    False where realizations are too short to tell.
     """
-    sums = _moments_of(ensemble)
+    try:
+        sums = _moments_of(ensemble)
+    except InputError:
+        return False
     every = sums.columns(*_answers())
     constant, changing = sums.fits(
         *(np.delete(every, np.flatnonzero(sums.harmonics > most), axis=1) for most in (0, SLOWEST))
@@ -277,7 +284,9 @@ def _above_zero(scores: Array) -> tuple[float, float]:
     1 and 0 of too few to judge by, or of such as do not differ.
     """
     count = len(scores)
-    spread = float(scores.std(ddof=1)) / math.sqrt(count) if count >= LEAST_REALIZATIONS else 0.0
+    spread = (
+        float(scores.std(ddof=1)) / math.sqrt(count) if count >= MIN_TESTED_REALIZATIONS else 0.0
+    )
     if spread == 0:
         return 1.0, 0.0
     mean = float(scores.mean())

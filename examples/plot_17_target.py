@@ -17,12 +17,11 @@ simulation = tv.simulate.Participant(1).simulate(perturbation=tv.simulate.Filter
 print(simulation.recording)
 
 # %%
-# Decimated, trimmed, cut, aligned to the target, excluded where they differ, mean subtracted. The
-# account has a row for
-# each realization.
+# Decimate, trim, cut, align to the target, exclude outliers, and subtract the mean. The table has a
+# row for each realization.
 
 preparation = tv.preprocess.prepare(simulation.recording)
-table = preparation.account.table
+table = preparation.table
 print(table.excluded_by.replace("", "kept").value_counts().to_string())
 
 # %%
@@ -35,7 +34,7 @@ figure = tv.figures.preparation_steps(preparation, "Participant 1, filtered nois
 # identify the
 # survivors once more without their shifts.
 
-unshifted = tv.preprocess.subtract_mean(preparation.recorded.select(preparation.account.kept))
+unshifted = tv.preprocess.subtract_mean(preparation.recorded.select(preparation.kept))
 for name, ensemble in (("aligned", preparation.ensemble), ("as recorded", unshifted)):
     model = tv.ShortDataSegments().identify(ensemble)
     print(f"{name}: {model.stiffness.mean():.0f} N·m/rad on average")

@@ -15,7 +15,7 @@ from tvsysid.estimates import read_only
 from tvsysid.methods.apply import Identifies, apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
-from tvsysid.preprocess.bootstrap import bootstrap_weights
+from tvsysid.preprocess import bootstrap_weights
 from tvsysid.showing import Progress, reported
 from tvsysid.signals import Array, Ensemble
 

@@ -76,7 +76,7 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
         f"esm {means['mean_bias', 75]:.3g}".replace("-", "−")
         in shown["error-against-truth"].description
     )
-    counts = prepared(1, "prbs").account.counts
+    counts = prepared(1, "prbs").table.excluded_by.value_counts()
     assert (
         f"the low-passed residual, with its mean and limits: {counts['residual']} excluded"
         in shown["preparation"].description

@@ -30,23 +30,32 @@ def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
     before, after, *steps = figure.axes
     counts = {colour: len(lines) for colour, lines in lines_by_colour(before).items()}
     kept = len(preparation.ensemble)
-    expected = {COLOURS[step]: count for step, count in preparation.account.counts.items()}
+    expected = {
+        COLOURS[step]: count
+        for step, count in preparation.table.excluded_by.value_counts().items()
+        if step
+    }
     assert counts == {KEPT: kept, **expected}
     assert {colour: len(lines) for colour, lines in lines_by_colour(after).items()} == {KEPT: kept}
-    for axes, step, colour in zip(steps, preparation.steps, COLOURS.values(), strict=True):
+    for axes, step, colour in zip(steps, preparation.steps.values(), COLOURS.values(), strict=True):
         drawn_lines = lines_by_colour(axes)
         np.testing.assert_array_equal(
-            [line[:, 1] for line in drawn_lines[colour]], step.judged[~step.account.kept]
+            [line[:, 1] for line in drawn_lines[colour]], step.judged[~step.kept]
         )
-        assert f"{np.count_nonzero(~step.account.kept)} excluded" in axes.get_title()
+        assert f"{np.count_nonzero(~step.kept)} excluded" in axes.get_title()
 
 
 def test_target_and_limits_are_drawn_and_axes_have_units(figure):
     before, _, alignment, task, residual = figure.axes
     preparation = prepared(1, "prbs")
     for axes in (before, alignment):
-        np.testing.assert_array_equal(axes.lines[0].get_ydata(), preparation.alignment.mean)
-    for axes, step in ((task, preparation.task), (residual, preparation.residual)):
+        np.testing.assert_array_equal(
+            axes.lines[0].get_ydata(), preparation.steps["alignment"].mean
+        )
+    for axes, step in (
+        (task, preparation.steps["task component"]),
+        (residual, preparation.steps["residual"]),
+    ):
         mean, low, high = (line.get_ydata() for line in axes.lines)
         np.testing.assert_allclose(high - mean, step.half_width)
         np.testing.assert_allclose(mean - low, step.half_width)

@@ -11,27 +11,20 @@ def recording_of(angle, rate=1000.0, **settings):
     return tv.Recording(angle, -2 * angle, rate, **settings)
 
 
-@pytest.mark.parametrize("factor", [2, 5, 8, 10, 40])
-@pytest.mark.parametrize("samples", [100, 400, 1003])
-def test_equals_the_plain_convolution(random, factor, samples):
+@pytest.mark.parametrize(("sharp", "factors"), [(False, (2, 5, 8, 10, 40)), (True, (2, 10))])
+@pytest.mark.parametrize("samples", [830, 1003])
+def test_equals_the_plain_convolution(random, sharp, factors, samples):
     angle = random.normal(size=samples)
-    found = tv.preprocess.decimate(recording_of(angle, 2000.0), 2000.0 / factor)
-    odd = np.concatenate([2 * angle[0] - angle[15:0:-1], angle, 2 * angle[-1] - angle[-2:-17:-1]])
-    expected = np.convolve(odd, firwin(31, 1 / factor), mode="valid")[::factor]
-    np.testing.assert_allclose(found.angle, expected, atol=1e-12)
-    np.testing.assert_allclose(found.torque, -2 * expected, atol=1e-12)
-    assert found.sampling_rate == 2000.0 / factor
-
-
-@pytest.mark.parametrize("factor", [2, 10])
-def test_a_sharp_filter_is_as_much_longer_as_the_rate_gets_lower(random, factor):
-    angle, half = random.normal(size=1003), 10 * factor
-    found = tv.preprocess.decimate(recording_of(angle), 1000.0 / factor, sharp=True)
-    odd = np.concatenate(
-        [2 * angle[0] - angle[half:0:-1], angle, 2 * angle[-1] - angle[-2 : -2 - half : -1]]
-    )
-    expected = np.convolve(odd, firwin(2 * half + 1, 1 / factor), mode="valid")[::factor]
-    np.testing.assert_allclose(found.angle, expected, atol=1e-12)
+    for factor in factors:
+        found = tv.preprocess.decimate(recording_of(angle, 2000.0), 2000.0 / factor, sharp=sharp)
+        half = 10 * factor if sharp else 15
+        tail = 2 * angle[-1] - angle[-2 : -2 - half : -1]
+        odd = np.concatenate([2 * angle[0] - angle[half:0:-1], angle, tail])
+        taps = firwin(2 * half + 1, 1 / factor)
+        expected = np.convolve(odd, taps, mode="valid")[::factor]
+        np.testing.assert_allclose(found.angle, expected, atol=1e-12)
+        np.testing.assert_allclose(found.torque, -2 * expected, atol=1e-12)
+        assert found.sampling_rate == 2000.0 / factor
 
 
 def test_a_slow_wave_is_neither_delayed_nor_changed():
@@ -86,13 +79,6 @@ def test_the_recorded_angle_goes_where_the_angle_goes(random):
     np.testing.assert_array_equal(ensemble.recorded_angle.reshape(6, -1), expected)
     chosen = tv.preprocess.subtract_mean(ensemble.select([3, 1]))
     np.testing.assert_array_equal(chosen.recorded_angle.reshape(2, -1), expected[[3, 1]])
-    mean_kept = tv.preprocess.subtract_mean(
-        tv.preprocess.segment(recording_of(angle), 0.5, context=0.1)
-    )
-    assert mean_kept.recorded_angle.shape == (*mean_kept.angle.shape, 1)
-    np.testing.assert_allclose(
-        np.ptp(mean_kept.recorded_angle[..., 0] - mean_kept.angle, axis=0), 0, atol=1e-9
-    )
 
 
 def test_the_same_rate_changes_nothing(random):
@@ -109,8 +95,8 @@ def test_the_same_rate_changes_nothing(random):
             "Hz",
         ),
         (2000.0, "not a whole multiple of 2000 Hz"),
-        (0.0, "positive number of hertz"),
-        (float("nan"), "positive number of hertz"),
+        (0.0, "rate must be a positive number"),
+        (float("nan"), "rate must be a positive number"),
     ],
 )
 def test_a_rate_that_does_not_divide_is_refused(random, rate, message):
@@ -125,11 +111,11 @@ def test_a_record_shorter_than_the_filter_is_refused(random):
         tv.preprocess.decimate(recording_of(random.normal(size=200)), 100, sharp=True)
 
 
-def test_a_factor_in_the_place_of_a_rate_is_warned_of(random):
+def test_a_low_rate_is_warned_of(random):
     recording = recording_of(random.normal(size=1000))
     with pytest.warns(
         tv.DataQualityWarning,
-        match=r"decimated to 10 Hz, nothing faster than 5 Hz.*in Hz .*not a factor",
+        match=r"decimated to 10 Hz, the record holds nothing above 5 Hz.*in Hz .*not a factor",
     ):
         tv.preprocess.decimate(recording, 10)
     assert tv.preprocess.decimate(recording, 40).sampling_rate == 40  # silent

@@ -39,15 +39,6 @@ def test_realizations_begin_at_multiples_of_the_period_from_time_zero(start):
         assert recording.time[int(first)] == pytest.approx(onset)
 
 
-def test_a_simulation_keeps_every_realization():
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
-        20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    np.testing.assert_allclose(ensemble.onsets, np.arange(10) * 2.0, atol=1e-9)
-    assert ensemble.left_out == 0
-
-
 def test_trials_are_cut_each_for_itself():
     ensemble = tv.preprocess.segment(
         recording_of(1000, trial_starts=(0, 450)), period=1.0, context=0.1
@@ -69,20 +60,17 @@ def test_channels_come_along():
     [
         (
             {"period": 20.0},
-            "no realization of 20 s with 0.5 s of context on both sides fits into 10 s",
+            "no realization of 20 s with 0.5 s of context on both sides fits into a trial",
         ),
         (
             {"period": 1.005},
             r"1.005 s is not a whole number of samples at 100 Hz \(100.5\); give a rate at which "
             r"it is one",
         ),
-        ({"period": 0.0}, "a period of 0.0 s is shorter than a sample"),
-        ({"period": -2.0}, "period must be a number of seconds, zero or more"),
-        ({"period": float("nan")}, "period must be a number of seconds, zero or more"),
-        ({"period": "long"}, "period must be a number of seconds"),
-        ({"period": 0.001}, "shorter than a sample at 100 Hz"),
-        ({"period": 2.0, "context": float("nan")}, "context must be a number of seconds"),
-        ({"period": 2.0, "context": -1.0}, "context must be a number of seconds, zero or more"),
+        ({"period": 0.0}, "period must be a positive number, got 0.0"),
+        ({"period": "long"}, "period must be a positive number"),
+        ({"period": 1e-9}, "not a whole number of samples at 100 Hz"),
+        ({"period": 2.0, "context": -1.0}, "context must be a number of zero or more"),
     ],
 )
 def test_what_cannot_be_cut_is_refused(settings, message):
@@ -94,21 +82,21 @@ def test_what_cannot_be_cut_is_refused(settings, message):
 def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
     values = np.random.default_rng(samples).normal(size=(realizations, samples)) + offset
     ensemble = tv.Ensemble(values, 3 * values, 100.0, channels={"emg": values})
-    before = ensemble.angle.copy()
     centred = tv.preprocess.subtract_mean(ensemble)
     np.testing.assert_allclose(centred.angle.mean(axis=0), 0, atol=1e-10)
     np.testing.assert_allclose(centred.torque.mean(axis=0), 0, atol=1e-10)
     np.testing.assert_array_equal(centred.channels["emg"], values)
-    np.testing.assert_array_equal(ensemble.angle, before)
     again = tv.preprocess.subtract_mean(centred)
     np.testing.assert_allclose(again.angle, centred.angle, atol=1e-10)
 
 
-def test_a_record_that_leaves_one_realization_says_what_became_of_the_others():
+@pytest.mark.parametrize(("samples", "left_out"), [(300, "context 0.5 s;"), (600, "2 left out")])
+def test_the_mean_of_one_realization_is_not_subtracted(samples, left_out):
+    ensemble = tv.preprocess.segment(recording_of(samples, start=-0.5 if samples < 400 else 0), 2.0)
     with pytest.raises(
-        tv.InputError, match=r"got one \(3 fit in, 2 left out for want of 0.5 s of context"
+        tv.InputError, match=f"at least two realizations, got Ensemble.1 realization .*{left_out}"
     ):
-        tv.preprocess.subtract_mean(tv.preprocess.segment(recording_of(600), 2.0))
+        tv.preprocess.subtract_mean(ensemble)
 
 
 def test_realizations_that_are_all_alike_are_refused(random):
@@ -123,8 +111,7 @@ def test_realizations_that_are_all_alike_are_refused(random):
     [(1e5, 40, ()), (1e3, 40, ()), (100, 5, ()), (30, 5, ()), (100, 40, ("disturbance",))],
 )
 def test_a_multisine_that_repeats_with_the_behaviour_is_refused(actuator, noise, channels):
-    # The noise of the torque moves a stiff actuator by 0.1 %; a soft one as if the joint had minus
-    # its stiffness.
+    # The noise of the torque moves a stiff actuator by 0.1 %, a soft one by more.
     loop = tv.simulate.CompliantActuator(actuator_stiffness=actuator, noise_bandwidth=noise)
     lines = {
         "beside": (1.2, 5.2, 9.2, 13.2, 17.2),
@@ -155,14 +142,36 @@ def test_a_small_perturbation_beside_a_large_movement_is_legal():
     assert np.std(tv.preprocess.subtract_mean(ensemble).angle) < 1e-3
 
 
-def test_trials_without_context_are_told_what_to_do():
-    with pytest.raises(
-        tv.InputError, match="give less context \\(--context 0 keeps every realization\\)"
-    ):
-        tv.preprocess.segment(recording_of(400, trial_starts=(0, 200)), 2.0)
+def two_trials():
+    values = np.arange(1500.0)
+    return tv.Recording(
+        values, -values, 100.0, start=3.0, channels={"target": 2 * values}, trial_starts=(0, 700)
+    )
 
 
-def test_the_mean_of_one_realization_is_not_subtracted():
-    ensemble = tv.Ensemble([[1.0, 2.0]], [[1.0, 2.0]], 100.0)
-    with pytest.raises(tv.InputError, match="at least two realizations"):
-        tv.preprocess.subtract_mean(ensemble)
+def test_trimmed_ends_can_serve_as_context():
+    trimmed = tv.preprocess.trim(two_trials(), ends=1.0, margin=0.5)
+    expected = np.concatenate([np.arange(50, 650), np.arange(750, 1450)])
+    np.testing.assert_array_equal(trimmed.angle, expected)
+    np.testing.assert_array_equal(trimmed.torque, -expected)
+    np.testing.assert_array_equal(trimmed.channels["target"], 2 * expected)
+    assert trimmed.trial_starts == (0, 600)
+    np.testing.assert_allclose(trimmed.time[[0, 50, 600]], [-0.5, 0.0, -0.5])
+    cut = tv.preprocess.segment(trimmed, period=1.0, context=0.5)
+    assert (len(cut), cut.left_out) == (5 + 6, 0)
+    np.testing.assert_array_equal(
+        cut.angle[:, cut.core][:, 0], [*range(100, 600, 100), *range(800, 1400, 100)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("ends", "margin", "message"),
+    [
+        (1.0, 1.5, "margin must be a number from 0 to 1, got 1.5"),
+        (3.5, 0.0, "ends of 3.5 s leave nothing of a trial of 7 s"),
+        (-1.0, 0.0, "ends must be a number of zero or more"),
+    ],
+)
+def test_impossible_ends_are_refused(ends, margin, message):
+    with pytest.raises(tv.InputError, match=message):
+        tv.preprocess.trim(two_trials(), ends, margin)

@@ -244,7 +244,7 @@ def identify(
 
 def decimation(rate: float) -> str:
     """Option that makes a recording at a rate in Hz quick to identify; empty where it is."""
-    from tvsysid.preprocess.segment import fitting_rates
+    from tvsysid.preprocess.decimate import fitting_rates
 
     return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""
 

@@ -47,17 +47,16 @@ REASONS = {
 @styled
 def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     """Torque before and after :func:`tvsysid.preprocess.prepare`, and below what each step judged and excluded."""
-    taken = (preparation.alignment, preparation.task, preparation.residual)
-    steps = {name: step for name, step in zip(TITLES, taken, strict=True) if step is not None}
+    steps, excluded_by = preparation.steps, preparation.table.excluded_by.to_numpy(dtype=str)
     figure = blank(10.0, 6.4 if steps else 3.6, title)
     grid = figure.add_gridspec(2 if steps else 1, 6)
     before, after = figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])
-    account, time = preparation.account, preparation.recorded.time
+    time = preparation.recorded.time
     recorded, prepared = preparation.recorded, preparation.ensemble
 
-    _realizations(before, time, recorded.torque[:, recorded.core], account.excluded_by)
-    if preparation.alignment is not None:
-        before.plot(time, preparation.alignment.mean, **REFERENCE)
+    _realizations(before, time, recorded.torque[:, recorded.core], excluded_by)
+    if "alignment" in steps:
+        before.plot(time, steps["alignment"].mean, **REFERENCE)
     before.set_title(f"recorded: {len(recorded)} realizations")
     _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
@@ -65,11 +64,9 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     wide = 6 // max(len(steps), 1)
     for number, (name, step) in enumerate(steps.items()):
         axes = figure.add_subplot(grid[1, wide * number : wide * (number + 1)])
-        _realizations(axes, time, step.judged, step.account.excluded_by)
+        _realizations(axes, time, step.judged, np.where(step.kept, "", name))
         _limits(axes, time, step)
-        axes.set_title(
-            f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded"
-        )
+        axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.kept)} excluded")
     for axes in figure.axes:
         axes.set_xlabel(REALIZATION_TIME)
         axes.set_xlim(0, recorded.duration)

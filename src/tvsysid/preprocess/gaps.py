@@ -1,4 +1,4 @@
-"""Gaps: where nothing was recorded, and both signals were held, set to zero or interpolated."""
+"""Find gaps: stretches that were not recorded, but held, set to zero or interpolated."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ import numpy as np
 
 from tvsysid.signals import Recording
 
-SHORTEST_S, SHORTEST = 0.03, 10  # of a gap, in s and in samples
-FEW, LARGEST_SHARE = 3, 0.05  # more gaps than that, of more of a record, are rests, or coarse steps
-STRAIGHT, ROUNDING = (
-    1e-2,
-    1e-12,
-)  # share of the usual bend, and of the largest value, below which a signal is straight
-STEPS = 1.5  # of the torque's converter that a torque at rest bends by at most
+MIN_GAP_S, MIN_GAP_SAMPLES = 0.03, 10
+# A record with more gaps than this, over a larger share of it, holds rests or coarse steps.
+MAX_GAPS, MAX_SHARE = 3, 0.05
+# A signal is straight where it bends by less than these shares of its median bend and its maximum.
+STRAIGHT, ROUNDING = 1e-2, 1e-12
+MAX_REST_STEPS = 1.5  # resolution steps by which a torque at rest bends at most
 
 
 class Gap(NamedTuple):
-    """Number of the trial that a gap is in, and when it starts and stops, in s of the trial as it was recorded."""
+    """Gap in a trial, from ``start`` to ``stop`` in s of the trial as it was recorded."""
 
     trial: int
     start: float
@@ -26,12 +25,12 @@ class Gap(NamedTuple):
 
 
 def find_gaps(recording: Recording) -> tuple[Gap, ...]:
-    """Find where angle and torque both stand still, or lie on a straight line, for 30 ms and 10 samples or more.
+    """Find where both angle and torque are constant or straight for 30 ms and 10 samples or more.
 
-    Give them to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which hides
-    them. Signals that rest, recorded in coarse steps, are no gap: they leave a rest by one step,
-    rest for 10 ms more often than for 30, or rest more than three times for more than a twentieth
-    of the record.
+    Give them to :func:`tvsysid.preprocess.segment`. Look for gaps before decimation, which hides
+    them. Rests of signals recorded in coarse steps are no gaps. They end with a change by one step,
+    last 10 ms more often than 30 ms, or occur more than three times in more than a twentieth of the
+    record.
 
     Examples
     --------
@@ -55,20 +54,15 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     torque = np.abs(slopes[1])
     step = np.min(torque, where=torque > tolerance[1], initial=np.inf)
     beside = np.pad(bends[1], 1)
-    moves = (np.maximum(beside[first], beside[last + 1]) > STEPS * step) | (
-        torque[first] > tolerance[1]
-    )
-    length, shortest = last - first + 2, max(SHORTEST_S * rate, SHORTEST)
-    gap = moves & (length >= shortest)
+    largest = np.maximum(beside[first], beside[last + 1])
+    is_no_rest = (largest > MAX_REST_STEPS * step) | (torque[first] > tolerance[1])
+    length, shortest = last - first + 2, max(MIN_GAP_S * rate, MIN_GAP_SAMPLES)
+    is_gap = is_no_rest & (length >= shortest)
     brief = (length >= shortest / 3) & (length < shortest)
-    if brief.sum() > gap.sum() or (
-        gap.sum() > FEW and length[gap].sum() > LARGEST_SHARE * len(recording)
-    ):
+    many = is_gap.sum() > MAX_GAPS and length[is_gap].sum() > MAX_SHARE * len(recording)
+    if many or brief.sum() > is_gap.sum():
         return ()
-    trials = np.searchsorted(starts, first[gap], "right") - 1
-    within = np.stack([first[gap], last[gap] + 2]) - starts[trials]
+    trials = np.searchsorted(starts, first[is_gap], "right") - 1
+    within = np.stack([first[is_gap], last[is_gap] + 2]) - starts[trials]
     times = recording.origin + recording.start + within / rate
-    return tuple(
-        Gap(int(trial), float(start), float(stop))
-        for trial, start, stop in zip(trials, *times, strict=True)
-    )
+    return tuple(map(Gap, trials.tolist(), *times.tolist()))

@@ -15,7 +15,7 @@ from tvsysid.impedance import second_order_fit
 from tvsysid.methods.cascade.reflex_test import ReflexTest, reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
-from tvsysid.preprocess.segment import every_signal
+from tvsysid.preprocess.trials import map_signals
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
@@ -423,7 +423,7 @@ class FittedEnsemble:
         cut = abs(whole)
         if late == 0 or given.context < cut:
             return self
-        timely = every_signal(given, lambda values: values[:, cut : width - cut])
+        timely = map_signals(given, lambda values: values[:, cut : width - cut])
         timely["torque"] = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
         return FittedEnsemble(
             self.given, attrs.evolve(given, **timely, context=given.context - cut)

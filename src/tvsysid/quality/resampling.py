@@ -11,7 +11,7 @@ import scipy
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
-from tvsysid.preprocess.segment import every_signal
+from tvsysid.preprocess.trials import map_signals
 from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
@@ -61,7 +61,7 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     )
     low = decimate(whole, rate / factor)
     assert low.recorded_angle is not None
-    lower = every_signal(
+    lower = map_signals(
         attrs.evolve(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1)
     )
     lower["recorded_angle"] = low.recorded_angle.reshape(*lower["angle"].shape, -1)
@@ -92,5 +92,5 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
             scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places)
         )
 
-    signals = every_signal(attrs.evolve(ensemble, recorded_angle=None), lower)
+    signals = map_signals(attrs.evolve(ensemble, recorded_angle=None), lower)
     return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)

@@ -41,10 +41,10 @@ def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
 
     All are NaN where nothing was aligned, or sds cannot serve the realizations.
     """
-    if preparation.alignment is None:
+    if "alignment" not in preparation.steps:
         return UNKNOWN
     aligned = preparation.ensemble
-    unshifted = subtract_mean(preparation.recorded.select(preparation.account.kept))
+    unshifted = subtract_mean(preparation.recorded.select(preparation.kept))
     count = min(GROUPS, len(aligned))
     group = np.arange(len(aligned)) % count
     with warnings.catch_warnings():

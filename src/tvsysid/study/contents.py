@@ -324,7 +324,10 @@ def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Da
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    counts = [{} if item.account is None else item.account.counts for item in prepared]
+    counts = [
+        {} if item.account is None else dict(item.account.excluded_by.value_counts())
+        for item in prepared
+    ]
     values: dict[str, Sequence[object]] = {
         "recorded": [0 if item.account is None else len(item.account) for item in prepared],
         "survivors": [0 if item.ensemble is None else len(item.ensemble) for item in prepared],

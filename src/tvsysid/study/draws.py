@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.models import Model
-from tvsysid.preprocess import block_weights, bootstrap_weights
+from tvsysid.preprocess import bootstrap_weights
 from tvsysid.signals import Ensemble
 from tvsysid.study import task
 from tvsysid.study.task import Known, Outcome, Row
@@ -48,8 +48,9 @@ class DrawsTask(task.Task):
         if ensemble is None:
             return self.all_failed(self.reason)
         try:
-            draw = block_weights if self.contiguous else bootstrap_weights
-            weights = draw(len(ensemble), self.realizations, self.bootstraps, self.seed)
+            weights = bootstrap_weights(
+                len(ensemble), self.realizations, self.bootstraps, self.seed, self.contiguous
+            )
         except InputError as error:
             return self.all_failed(str(error))
         distinct, place = np.unique(weights, axis=0, return_inverse=True)

@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -16,13 +17,16 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
 from tvsysid.methods.base import inputs_of
 from tvsysid.numerics.threads import single_thread
-from tvsysid.preprocess import Account, Preparation, prepare
+from tvsysid.preprocess import Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.task import Known
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
 EXCERPT = 10.0  # seconds of a recording that are shown
@@ -35,7 +39,7 @@ class Prepared:
     """One recording, ready for identification.
 
     ``ensemble`` holds the survivors, mean subtracted, with the channels that methods need,
-    ``account`` what became of each realization; both are None where nothing could be prepared,
+    ``account`` the table of :class:`~tvsysid.preprocess.Preparation`; both are None where nothing could be prepared,
     and ``failure`` says why. The torque to be followed and the mean torque of the survivors are
     over one realization, in N·m, shape (time,); NaN where not known. ``truth`` has the
     survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques
@@ -46,7 +50,7 @@ class Prepared:
 
     recorded: Recorded
     ensemble: Ensemble | None
-    account: Account | None
+    account: pd.DataFrame | None
     target_torque: Array
     mean_torque: Array
     truth: dict[str, Array]
@@ -165,7 +169,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
             channels={name: ensemble.channels[name] for name in needed},
             recorded_angle=ensemble.recorded_angle if rectified else None,
         ),
-        account=preparation.account,
+        account=preparation.table,
         target_torque=over_time(experiment.preparation.reference),
         mean_torque=over_time(TORQUE),
         truth=truth,

@@ -245,7 +245,7 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     for item in prepared:
         if item.account is None:
             continue
-        table = item.account.table.reset_index()
+        table = item.account.reset_index()
         recorded = item.recorded
         for place, value in enumerate(
             (recorded.label, recorded.participant, recorded.perturbation)

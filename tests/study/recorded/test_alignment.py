@@ -17,7 +17,7 @@ def test_what_is_reported_is_what_is_lost():
     for perturbation in ("noise", "prbs"):
         simulation = simulated(1, perturbation)
         preparation = tv.preprocess.prepare(simulation.recording)
-        kept = preparation.recorded.select(preparation.account.kept)
+        kept = preparation.recorded.select(preparation.kept)
         errors = []
         for ensemble in (preparation.ensemble, tv.preprocess.subtract_mean(kept)):
             truth = simulation.truth_of(ensemble)["stiffness"].mean(axis=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.preprocess import block_weights, bootstrap_weights
+from tvsysid.preprocess import bootstrap_weights
 
 METHODS = {key: tv.methods.create(key) for key in ("eirf", "sds", "birf", "esm", "kbr")}
 TRIALS, DRAWS, MANY, FEW = 50, 50, 75, 20
@@ -37,7 +37,7 @@ def test_bootstraps_of_a_recording_vary_as_recordings_do(key, recordings, long_r
     told = []
     for ensemble in long_recordings:
         count = len(ensemble)
-        weights = (block_weights if in_one_piece else bootstrap_weights)(count, size, DRAWS, 5)
+        weights = bootstrap_weights(count, size, DRAWS, 5, in_one_piece)
         drawn = [
             method.identify(ensemble.select(np.repeat(np.arange(count), each))).stiffness
             for each in weights

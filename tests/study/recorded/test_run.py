@@ -13,7 +13,7 @@ from tests.conftest import fork_workers, wait_for
 from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
 
 import tvsysid as tv
-from tvsysid.preprocess import block_weights, bootstrap_weights
+from tvsysid.preprocess import bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, read_results, run, summarize
 from tvsysid.study.contents import RECORDINGS
 
@@ -81,7 +81,9 @@ def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
 
 def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(small):
     experiment, item = small.experiment, small.prepared[0]
-    weights = block_weights(len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20))
+    weights = bootstrap_weights(
+        len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20), contiguous=True
+    )
     model = tv.KernelRegression.preset("experiment").identify(item.ensemble.select(weights[3] > 0))
     found = (
         small.results.estimate.sel(quantity="stiffness")

@@ -233,23 +233,15 @@ def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> I
     title = (
         f"Preparation of {here.participant.item()}, {perturbation_name(here.perturbation.item())}"
     )
-    aligned = "aligned and with" if preparation.alignment is not None else "with"
+    aligned = "aligned and with" if "alignment" in preparation.steps else "with"
     done = {
-        "alignment": (
-            preparation.alignment,
-            "each is aligned to the torque to be followed (black)",
-        ),
-        "task component": (
-            preparation.task,
-            "the component at the task's frequency, with its mean and limits",
-        ),
-        "residual": (preparation.residual, "the low-passed residual, with its mean and limits"),
+        "alignment": "each is aligned to the torque to be followed (black)",
+        "task component": "the component at the task's frequency, with its mean and limits",
+        "residual": "the low-passed residual, with its mean and limits",
     }
-    counts = preparation.account.counts
     steps = "; ".join(
-        f"{words}: {counts.get(name, 0)} excluded"
-        for name, (step, words) in done.items()
-        if step is not None
+        f"{done[name]}: {np.count_nonzero(~step.kept)} excluded"
+        for name, step in preparation.steps.items()
     )
     text = (
         f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "

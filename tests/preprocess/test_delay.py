@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+import tvsysid as tv
+
+
+def waves(time):
+    return np.sin(2 * np.pi * 3.0 * time) + 0.3 * np.sin(2 * np.pi * 11.0 * time + 1)
+
+
+@pytest.mark.parametrize("delay", [0.003, -0.003, 0.0013, -0.0047, 0.0])
+def test_torque_is_shifted_and_samples_without_torque_are_cut(delay):
+    time = np.arange(4000) / 1000
+    recording = tv.Recording(
+        waves(time), waves(time - delay), 1000.0, trial_starts=(0, 1500), channels={"emg": time}
+    )
+    aligned = tv.preprocess.align_channels(recording, delay)
+    lost = int(np.ceil(abs(1000 * delay) - 1e-9))
+    assert [trial.stop - trial.start for trial in aligned.trials] == [1500 - lost, 2500 - lost]
+    assert aligned.start == pytest.approx(lost / 1000 if delay < 0 else 0)
+    assert aligned.delay_removed == delay
+    for trial in aligned.trials:
+        inner = slice(trial.start + 20, trial.stop - 20)
+        np.testing.assert_allclose(aligned.torque[inner], aligned.angle[inner], atol=1e-3)
+        np.testing.assert_array_equal(np.diff(aligned.channels["emg"][trial]).round(9), 0.001)
+
+
+def test_inertia_is_recovered_and_models_state_the_correction(tmp_path):
+    noise = tv.simulate.FilteredNoise()
+    recording = tv.simulate.Joint().simulate(60, perturbation=noise, snr_db=20, seed=1).recording
+    late = tv.Recording(recording.angle[3:], recording.torque[:-3], 1000.0, start=recording.start)
+
+    def cut(given):
+        return tv.preprocess.subtract_mean(tv.preprocess.segment(given, 2.0))
+
+    (finding,) = tv.diagnose(cut(late)).findings
+    assert (finding.name, finding.value) == ("delay", pytest.approx(3, abs=0.4))
+    delay = finding.value / 1000
+    aligned = tv.preprocess.align_channels(late, delay)
+    wrong, right = (cut(tv.preprocess.decimate(each, 100)) for each in (late, aligned))
+    assert np.nanmean(tv.BasisIRF().identify(wrong).inertia) < 0.014
+    model = tv.BasisIRF().identify(right)
+    assert np.nanmean(model.inertia) == pytest.approx(0.02, rel=0.06)
+    tv.recordings.write_ensemble(tmp_path / "ensemble.nc", right)
+    stated = [
+        model.diagnostics.details["delay_removed"],
+        model.to_xarray().attrs["delay_removed"],
+        tv.recordings.load_ensemble(tmp_path / "ensemble.nc").delay_removed,
+    ]
+    assert stated == [delay] * 3
+
+
+@pytest.mark.parametrize(
+    ("delay", "message"),
+    [(np.nan, "a finite number"), ("late", "got 'late'"), (9.0, "leaves nothing")],
+)
+def test_impossible_delays_are_refused(delay, message):
+    time = np.arange(500) / 100
+    recording = tv.Recording(waves(time), waves(time), 100.0)
+    with pytest.raises(tv.InputError, match=message):
+        tv.preprocess.align_channels(recording, delay)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history
+from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 
 RATE, SAMPLES = 100.0, 40

@@ -18,7 +18,7 @@ def judged(recording, period=2.0, context=0.5):
     parts = {"positive": np.maximum(velocity, 0), "negative": np.minimum(velocity, 0)}
     low = tv.preprocess.decimate(attrs.evolve(recording, channels=parts), 100)
     ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(low, period, context))
-    stretches = tuple(ensemble.channels[name] for name in parts)
+    stretches = np.stack([ensemble.channels[name] for name in parts])
     return reflex_test(ensemble.angle, ensemble.torque, stretches, ensemble.core, 100.0)
 
 
@@ -93,9 +93,10 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
     """12 realizations, each third predicted from the others."""
     monkeypatch.setattr(reflex_testing, "BLOCKS", 3)
     monkeypatch.setattr(reflex_testing, "HARMONICS", 1)
-    angle, torque, positive, negative = random.normal(size=(4, 12, 120))
-    found = reflex_test(angle, torque, (positive, negative), slice(10, 110), 100.0)
-    drives = [each - each.mean(axis=0) for each in (positive, negative)]
+    signals = random.normal(size=(4, 12, 120))
+    angle, torque, positive, negative = signals - signals.mean(axis=1, keepdims=True)
+    found = reflex_test(angle, torque, np.stack([positive, negative]), slice(10, 110), 100.0)
+    drives = [positive, negative]
     times = np.arange(33, 110)
     turns = 2 * np.pi * (times - 10) / 100
     places = np.linspace(4, 33, 8)
@@ -153,12 +154,12 @@ def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
     with pytest.raises(
         tv.InputError, match=r"0.33 s before is known at 13 samples .*takes 20; give longer"
     ):
-        reflex_test(angle, torque, (positive, negative), slice(0, 50), 100.0)
+        reflex_test(angle, torque, np.stack([positive, negative]), slice(0, 50), 100.0)
     still = np.zeros((12, 120))
     for motion in (angle[:, :1] + still, still):
-        assert not reflex_test(motion, motion, (still, still), slice(0, 120), 100.0).shown
+        assert not reflex_test(motion, motion, np.stack([still, still]), slice(0, 120), 100.0).shown
     few = random.normal(size=(4, 5, 120))
-    assert reflex_test(few[0], few[1], (few[2], few[3]), slice(0, 120), 100.0).over_none == 1.0
+    assert reflex_test(few[0], few[1], few[2:], slice(0, 120), 100.0).over_none == 1.0
 
 
 def test_a_reflex_is_found_under_slow_voluntary_torque():

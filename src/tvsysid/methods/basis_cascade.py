@@ -9,8 +9,8 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, birf, shared
-from tvsysid.methods.shared import in_turn
-from tvsysid.methods.shared.pathways import TwoPathwayModel
+from tvsysid.methods.cascade import in_turn
+from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble

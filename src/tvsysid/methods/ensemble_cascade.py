@@ -10,10 +10,10 @@ import attrs
 import numpy as np
 
 from tvsysid.methods import base
+from tvsysid.methods.cascade import in_turn
+from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.shared import in_turn
-from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.numerics.moments import sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble

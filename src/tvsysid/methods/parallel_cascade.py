@@ -9,8 +9,8 @@ import numpy as np
 
 from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods import base, shared
-from tvsysid.methods.shared import hammerstein
-from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel
+from tvsysid.methods.cascade import hammerstein
+from tvsysid.methods.cascade.pathways import Drive, Stretch, TwoPathwayModel, rectified_velocities
 from tvsysid.models import Diagnostics
 from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import Cascade, Nonlinearity, parallel_cascade
@@ -111,7 +111,7 @@ class ParallelCascade(base.Method):
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
-        rectified = hammerstein.stretches(ensemble)
+        rectified = rectified_velocities(ensemble)
         if self.nonlinearity == "rectifier":
             fits = [
                 self._turns(ensemble, each[None], np.ones(1), lags, before) for each in rectified

@@ -21,14 +21,13 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.shared.hammerstein import (
+from tvsysid.methods.cascade.hammerstein import (
     VelocityPolynomial,
     polynomial_drives,
     slope_of_stretch,
-    stretches,
     with_shares,
 )
-from tvsysid.methods.shared.pathways import TwoPathwayModel
+from tvsysid.methods.cascade.pathways import TwoPathwayModel, rectified_velocities
 from tvsysid.models import Diagnostics
 from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
@@ -206,7 +205,9 @@ class SubspaceCascade(Method):
         if self.window is not None:
             fits, between = self._over_time(ensemble, lines, found, reflex, whole.reflex.weights)
         weights = whole.reflex.weights
-        slope, _ = slope_of_stretch(np.tensordot(weights, drives, 1), stretches(ensemble))
+        slope, _ = slope_of_stretch(
+            np.tensordot(weights, drives, 1), rectified_velocities(ensemble)
+        )
         drive = VelocityPolynomial(tuple((weights / slope).tolist()), limits)
         return with_shares(self._model(ensemble, fits, between, drive, slope), ensemble)
 

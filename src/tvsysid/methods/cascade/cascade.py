@@ -23,9 +23,9 @@ from tvsysid.methods.cascade.choice import (
     Search,
     by_evidence,
 )
+from tvsysid.methods.cascade.pathways import history, velocity_of
 from tvsysid.methods.cascade.reflex_test import ENOUGH, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
-from tvsysid.methods.shared.pathways import history, velocity_of
 from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.moments import row_blocks

@@ -12,9 +12,9 @@ import numpy as np
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Hyperparameters, Search
+from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, TwoPathwayModel
 from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
-from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel
 from tvsysid.models import Diagnostics, Labelled
 from tvsysid.signals import Array, Ensemble
 

@@ -12,10 +12,10 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.estimates import Estimate
 from tvsysid.methods import base
+from tvsysid.methods.cascade.pathways import Stretch, history
 from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted, with_rest
 from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
 from tvsysid.methods.scheduled.structure import Reflex, Structure
-from tvsysid.methods.shared.pathways import Stretch, history
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Diagnostics

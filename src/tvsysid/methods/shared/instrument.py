@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 from tvsysid.errors import InputError
 from tvsysid.estimates import ErrorStatistics, StandardError
 from tvsysid.methods.base import Input
-from tvsysid.methods.shared.pathways import history
+from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.estimates import UNITS
 from tvsysid.methods.base import Method, whole_samples
-from tvsysid.methods.shared import hammerstein
-from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel, velocity_of
+from tvsysid.methods.cascade import hammerstein
+from tvsysid.methods.cascade.pathways import (
+    Drive,
+    Measured,
+    Stretch,
+    TwoPathwayModel,
+    rectified_velocities,
+    velocity_of,
+)
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
@@ -204,7 +211,7 @@ def _drive(
     if reflex.nonlinearity == "rectifier":
         return Stretch(direction=direction), 1.0, direction
     slope, direction = hammerstein.slope_of_stretch(
-        np.tensordot(coefficients, drives, 1), hammerstein.stretches(ensemble)
+        np.tensordot(coefficients, drives, 1), rectified_velocities(ensemble)
     )
     limits = hammerstein.limits_of(velocity_of(ensemble)[0])
     return (

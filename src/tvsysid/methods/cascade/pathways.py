@@ -72,6 +72,11 @@ class Measured:
         """See :meth:`Drive.curve`."""
 
 
+def rectified_velocities(ensemble: Ensemble) -> Array:
+    """Return the velocity rectified in either direction: (2, realization, context + time + context)."""
+    return np.stack([Stretch(direction=direction)(ensemble) for direction in (1, -1)])
+
+
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     """Velocity of the total angle in rad/s at the recorded rate (realization, time * ratio), and ratio of the rates."""
     recorded = ensemble.angle_as_recorded

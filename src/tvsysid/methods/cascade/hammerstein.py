@@ -7,7 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.estimates import UNITS, Estimate, StandardError
-from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel, history, velocity_of
+from tvsysid.methods.cascade.pathways import (
+    Drive,
+    TwoPathwayModel,
+    history,
+    rectified_velocities,
+    velocity_of,
+)
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
@@ -74,16 +80,11 @@ def polynomial_drives(ensemble: Ensemble, degree: int) -> tuple[Array, tuple[flo
     return values, limits
 
 
-def stretches(ensemble: Ensemble) -> Array:
-    """Velocity rectified in one and in the other direction: (2, realization, context + time + context)."""
-    return np.stack([Stretch(direction=direction)(ensemble) for direction in (1, -1)])
-
-
 def slope_of_stretch(drive: Array, rectified: Array) -> tuple[float, int]:
     """Mean slope of a static function of the velocity in the direction in which it is steeper, and this direction.
 
-    Of the least-squares fit to the ``drive`` with an offset and a slope for either of the
-    :func:`stretches`, (2, ...): a polynomial rounds the corner of a rectifier.
+    The ``drive`` is fitted by least squares with an offset and a slope for either of the
+    ``rectified`` velocities, (2, ...): a polynomial rounds the corner of a rectifier.
     """
     columns, target = rectified.reshape(2, -1).T, drive.ravel()
     slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
@@ -131,7 +132,7 @@ def direction_of_stretch(ensemble: Ensemble, lags: int, before: int) -> int:
         parallel_cascade(
             rows_with_history(ensemble, each[None], lags, before), lags, np.ones(1), "rectifier"
         ).explained
-        for each in stretches(ensemble)
+        for each in rectified_velocities(ensemble)
     ]
     return (1, -1)[int(np.argmax(explained))]
 

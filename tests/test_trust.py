@@ -10,7 +10,6 @@ from tests.conftest import ensemble_of
 import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
 from tvsysid.recommendation import Recommendation
-from tvsysid.recommendation.decide import MAY_BE_A_LOOP
 from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG, trust_in
 
 SUITS = Recommendation(("adaptive",), "the behaviour repeats", {}, {})
@@ -37,8 +36,8 @@ def judged(
     held_out_vaf=80.0,
     unnamed=(),
 ):
-    given = method or tv.BasisIRF()
-    return trust_in(model, given, recommendation, suited, diagnosis, held_out_vaf, unnamed)
+    known = attrs.evolve(recommendation, diagnosis=diagnosis, unnamed_references=tuple(unnamed))
+    return trust_in(model, method or tv.BasisIRF(), known, suited, held_out_vaf)
 
 
 def test_sound_data_are_trusted(model):
@@ -136,7 +135,7 @@ def test_a_bias_that_another_method_lacks_is_a_doubt(model):
 
 
 def test_noise_that_may_move_the_angle_asks_for_caution_where_no_reference_is_named(model):
-    slow = attrs.evolve(SUITS, caveats=(MAY_BE_A_LOOP,))
+    slow = attrs.evolve(SUITS, measured={"slow noise": (12.0, "dB")})
     level, (reason,) = judged(model, recommendation=slow)
     assert level == "good"
     assert reason.startswith("The torque's noise is slow or strong. If the actuator is compliant")

@@ -31,7 +31,7 @@ def unnamed_references(
     """
     from tvsysid import preprocess
     from tvsysid.methods.base import inputs_of
-    from tvsysid.recommendation import moving
+    from tvsysid.recommendation import find_unnamed_references
     from tvsysid.recordings import describe_file
 
     kinds = {item.kind for method in found.methods.values() for item in inputs_of(method)}
@@ -48,5 +48,6 @@ def unnamed_references(
                 ensemble.duration,
                 ensemble.context / ensemble.sampling_rate,
             )
-            for sentence in moving(preprocess.subtract_mean(cut, [name]), [name]):
+            alone = preprocess.subtract_mean(cut, [name])
+            for sentence in find_unnamed_references(alone, [name]):
                 yield sentence.replace("--method", f"--channel {name}={name} --method")

@@ -148,16 +148,13 @@ class Comparison(Shown):
         unnamed_references
             A sentence for each channel outside the ensemble that moves the angle.
         """
-        label, best = self.leading, self.recommendation
-        return trust_in(
-            self.models[label],
-            self.methods[label],
+        best, label = self.recommendation, self.leading
+        best = attrs.evolve(
             best,
-            self.is_suited,
-            diagnosis or best.diagnosis,
-            held_out_vaf,
-            (*unnamed_references, *best.unnamed_references),
+            diagnosis=diagnosis or best.diagnosis,
+            unnamed_references=(*unnamed_references, *best.unnamed_references),
         )
+        return trust_in(self.models[label], self.methods[label], best, self.is_suited, held_out_vaf)
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""

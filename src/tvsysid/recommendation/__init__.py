@@ -1,7 +1,10 @@
-"""Which method suits an ensemble, and why."""
+"""Recommend a method for an ensemble, and judge how far its stiffness can be trusted."""
 
-from tvsysid.recommendation.decide import Recommendation, moving, recommend
-from tvsysid.recommendation.rules import RULES, Rule, rule_of
+from tvsysid.recommendation.recommendation import (
+    Recommendation,
+    find_unnamed_references,
+    recommend,
+)
 from tvsysid.recommendation.trust import Trust, trust_in
 
-__all__ = ["RULES", "Recommendation", "Rule", "Trust", "moving", "recommend", "rule_of", "trust_in"]
+__all__ = ["Recommendation", "Trust", "find_unnamed_references", "recommend", "trust_in"]

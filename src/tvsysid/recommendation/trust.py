@@ -1,8 +1,9 @@
-"""How far an identified stiffness can be trusted, and why not further."""
+"""Judge how far an identified stiffness can be trusted, and why not further."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,12 +12,12 @@ from tvsysid.estimates import UNITS
 from tvsysid.methods.base import inputs_of
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import Diagnosis, Finding
-from tvsysid.recommendation.decide import MAY_BE_A_LOOP, Recommendation
-from tvsysid.recommendation.rules import IS_SLOW, holds
+from tvsysid.quality import Finding
+from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
+from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 
-CHANCE = 0.025  # share of the time over which a band of 95 % lies below its truth
-MAX_DELAY_MS = 4.0  # up to which a late torque hardly changes the stiffness
+MAX_NEGATIVE_SHARE = 0.025  # of the time: a band of 95 % lies below its truth so often by chance
+MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
     "clipped-angle",
@@ -36,44 +37,40 @@ DOUBTFUL = (
 )
 REVERSED = (
     "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign "
-    "-1 (in Python "
-    "torque_sign=-1), or leave it out if it is there. If the sign is right, the actuator is "
-    "compliant: record its "
-    "command."
+    "-1 (in Python torque_sign=-1), or leave it out if it is there. If the sign is right, the "
+    "actuator is compliant: record its command."
 )
 SWAPPED = (
     "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other "
-    "way round (--angle, "
-    "--torque). If they are right, the angle may be in degrees: --angle-unit deg."
+    "way round (--angle, --torque). If they are right, the angle may be in degrees: --angle-unit "
+    "deg."
 )
 WRONG = {  # faults that make every method's stiffness wrong, the cause of others first
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
     "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
     "deg.",
     "torque-unit": "No joint is so stiff or so soft: {what}. Check the units: add --torque-unit "
-    "Nmm, or leave out a "
-    "unit that is there.",
+    "Nmm, or leave out a unit that is there.",
     "reversed-torque": REVERSED,
     "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes "
-    "of stiffness cancel "
-    "out. Check --period and --rate.",
+    "of stiffness cancel out. Check --period and --rate.",
 }
-LOOP = {  # those that a reference mends
+LOOP = {  # faults that make it wrong unless the method has a reference
     "loop-bias": "The torque moves the angle (a closed loop): {what}.",
     "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, "
-    "or one channel was "
-    "filtered alone. Record the actuator's "
-    "command, and identify with it: --channel command=… --method "
-    "kbr:reference=command,weighting=residual.",
+    "or one channel was filtered alone. Record the actuator's command, and identify with it: "
+    "--channel command=… --method kbr:reference=command,weighting=residual.",
 }
-
-CHECK_CHANNELS = "Check the channels (--angle, --torque), or record more."
+UNPREDICTED = (
+    "The model predicts none of the torque of held-out realizations. Check the channels (--angle, "
+    "--torque), or record more."
+)
 
 
 class Trust(NamedTuple):
     """Level of trust in a stiffness, and reasons for doubt or caution.
 
-    At the level ``"none"`` none is stated.
+    At the level ``"none"`` no stiffness is stated.
     """
 
     level: Literal["good", "doubtful", "none"]
@@ -85,75 +82,67 @@ def trust_in(
     method: object,
     recommendation: Recommendation,
     is_suited: bool,
-    diagnosis: Diagnosis | None,
-    held_out_vaf: float,
-    unnamed_references: Sequence[str],
+    held_out_vaf: float = math.nan,
 ) -> Trust:
-    """Return how far the stiffness of a model can be trusted.
+    """Judge how far the stiffness of a model can be trusted.
 
     Parameters
     ----------
     model, method
-        What was identified, and by which method.
-    recommendation, is_suited
-        Which methods suit the data, and whether this one does.
-    diagnosis
-        Of the data, if there is one.
+        Model, and the method that identified it.
+    recommendation
+        Recommended methods, with all that is known of the data.
+    is_suited
+        Whether the method is one of these.
     held_out_vaf
-        Typical VAF of the model in % of realizations held out; NaN if it is not known.
-    unnamed_references
-        A sentence for each channel that moves the angle and was not named as the reference.
+        Typical VAF of held-out realizations by the method in %.
     """
+    measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
-    by_reference = any(item.kind == "reference" for item in inputs_of(method))
-    texts = WRONG if by_reference or is_suited or unnamed_references else WRONG | LOOP
-    wrong = list(_faults(model, faults, texts, () if by_reference else unnamed_references))
-    # In a closed loop, the right impedance may predict none of the torque; a weak torque is weak
+    has_reference = any(item.kind == "reference" for item in inputs_of(method))
+    unnamed = () if has_reference else recommendation.unnamed_references
+    wrong = list(_errors(model, faults, unnamed))
+    loop = [] if has_reference else list(_described(LOOP, faults))
+    if not is_suited and not recommendation.unnamed_references:
+        wrong += loop
+    # In a closed loop, the right impedance may predict none of the torque. A weak torque is weak
     # with a reference too.
-    if not wrong and (not by_reference or holds("information < 2", recommendation.measured)):
+    if not wrong and (not has_reference or holds("information < 2", measured)):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
         elif held_out_vaf <= 0:
-            wrong = [
-                "The model predicts none of the torque of held-out realizations. " + CHECK_CHANNELS
-            ]
+            wrong = [UNPREDICTED]
     if wrong:
         return Trust("none", tuple(wrong))
-    doubts = []
-    biased = not is_suited and all(
-        holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10")
+    doubts = [*loop, *_doubts(model, method, faults)]
+    is_biased = not (is_suited or has_reference) and all(
+        holds(each, measured) for each in (SLOW_NOISE, NOISE_BIAS)
     )
-    if biased and not by_reference:
-        doubts.append(
-            f"{sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}."
-        )
-    if not by_reference:  # of a method that suits the data all the same
-        doubts += [
-            text.format(what=faults[name].what) for name, text in LOOP.items() if name in faults
-        ]
-    doubts += _doubts(model, method, faults)
-    cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
-    reasons = (*doubts, sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
+    if is_biased:
+        first = recommendation.suited[0]
+        doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
+    is_caution_due = recommendation.possible_loop and not (is_biased or has_reference)
+    reasons = (*doubts, *[sentence(POSSIBLE_LOOP)] * is_caution_due)
     return Trust("doubtful" if doubts else "good", reasons)
 
 
-def _faults(
-    model: Model,
-    faults: Mapping[str, Finding],
-    texts: Mapping[str, str],
-    unnamed_references: Sequence[str],
+def _errors(
+    model: Model, faults: Mapping[str, Finding], unnamed_references: tuple[str, ...]
 ) -> Iterator[str]:
-    """Yield which faults of the data make every method's stiffness wrong, and what to do."""
+    """Yield what makes every method's stiffness wrong, and what to do."""
     if {"angle-unit", "torque-unit"} <= faults.keys():
         yield SWAPPED.format(angle=faults["angle-unit"].what, stiffness=faults["torque-unit"].what)
         return
     if "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
         yield from unnamed_references
-    for name, text in texts.items():
-        if name in faults:
-            yield text.format(what=faults[name].what)
+    yield from _described(WRONG, faults)
     if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
         yield REVERSED
+
+
+def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> Iterator[str]:
+    """Yield the texts for the faults that were found."""
+    return (text.format(what=faults[name].what) for name, text in texts.items() if name in faults)
 
 
 def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iterator[str]:
@@ -161,20 +150,15 @@ def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iter
     if share := negative_reflex(model):
         yield (
             f"The reflex gain is negative over {share}, as no stretch reflex's is. The difference "
-            "from a method with "
-            "one pathway (as kbr) is an uncertainty of this stiffness."
+            "from a method with one pathway (as kbr) is an uncertainty of this stiffness."
         )
     if "reflex" in faults and has_one_pathway(method, model):
-        yield (
-            f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. "
-            f"{faults['reflex'].fault.remedy}."
-        )
-    for fault in (faults[name] for name in DOUBTFUL if name in faults):
-        if fault.name != "delay" or abs(fault.value) > MAX_DELAY_MS:
-            yield (
-                f"{fault.fault.title}: {fault.what.partition(';')[0]}. "
-                f"{sentence(fault.fault.remedy)}"
-            )
+        reflex = faults["reflex"]
+        yield (f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}.")
+    for found in (faults[name] for name in DOUBTFUL if name in faults):
+        if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
+            what = found.what.partition(";")[0]
+            yield f"{found.fault.title}: {what}. {sentence(found.fault.remedy)}"
 
 
 def sentence(text: str) -> str:
@@ -196,15 +180,12 @@ def reflex_shown(model: Model) -> bool:
 
 
 def negative_reflex(model: Model) -> str:
-    """Return over how much of the time a model's reflex gain is negative; empty if it is not."""
+    """Return over how much of the time a model's reflex gain is negative. Empty if it is not."""
     gain = model.estimates.get("reflex_gain")
-    if (
-        gain is None
-        or gain.unit != UNITS["reflex_gain"]
-        or gain.standard_error is None
-        or not reflex_shown(model)
-    ):
+    if gain is None or gain.unit != UNITS["reflex_gain"] or gain.standard_error is None:
         return ""
     upper = gain.band()[1]
     share = float(np.mean(upper[np.isfinite(upper)] < 0))
-    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share > CHANCE else ""
+    if share <= MAX_NEGATIVE_SHARE or not reflex_shown(model):
+        return ""
+    return f"{100 * share:.0f} % of the time, with its whole 95 % band"

@@ -1,0 +1,374 @@
+"""Recommend a method for an ensemble: measure its properties, and apply the rules."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import suppress
+
+import attrs
+import numpy as np
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import (
+    DEFAULT_METHODS,
+    BasisIRF,
+    KernelRegression,
+    ScheduledImpedance,
+    Tuned,
+    key_of,
+    parse,
+)
+from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
+from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.methods.apply import Identifies
+from tvsysid.methods.base import reason_to_skip
+from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
+from tvsysid.numerics.threads import single_thread
+from tvsysid.quality import Diagnosis, diagnose, find_reference
+from tvsysid.quality.resampling import lowered
+from tvsysid.recommendation.rules import (
+    MAX_FEW_HARMONICS,
+    OBJECTIONS,
+    SLOW_NOISE,
+    STRONG_NOISE,
+    Measured,
+    holds,
+    rule_of,
+)
+from tvsysid.signals import Ensemble
+from tvsysid.validators import settings_of
+
+LOW_BAND_HZ, HIGH_BAND_HZ = (0.0, 5.0), (8.0, 25.0)  # bands whose noise is compared
+MIN_SWITCH_PROBABILITY = 0.95
+FAULTS = ("reflex", "feedback", "loop-bias", "wrong-period", "scattered-realizations")
+MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mean stiffness")
+FAULTS_OF_RULES = ("reflex", "loop-bias", "feedback")
+POSSIBLE_LOOP = (
+    "the torque's noise is slow or strong. If the actuator is compliant, this noise moves the "
+    "angle, and stiffness is underestimated. Only the actuator's command as the reference shows it"
+)
+
+
+@attrs.frozen(eq=False, repr=False)
+class Recommendation:
+    """Recommended method for an ensemble, and the reasons.
+
+    Parameters
+    ----------
+    suited
+        Methods as the command line takes them, as in ``"kbr:weighting=residual,tuned=true"``, the
+        best first. Empty where no method is right.
+    why
+        Reason for the first, in a sentence.
+    measured
+        Value and unit of properties of the data by name. NaN where a property is not shown or the
+        data do not tell it.
+    against
+        Reasons against the other usual methods, by key.
+    diagnosis
+        Diagnosis of the ensemble. None for a single realization.
+    unnamed_references
+        A sentence for each channel that moves the angle and was not named as the reference.
+    """
+
+    suited: tuple[str, ...]
+    why: str
+    measured: Measured
+    against: Mapping[str, str]
+    diagnosis: Diagnosis | None = None
+    unnamed_references: tuple[str, ...] = ()
+
+    @property
+    def method(self) -> Identifies | None:
+        """The method, ready to use: ``recommend(ensemble).method.identify(ensemble)``.
+
+        None where no method is right.
+        """
+        return parse(self.suited[0]) if self.suited else None
+
+    def leading(self, methods: Mapping[str, object], tuned: Container[str] = ()) -> str | None:
+        """Return the label of the first of these ``methods`` that suits, or None.
+
+        ``tuned`` are the labels of methods whose settings were chosen from the data.
+        """
+        fitting = (
+            label
+            for wanted in map(parse, self.suited)
+            for label, method in methods.items()
+            if label in tuned or not isinstance(wanted, Tuned)
+            if _agrees(method, getattr(wanted, "method", wanted))
+        )
+        return next(fitting, None)
+
+    @property
+    def sentence(self) -> str:
+        """Method and reason."""
+        return f"{self.suited[0] if self.suited else 'no method is right'}: {self.why}"
+
+    @property
+    def objections(self) -> list[str]:
+        """Reasons against other methods, each with all methods that it applies to."""
+        found = []
+        for reason in dict.fromkeys(self.against.values()):
+            keys = [key for key, each in self.against.items() if each == reason]
+            text = re.sub("^It ", "it " if len(keys) == 1 else "each ", reason)
+            found.append(f"not {', '.join(keys)}: {text}")
+        return found
+
+    @property
+    def possible_loop(self) -> bool:
+        """Whether a compliant actuator may bias the stiffness, and no reference can show it."""
+        loud = any(holds(each, self.measured) for each in (SLOW_NOISE, STRONG_NOISE))
+        return loud and "reference" not in self.measured
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What else the diagnosis found or could not see, a sentence each."""
+        if self.diagnosis is None:
+            found = ["a single realization, or one too short, cannot be diagnosed"]
+        else:
+            found = [
+                f"{each.fault.title.lower()}: {each.fault.effect}"
+                for each in self.diagnosis.findings
+                if each.name not in FAULTS_OF_RULES
+            ]
+            found += [POSSIBLE_LOOP] * self.possible_loop + [*self.diagnosis.remarks]
+        return (*found, *self.unnamed_references)
+
+    def __repr__(self) -> str:
+        measured = ", ".join(
+            f"{name} {value:.4g} {unit}".rstrip()
+            for name, (value, unit) in self.measured.items()
+            if not math.isnan(value)
+        )
+        caveats = [f"caveat: {each}" for each in self.caveats]
+        first = [f"Recommendation: {self.sentence}", f"measured: {measured}"]
+        return "\n".join([*first, *self.objections, *caveats])
+
+
+def recommend(
+    ensemble: Ensemble,
+    reference: str | None = None,
+    scheduling: str | None = None,
+    *,
+    model: Model | None = None,
+    diagnosis: Diagnosis | None = None,
+) -> Recommendation:
+    """Recommend a method for an ensemble by measured properties of the data.
+
+    The first rule that holds decides. The page docs/which-method.md has the rules as a table, and
+    how often they are right.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations, mean subtracted.
+    reference
+        Channel with the disturbance that was applied, or the actuator's command, if the angle may
+        not be imposed.
+    scheduling
+        Channel with a variable that the joint follows and that differs between realizations.
+    model
+        Model of this ensemble by ``adaptive``, if there is one. Otherwise it is identified here.
+    diagnosis
+        Diagnosis of this ensemble with the same reference, if there is one.
+
+    Raises
+    ------
+    InputError
+        If it is no ensemble, or there is no such channel.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+    >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> ensemble = tv.preprocess.segment(
+    ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+    >>> found = tv.recommend(tv.preprocess.subtract_mean(ensemble))
+    >>> print(found.sentence)
+    adaptive: stiffness switches, which it places and other methods smear
+    >>> found.method
+    AdaptiveRegression(emg=None)
+    """
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first"
+        )
+    named = [name for name in (reference, scheduling) if name is not None]
+    for name in named:
+        ensemble.signal(name)  # raises if there is no such channel
+    with single_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        with suppress(InputError):  # a single realization, or too short
+            diagnosis = diagnosis or diagnose(ensemble, reference)
+        measured = measure(ensemble, diagnosis, reference, scheduling, model)
+    rule = rule_of(measured)
+    values: dict[str, object] = {name: value for name, (value, _) in measured.items()}
+    values |= {"reference": reference, "scheduling": scheduling}
+    suited = [text.format(**values) for text in rule.methods]
+    suited = [text for text in suited if not reason_to_skip(parse(text), ensemble)]
+    others = [name for name in ensemble.channels if name not in named]
+    return Recommendation(
+        tuple(suited),
+        rule.why.format(**values),
+        measured,
+        {
+            key: _objection(key, ensemble, measured).format(**values)
+            for key in DEFAULT_METHODS
+            if suited and key != key_of(suited[0])
+        },
+        diagnosis,
+        tuple(find_unnamed_references(ensemble, others)),
+    )
+
+
+def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each of these channels that moves the angle as a reference does."""
+    for name in channels:
+        found = find_reference(ensemble, name)
+        if found.found:
+            yield (
+                f"Channel {name!r} moves the angle, and was not named as the reference: "
+                f"{found.what}."
+            )
+
+
+def _objection(key: str, ensemble: Ensemble, measured: Measured) -> str:
+    """Return why another usual method is not recommended."""
+    reasons = (
+        each.reason
+        for each in OBJECTIONS
+        if key in each.methods and holds(each.condition, measured)
+    )
+    method = parse(key)
+    return reason_to_skip(method, ensemble) or next(reasons, str(getattr(method, "differs", "")))
+
+
+def _agrees(method: object, wanted: Identifies) -> bool:
+    """Return whether a method is the wanted one, but for settings that may have any value."""
+    usual = settings_of(type(wanted)())
+    changed = {name: each for name, each in settings_of(wanted).items() if each != usual[name]}
+    return type(method) is type(wanted) and changed.items() <= settings_of(method).items()
+
+
+def measure(
+    ensemble: Ensemble,
+    diagnosis: Diagnosis | None,
+    reference: str | None,
+    scheduling: str | None,
+    model: Model | None,
+) -> dict[str, tuple[float, str]]:
+    """Return value and unit of each property that the rules ask for or that explains them."""
+    measured = {"realizations": (float(len(ensemble)), ""), "duration": (ensemble.duration, "s")}
+    if scheduling is not None:
+        gain = _or_nan(_reflex_held_out, ensemble, scheduling)
+        measured |= {"scheduling variable": (1.0, ""), "reflex held out": (gain, "%")}
+    if reference is not None:
+        measured["reference"] = (1.0, "")
+    if diagnosis is None:
+        return measured
+    measured |= {name: diagnosis.measures[name] for name in MEASURES}
+    information = len(ensemble) * 10 ** (measured["signal-to-noise ratio"][0] / 10)
+    measured["information"] = (information, "realizations at 0 dB")
+    found = {
+        each.name: abs(each.value)
+        for each in diagnosis.checks
+        if each.found or (each.name == "loop-bias" and each.beyond)
+    }
+    measured |= {name.replace("-", " "): (found.get(name, math.nan), "%") for name in FAULTS}
+    measured["slow noise"] = (_slow_noise(diagnosis), "dB")
+    low_rate = lowered(ensemble)
+    measured["noise bias"] = (_or_nan(_noise_bias, low_rate), "%")
+    if "reflex" in found or scheduling is not None:
+        return measured
+    if not isinstance(model, AdaptiveModel):
+        model = None
+        with suppress(InputError):
+            model = AdaptiveRegression().identify(low_rate)
+    if isinstance(model, AdaptiveModel):
+        measured |= _speed(model)
+    measured["evidence of few harmonics"] = (_or_nan(_few_harmonics, low_rate), "nat")
+    if model is not None and reference is not None and "loop-bias" in found:
+        shape = _or_nan(shape_over_level, low_rate, reference, model)
+        measured["shape over level"] = (shape, "")
+    return measured
+
+
+def _or_nan(function: Callable[..., float], *arguments: object) -> float:
+    """Return the value of a function, or NaN if a method cannot identify the data."""
+    try:
+        return function(*arguments)
+    except InputError:
+        return math.nan
+
+
+def _slow_noise(diagnosis: Diagnosis) -> float:
+    """Return the power density in dB of the noise at low frequencies over that at higher ones."""
+    frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
+    low, high = (
+        float(power[(frequency > start) & (frequency <= stop)].mean())
+        for start, stop in (LOW_BAND_HZ, HIGH_BAND_HZ)
+    )
+    return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan
+
+
+def _reflex_held_out(ensemble: Ensemble, scheduling: str) -> float:
+    """Return how much more a reflex pathway predicts of held-out folds, in % of the variance."""
+    without, with_reflex = (
+        ScheduledImpedance(scheduling, reflex=reflex).identify(ensemble) for reflex in (False, True)
+    )
+    folds = [each.diagnostics.details["vaf_folds"] for each in (without, with_reflex)]
+    return folds[1] - folds[0]
+
+
+def _noise_bias(ensemble: Ensemble) -> float:
+    """Return how much lower stiffness is, in %, than where noisy frequencies count less.
+
+    Noise that does not move the angle changes neither. In a closed loop, stiffness is too low at
+    frequencies with noise.
+    """
+    plain, weighted = (
+        mean_of(KernelRegression(weighting=weighting).identify(ensemble).stiffness)
+        for weighting in ("white", "residual")
+    )
+    return 100 * (weighted - plain) / max(abs(weighted), abs(plain), math.ulp(0.0))
+
+
+def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
+    """Return how much and how fast stiffness changes, and the probability that it is constant."""
+    likely = [each for each in model.switches if each.probability > MIN_SWITCH_PROBABILITY]
+    change = float(np.nanmax(model.stiffness) - np.nanmin(model.stiffness))
+    fastest = float(np.nanmax(np.abs(np.gradient(model.stiffness, model.time))))
+    constant = round(100 * model.diagnostics.details["constant_stiffness"], 1)
+    return {
+        "switches": (float(sum(each.quantity == "stiffness" for each in likely)), ""),
+        "stiffness changes by": (change, "N·m/rad"),
+        "time of the fastest change": (change / fastest if fastest > 0 else math.nan, "s"),
+        "constant": (constant, "%"),
+    }
+
+
+def _few_harmonics(ensemble: Ensemble) -> float:
+    """Return the log evidence of stiffness as few harmonics of the period over other functions.
+
+    The evidence is that of ``birf``. Splines and Haar functions are the others; more harmonics
+    are, where these have more evidence than the few.
+    """
+    evidence = BasisIRF().tuned(ensemble).evidence
+    harmonics = [getattr(each["basis"], "harmonics", math.inf) for each in evidence.tried]
+    groups = np.digitize(harmonics, [MAX_FEW_HARMONICS + 0.5, math.inf])
+    few, more, other = (evidence.values[groups == group].max() for group in range(3))
+    return float(few - (more if more > few else other))
+
+
+def shape_over_level(ensemble: Ensemble, reference: str, model: Model) -> float:
+    """Return how stiffness by a reference differs from a model's in shape, over that on average."""
+    found = BasisIRF(reference=reference).tuned(ensemble).method.identify(ensemble)
+    difference = found.stiffness - np.interp(found.time, model.time, model.stiffness)
+    level = mean_of(difference)
+    return math.sqrt(mean_of((difference - level) ** 2)) / abs(level) if level else math.nan

@@ -53,38 +53,17 @@ def test_a_perfect_identification_has_the_best_value(name, random):
     }.get(name, ([truth, truth], truth))
     np.testing.assert_allclose(metric.function(*arguments), metric.best, atol=1e-12)
     assert metric.unit in {"N·m/rad", "s", "%"}
-    assert metric.needs_truth == (
-        name
-        in {
-            "bias_error",
-            "debiased_bias_error",
-            "mean_bias",
-            "total_error",
-            "rise_time",
-            "coverage",
-        }
-    )
+    assert metric.needs_truth == (arguments[-1] is truth or name == "rise_time")
 
 
-def test_coverage_counts_edges_as_inside_and_leaves_out_what_has_no_band():
+def test_coverage_includes_edges_and_leaves_out_times_without_band():
     nan = np.nan
     lower, upper = [[0.0, nan, 1.0], [1.5, nan, 2.0]], [[1.0, 5.0, 2.0], [3.0, nan, 3.0]]
     assert metrics.coverage(lower, upper, [1.0, 1.0, 2.0]) == 75.0
-    assert (
-        metrics.coverage([[nan]], [[1.0]], [0.0])
-        != metrics.coverage([[0.0]], [[1.0]], [0.0])
-        == 100.0
-    )
-    for wrong in (
-        ([0.0], [1.0], [0.5]),
-        ([[0.0]], [[1.0, 2.0]], [0.5]),
-        ([[0.0]], [[1.0]], [0.5, 0.5]),
-    ):
-        with pytest.raises(tv.InputError, match="coverage: expected lower and upper of axes"):
-            metrics.coverage(*wrong)
+    assert np.isnan(metrics.coverage([[nan]], [[1.0]], [0.0]))
 
 
-def test_edges_without_estimate_are_left_out_and_counted():
+def test_times_without_estimate_are_left_out_and_counted():
     estimates = np.array([[np.nan, 1.0, 3.0, np.nan], [np.nan, 2.0, 3.0, 5.0]])
     assert metrics.left_out(estimates) == 2
     assert metrics.bias_error(estimates, np.zeros(4)) == metrics.bias_error(
@@ -97,13 +76,11 @@ def test_edges_without_estimate_are_left_out_and_counted():
 @pytest.mark.parametrize(
     ("curve", "expected"),
     [
-        (
-            lambda t: 50 + 100 * np.clip((t - 0.4) / 0.2, 0, 1),
-            0.16,
-        ),  # a ramp of 0.2 s from 60 to 140
+        (lambda t: 50 + 100 * np.clip((t - 0.4) / 0.2, 0, 1), 0.16),  # a ramp of 0.2 s
         (lambda t: np.where(t < 0.5, 50.0, 150.0), 0.0),
         (lambda t: np.where(t < 0.5, 50.0, 130.0), np.nan),  # never high enough
         (lambda t: np.where(t < 0.5, 70.0, 150.0), np.nan),  # never low
+        (lambda t: np.where(t < 0.5, 50.0, 150.0) + 20 * (np.abs(t - 0.2) < 0.01), 0.0),  # noise
     ],
 )
 def test_rise_time(curve, expected):
@@ -111,43 +88,13 @@ def test_rise_time(curve, expected):
     assert metrics.rise_time(time, [curve(time)]) == pytest.approx(expected, abs=0.011, nan_ok=True)
 
 
-def test_noise_far_from_the_switch_does_not_shorten_or_stretch_the_rise():
-    time = np.arange(200) / 100
-    curve = np.where((time >= 0.5) & (time < 1.5), 150.0, 50.0)
-    curve[[3, 20, 30]] = 70.0
-    curve[190] = 150.0
-    assert metrics.rise_time(time, [curve]) == 0.0
-
-
-@pytest.mark.parametrize("window", [0.06, 0.1, 0.2])
-def test_short_segments_rise_over_four_fifths_of_their_window(window):
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
-        300, perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=2
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    model = tv.ShortDataSegments(window=window).identify(ensemble)
-    # The window holds one sample more than it is long.
-    assert metrics.rise_time(model.time, [model.stiffness]) == pytest.approx(
-        0.8 * (window + 0.01), abs=0.0151
-    )
-
-
 def test_hand_worked_vaf():
-    torque, predicted = np.array([[3.0, 4.0], [1.0, 0.0]]), np.array([[3.0, 3.0], [3.0, 0.0]])
+    torque, predicted = [[3.0, 4.0], [1.0, 0.0]], [[3.0, 3.0], [3.0, 0.0]]
     np.testing.assert_allclose(metrics.vaf(torque, predicted), [96.0, 0.0])  # -300 % is clipped
     np.testing.assert_allclose(metrics.time_varying_vaf(torque, predicted), [60.0, 93.75])
 
 
-@given(
-    hnp.arrays(np.float64, (5, 7), elements=finite), hnp.arrays(np.float64, (5, 7), elements=finite)
-)
-def test_vaf_is_a_percentage(torque, predicted):
-    for values in (metrics.vaf(torque, predicted), metrics.time_varying_vaf(torque, predicted)):
-        known = values[np.isfinite(values)]
-        assert ((known >= 0) & (known <= 100)).all()
-
-
-def test_vaf_leaves_out_what_was_not_predicted(random):
+def test_vaf_leaves_out_samples_without_prediction(random):
     torque, predicted = random.normal(size=(3, 50)), random.normal(size=(3, 50))
     predicted[:, :5] = np.nan
     np.testing.assert_allclose(
@@ -159,20 +106,10 @@ def test_vaf_leaves_out_what_was_not_predicted(random):
     assert np.isnan(metrics.vaf(np.zeros((1, 3)), np.zeros((1, 3)))).all()
 
 
-def test_bandpass_takes_away_what_lies_outside():
-    time = np.arange(1000) / 100
-    inside, outside = np.sin(2 * np.pi * 4 * time), 5 * np.sin(2 * np.pi * 30 * time)
-    assert metrics.vaf([inside + outside], [inside])[0] < 10
-    assert metrics.bandpassed_vaf([inside + outside], [inside], 100.0)[0] > 99
-
-
-@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
-def test_bandpass_of_realizations_comes_close_to_that_of_the_record(ensemble_of, perturbation):
-    ensemble = ensemble_of(150.0, "square", perturbation)
-    torque, predicted = (
-        ensemble.torque[:, ensemble.core],
-        tv.BasisIRF().identify(ensemble).predict(ensemble),
-    )
+def test_bandpass_of_realizations_comes_close_to_that_of_the_record(ensemble_of):
+    ensemble = ensemble_of(150.0, "square", "prbs")
+    torque = ensemble.torque[:, ensemble.core]
+    predicted = tv.BasisIRF().identify(ensemble).predict(ensemble)
     sections = butter(3, [1, 10], btype="bandpass", fs=100, output="sos")
     whole = [
         sosfiltfilt(sections, signals.ravel()).reshape(signals.shape)
@@ -208,7 +145,10 @@ def test_bandpass_is_the_third_order_butterworth(random):
             r"one value for each of 2 times, got shape \(1,\)",
         ),
         (lambda: metrics.rise_time([0.0], [[1.0, 2.0]]), "one value for each of 2 estimates"),
-        (lambda: metrics.vaf([1.0], [1.0]), r"axes \(realization, time\)"),
+        (
+            lambda: metrics.coverage([[0.0]], [[1.0]], [0.5, 0.5]),
+            "expected lower and upper of axes",
+        ),
         (lambda: metrics.vaf([[1.0]], [[1.0, 2.0]]), "of the same shape"),
         (lambda: metrics.bandpassed_vaf([[1.0]], [[1.0]], 15.0), "rises within 0 to 7.5 Hz"),
     ],

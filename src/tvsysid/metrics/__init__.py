@@ -1,4 +1,4 @@
-"""How good an identification is: one function a metric, and their catalogue."""
+"""Metrics of an identification, one function each, and their catalogue."""
 
 from collections.abc import Callable
 
@@ -27,8 +27,6 @@ __all__ = [
     "coverage",
     "debiased_bias_error",
     "left_out",
-]
-__all__ += [
     "mean_bias",
     "random_error",
     "rise_time",
@@ -36,16 +34,16 @@ __all__ += [
     "time_varying_vaf",
     "total_error",
     "vaf",
+    "weighted_mean",
 ]
-__all__ += ["weighted_mean"]
 
 
 @attrs.frozen
 class Metric:
-    """A row of the catalogue.
+    """Row of the catalogue.
 
-    Its ``best`` value is that of a perfect identification; of a coverage, that of a perfect band
-    of 95 %. What ``needs_truth`` can be had for simulated data only.
+    ``best`` is the value of a perfect identification, or of a perfect band of 95 %. Metrics that
+    need the truth (``needs_truth``) are for simulated data only.
     """
 
     title: str

@@ -1,9 +1,6 @@
-"""Errors of what was estimated in repeated trials, against the truth or about their own mean.
+"""Errors of estimates in repeated trials, and the coverage of their bands.
 
-Coverage of bands.
-
-Each takes weights of the trials, one set or many, so that its bootstrap over trials is the same
-code.
+Each function takes weights of the trials, one set or many, which also serve for a bootstrap.
 """
 
 from __future__ import annotations
@@ -11,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
@@ -19,31 +16,36 @@ from tvsysid.numerics import Array
 Value = Any  # a number; with many sets of weights an array with one for each
 
 
-def _trials(estimates: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-    """Estimates as (trial, time), and the times at which every trial has one."""
+def _trials(estimates: ArrayLike) -> Array:
+    """Return estimates as (trial, time)."""
     values = np.asarray(estimates, dtype=np.float64)
     if values.ndim != 2 or values.size == 0:
         raise InputError(
             f"estimates: expected an array of axes (trial, time), got shape {values.shape}"
         )
-    return values, np.asarray(np.isfinite(values).all(axis=0))
+    return values
 
 
-def _against(estimates: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
-    values, known = _trials(estimates)
-    true = np.asarray(truth, dtype=np.float64)
+def _errors(estimates: ArrayLike, truth: ArrayLike | None = None) -> Array:
+    """Return estimates less truth, or their mean, at times with an estimate in every trial.
+
+    A single NaN for each trial if there is no such time.
+    """
+    values = _trials(estimates)
+    true = values.mean(axis=0) if truth is None else np.asarray(truth, dtype=np.float64)
     if true.shape != values.shape[1:]:
         raise InputError(
             f"truth: expected one value for each of {values.shape[1]} times, got shape {true.shape}"
         )
-    return values[:, known], true[known]
+    known = np.isfinite(values).all(axis=0)
+    return (values - true)[:, known] if known.any() else np.full((len(values), 1), np.nan)
 
 
 def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """Mean over trials, the first axis; shape (...), or (draw, ...) for many sets of weights.
+    """Return the mean over trials, the first axis, of shape (...).
 
-    Weights may have any sum, and the shape (trial,), or (draw, trial) for many sets; None weighs
-    all alike.
+    Weights of shape (trial,) may have any sum; None weighs all alike. Many sets of weights, of
+    shape (draw, trial), give a mean for each, of shape (draw, ...).
 
     Examples
     --------
@@ -51,87 +53,70 @@ def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
     array([2.5, 1. , 3. ])
     """
     array = np.asarray(values, dtype=np.float64)
-    if weights is None:
-        return np.asarray(array.mean(axis=0))
-    shares = np.asarray(weights, dtype=np.float64)
+    shares = np.ones(len(array)) if weights is None else np.asarray(weights, dtype=np.float64)
     return np.asarray((shares / shares.sum(axis=-1, keepdims=True)) @ array)
 
 
-def _power_of_mean(values: Array, weights: ArrayLike | None) -> Array:
-    """Mean over time of the square of the mean over trials; NaN of no time."""
-    if not values.shape[1]:
-        return np.full(np.shape(weights)[:-1] if weights is not None else (), np.nan)
-    if weights is None:
-        return np.asarray(np.mean(np.square(values.mean(axis=0))))
-    # A quadratic form of the weights, which spares an array of draws times times.
-    shares = np.asarray(weights, dtype=np.float64)
-    shares = shares / shares.sum(axis=-1, keepdims=True)
-    return np.asarray(np.sum((shares @ (values @ values.T / values.shape[1])) * shares, axis=-1))
+def _mean_square(errors: Array, weights: ArrayLike | None) -> Array:
+    """Return the mean over time and trials of the square."""
+    return weighted_mean(np.mean(np.square(errors), axis=1), weights)
 
 
-def _mean_power(values: Array, weights: ArrayLike | None) -> Array:
-    """Mean over time and trials of the square; NaN of no time."""
-    if not values.shape[1]:
-        return _power_of_mean(values, weights)
-    return weighted_mean(np.mean(np.square(values), axis=1), weights)
-
-
-def _root(squares: Array) -> Value:
-    return np.sqrt(np.maximum(squares, 0.0))[()]
+def _square_of_mean(errors: Array, weights: ArrayLike | None) -> Array:
+    """Return the mean over time of the square of the mean over trials."""
+    return np.asarray(np.mean(np.square(weighted_mean(errors, weights)), axis=-1))
 
 
 def left_out(estimates: ArrayLike) -> int:
-    """Times that the errors leave out, because some trial of (trial, time) has no estimate there (NaN).
+    """Count the times that the errors leave out, as some trial of (trial, time) is NaN there.
 
     Examples
     --------
     >>> left_out([[np.nan, 1.0, 2.0], [np.nan, 1.0, np.nan]])
     2
     """
-    return int(np.count_nonzero(~_trials(estimates)[1]))
+    return int(np.count_nonzero(~np.isfinite(_trials(estimates)).all(axis=0)))
 
 
 def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    r"""Root mean square over time of the mean estimate's error.
+    r"""Return the root mean square over time of the mean estimate's error.
 
     .. math:: \sqrt{\frac1T \sum_i \left(\overline{\hat K}(i) - K(i)\right)^2}
 
     Equation 22 of van de Ruit et al. 2021. With M trials its square contains the random error's
     square over M.
 
-    From estimates (trial, time) and truth (time,), in their unit; NaN if no time has an estimate in
-    every trial. The weights are those of :func:`weighted_mean`; for many sets of them there is one
-    value each.
+    Estimates have the shape (trial, time), the truth (time,), the weights that of
+    :func:`weighted_mean`; many sets of weights give one value each. NaN if no time has an estimate
+    in every trial.
 
     Examples
     --------
     >>> float(bias_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
     1.4142135623730951
     """
-    values, true = _against(estimates, truth)
-    return _root(_power_of_mean(values - true, weights))
+    return np.sqrt(_square_of_mean(_errors(estimates, truth), weights))[()]
 
 
 def debiased_bias_error(
     estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None
 ) -> Value:
-    r"""Bias error without what the random error contributes to it.
+    r"""Return the bias error without the part that the random error adds.
 
     .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
 
-    The mean of M trials has their variance over M, and the random error, which divides by M, is
-    that variance times (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN
-    for a single trial, which does not tell, and where no time has an estimate in every trial.
+    The mean of M trials has their variance over M. The square of the random error, which divides by
+    M, is that variance times (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN
+    for a single trial.
     """
-    trials = len(_trials(estimates)[0])
-    if trials < 2:
-        return np.full(np.shape(weights)[:-1] if weights is not None else (), np.nan)[()]
-    part = np.square(random_error(estimates, weights)) / (trials - 1)
-    return np.sqrt(np.maximum(0.0, np.square(bias_error(estimates, truth, weights)) - part))[()]
+    others = len(_trials(estimates)) - 1 or np.nan
+    random_part = np.square(random_error(estimates, weights)) / others
+    squares = np.square(bias_error(estimates, truth, weights)) - random_part
+    return np.sqrt(np.maximum(0.0, squares))[()]
 
 
 def mean_bias(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    """Mean over time of the mean estimate's error, with its sign.
+    """Return the mean over time of the mean estimate's error, with its sign.
 
     Arguments and result are those of :func:`bias_error`.
 
@@ -140,14 +125,11 @@ def mean_bias(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None 
     >>> float(mean_bias([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
     1.0
     """
-    values, true = _against(estimates, truth)
-    if not values.shape[1]:
-        return _power_of_mean(values, weights)
-    return weighted_mean(np.mean(values - true, axis=1), weights)[()]
+    return weighted_mean(np.mean(_errors(estimates, truth), axis=1), weights)[()]
 
 
 def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    r"""Root mean square, over time and trials, of the deviation from the mean estimate.
+    r"""Return the root mean square, over time and trials, of the deviation from the mean estimate.
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - \overline{\hat K}(i)\right)^2}
 
@@ -158,15 +140,15 @@ def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Valu
     >>> float(random_error([[1.0, 2.0], [3.0, 4.0]]))
     1.0
     """
-    values, known = _trials(estimates)
-    deviations = values[:, known] - values[:, known].mean(axis=0)
-    return _root(_mean_power(deviations, weights) - _power_of_mean(deviations, weights))
+    deviations = _errors(estimates)
+    squares = _mean_square(deviations, weights) - _square_of_mean(deviations, weights)
+    return np.sqrt(np.maximum(0.0, squares))[()]
 
 
 def total_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    r"""Root mean square, over time and trials, of the error.
+    r"""Return the root mean square, over time and trials, of the error.
 
-    Its square is that of bias plus that of random error.
+    Its square is the sum of the squares of bias error and random error.
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - K(i)\right)^2}
 
@@ -177,8 +159,7 @@ def total_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | Non
     >>> float(total_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
     1.7320508075688772
     """
-    values, true = _against(estimates, truth)
-    return _root(_mean_power(values - true, weights))
+    return np.sqrt(_mean_square(_errors(estimates, truth), weights))[()]
 
 
 def rise_time(
@@ -190,15 +171,14 @@ def rise_time(
     within: float = 0.4,
     weights: ArrayLike | None = None,
 ) -> Value:
-    """Time from where the mean estimate first exceeds one level to where it first exceeds another.
+    """Return the time from where the mean estimate exceeds one level to where it exceeds another.
 
-    Searched only so many seconds (``within``) about the known upward ``switch``, and the lower
-    crossing is the last one before the upper, for noise makes early crossings that mean nothing
-    (van de Ruit et al. 2021, section 3.3).
+    The levels are by default 10 and 90 % of the step. Only times within so many seconds
+    (``within``) of the known upward ``switch`` count, and the lower crossing is the last one before
+    the upper, because noise makes early crossings (van de Ruit et al. 2021, section 3.3).
 
-    From times in s (time,) and estimates (trial, time), in s; NaN if a level is not crossed there.
-    The levels are 10 and 90 % of the step; weights are those of :func:`weighted_mean`, and for many
-    sets there is one value each.
+    Times (time,) and result are in s, estimates have the shape (trial, time), weights that of
+    :func:`weighted_mean`; many sets of weights give one value each. NaN if a level is not crossed.
 
     Examples
     --------
@@ -206,7 +186,7 @@ def rise_time(
     >>> float(rise_time(time, [[50.0, 50.0, 70.0, 130.0, 150.0]]))
     0.2
     """
-    values, _ = _trials(estimates)
+    values = _trials(estimates)
     times = np.asarray(time, dtype=np.float64)
     if times.shape != values.shape[1:]:
         raise InputError(
@@ -215,10 +195,9 @@ def rise_time(
         )
     near = np.abs(times - switch) <= within + 1e-9
     times, mean = times[near], weighted_mean(values[:, near], weights)
-    places = np.arange(len(times))
     above = mean > high
     first = np.argmax(above, axis=-1)
-    below = (mean <= low) & (places < first[..., None])
+    below = (mean <= low) & (np.arange(len(times)) < first[..., None])
     last = len(times) - 1 - np.argmax(below[..., ::-1], axis=-1)
     crossed = above.any(axis=-1) & below.any(axis=-1)
     risen = times[first] - times[np.where(crossed, last + 1, 0)]
@@ -228,12 +207,11 @@ def rise_time(
 def coverage(
     lower: ArrayLike, upper: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None
 ) -> Value:
-    """Share in per cent of trials and times at which a band holds the truth, its edges included.
+    """Return the percentage of trials and times at which a band holds the truth, edges included.
 
-    The band's edges have the shape (trial, time), the truth (time,). Where either edge is NaN there
-    is no band, and the time is left out in that trial; NaN where there is no band at all. Best is
-    the band's own level: more says that it is too wide. The weights are those of
-    :func:`weighted_mean`.
+    The band's edges have the shape (trial, time), the truth (time,), the weights that of
+    :func:`weighted_mean`. Times at which an edge is NaN are left out in that trial; NaN if there is
+    no band at all. The best value is the band's own level: a higher one means too wide a band.
 
     Raises
     ------
@@ -258,9 +236,9 @@ def coverage(
 
 
 def share_covered(covered: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    """Coverage where it is known already whether each band holds the truth.
+    """Return the coverage from whether each band holds the truth.
 
-    ``covered`` (trial, time) is 1 where it does, 0 where not, NaN where there is no band; weights
+    ``covered`` (trial, time) is 1 where it does, 0 where not, NaN where there is no band. Weights
     and result are those of :func:`coverage`.
 
     Examples

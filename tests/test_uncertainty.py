@@ -52,12 +52,10 @@ def test_draws_repeat_and_only_grow():
     )
     more = tv.uncertainty.bootstrap(method, ensemble, 5, seed=1)
     assert told == [(1, 3), (2, 3), (3, 3)]
-    assert len(few) == 3
+    assert few.count == 3
     assert list(few.draws) == ["stiffness", "viscosity", "inertia"]
     for name in few.draws:
         np.testing.assert_array_equal(few.draws[name], more.draws[name][:3])
-    with pytest.raises(ValueError, match="read-only"):
-        few.draws["stiffness"][0] = 0.0
     assert "3 draws of BasisIRF" in repr(few)
     narrow, wide = few.band("stiffness", 0.5), few.band("stiffness", 0.95)
     assert (narrow[1] - narrow[0] < wide[1] - wide[0]).all()
@@ -97,7 +95,7 @@ def test_a_bad_draw_is_left_out_and_told():
     assert (
         found.failed == lost.sum() == pytest.approx(200 * 0.19, abs=20)
     )  # binomial: twice of 20 draws
-    assert f"200 draws, {found.failed} failed, of Fragile" in repr(found)
+    assert f"200 draws ({found.failed} failed) of Fragile" in repr(found)
     np.testing.assert_array_equal(
         found.draws["stiffness"][~lost],
         tv.uncertainty.bootstrap(Mean(), ensemble_of(), 200, seed=1).draws["stiffness"][~lost],
@@ -145,14 +143,8 @@ def test_single_draws_do_not_warn():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((tv.BasisIRF, ensemble_of(), 5, 1), r"got an object of .*Meta; make one: BasisIRF\(\)"),
-        (
-            (None, ensemble_of(), 5, 1),
-            r"expected a method with identify\(ensemble\), got an object of NoneType",
-        ),
-        ((Mean(), np.zeros((3, 4)), 5, 1), "expected an Ensemble, got ndarray"),
         ((Mean(), ensemble_of().select([0]), 5, 1), "at least 2 realizations to draw from, got 1"),
-        ((Mean(), ensemble_of(), 1, 1), "at least 2 draws, got 1"),
+        ((Mean(), ensemble_of(), 1, 1), "count must be a whole number from 2 on, got 1"),
         ((Mean(), ensemble_of(), 2.5, 1), "count must be a whole number"),
         ((Mean(), ensemble_of(), 5, "x"), "seed must be"),
     ],
@@ -190,7 +182,7 @@ class Scheduled:
 def test_estimates_over_a_measured_variable_are_drawn():
     ensemble = ensemble_of()
     with pytest.warns(
-        tv.DataQualityWarning, match="offset: the values that it is over depend on the draw"
+        tv.DataQualityWarning, match="no band of offset: a draw has estimates at other values"
     ):
         found = tv.uncertainty.bootstrap(Scheduled(), ensemble, 5, seed=1)
     assert {name: draws.shape for name, draws in found.draws.items()} == {
@@ -203,12 +195,10 @@ def test_estimates_over_a_measured_variable_are_drawn():
         assert (lower < found.model.estimates["stiffness"].values).all()
         assert (upper > lower).all()
     gain = tv.uncertainty.bootstrap(Scheduled(("gain",)), ensemble, 5, seed=1)
-    assert re.search("5 draws.*: gain ±.* N·m/V", repr(gain))
-    with pytest.warns(
-        tv.DataQualityWarning, match="stiffness: the values that it is over depend on the draw"
-    ):
+    assert re.search("5 draws.*: gain ±.* N m/V", repr(gain))
+    with pytest.warns(tv.DataQualityWarning, match="no band of stiffness"):
         moving = tv.uncertainty.bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
-    assert (len(moving), dict(moving.draws)) == (5, {})
+    assert (moving.count, moving.draws) == (5, {})
     assert "no quantity" in repr(moving)
 
 
@@ -218,4 +208,4 @@ def test_it_travels_pickled():
         pickle.loads(cloudpickle.dumps(found)),
         tv.uncertainty.Bootstrap(found.model, 20, {}, 0, 3),
     ):
-        assert len(again) == 3
+        assert again.count == 3

@@ -47,6 +47,9 @@ class Bootstrap:
     failed: int
     count: int
 
+    def __len__(self) -> int:
+        return self.count
+
     def __repr__(self) -> str:
         failed = f" ({self.failed} failed)" if self.failed else ""
         sizes = (

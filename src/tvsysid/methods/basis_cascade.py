@@ -7,13 +7,12 @@ from typing import ClassVar
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
-from tvsysid.methods import base, birf, shared
+from tvsysid.methods import birf, shared
 from tvsysid.methods.cascade import in_turn
-from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import at_least, not_negative, one_of, optional, positive, text
 
 
 @attrs.frozen
@@ -82,14 +81,18 @@ class BasisCascade(in_turn.InTurn):
     Guarin & Kearney 2017, Front. Comput. Neurosci. 11:51, and 2018, IEEE Trans. Neural Syst. Rehabil. Eng. 26.
     """
 
-    max_lag: float = 0.04
-    delay: float | None = None
-    memory: float = 0.5
-    basis: Basis = attrs.field(factory=CubicBSplines)
-    prior: birf.Prior = "ridge"
-    nonlinearity: in_turn.Nonlinearity = "rectifier"
-    emg: str | None = None
-    slow_order: int | None = None
+    max_lag: float = attrs.field(default=0.04, validator=positive)
+    delay: float | None = attrs.field(default=None, validator=optional(not_negative))
+    memory: float = attrs.field(default=0.5, validator=[positive, in_turn.after_delay])
+    basis: Basis = attrs.field(
+        factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
+    )
+    prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
+    nonlinearity: in_turn.Nonlinearity = attrs.field(
+        default="rectifier", validator=one_of(in_turn.Nonlinearity)
+    )
+    emg: str | None = attrs.field(default=None, validator=optional(text))
+    slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
     key: ClassVar[str] = "bpc"
     title: ClassVar[str] = "Basis parallel cascade"
@@ -106,51 +109,18 @@ class BasisCascade(in_turn.InTurn):
     )
     cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018")
 
-    def __attrs_post_init__(self) -> None:
-        base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
+    def _first_lag(self) -> float:
         if self.delay is not None:
-            in_turn.check_from_zero(self, self.memory, delay=self.delay)
-        base.check_choice(self, "prior", birf.Prior)
-        base.check_choice(self, "nonlinearity", in_turn.Nonlinearity)
-        check_basis(self, self.basis)
-        order = self.slow_order
-        if order is not None and (
-            isinstance(order, bool) or not isinstance(order, int) or order < 0
-        ):
-            raise InputError(
-                f"BasisCascade: slow_order must be a whole number from 0 on, or None; got {order!r}"
-            )
-        if self.emg is not None:
-            object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
+            return self.delay
+        return self.max_lag if self.emg is None else 0.0
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
-        usual = self.max_lag if self.emg is None else 0.0
-        reflex = in_turn.Reflex(
-            usual if self.delay is None else self.delay, self.memory, self.nonlinearity, self.emg
-        )
+    def _intrinsic(self, ensemble: Ensemble) -> birf.BasisIRF:
+        return birf.BasisIRF(max_lag=self.max_lag, basis=self.basis, model="irf", prior=self.prior)
+
+    def _response(self, drive: Array, output: Array, ensemble: Ensemble) -> Array:
         functions = evaluate(self.basis, ensemble.samples)
-        intrinsic = birf.BasisIRF(
-            max_lag=self.max_lag, basis=self.basis, model="irf", prior=self.prior
-        )
-
-        slow = (
-            None
-            if self.slow_order is None
-            else in_turn.slow_directions(self.slow_order, ensemble.samples)
-        )
-
-        def respond(drive: Array, output: Array) -> Array:
-            return _response(drive, output, functions, self.prior)
-
-        return in_turn.identify_in_turn(
-            repr(self), ensemble, reflex, self.max_lag, intrinsic, respond, slow
-        )
-
-
-def _response(drive: Array, output: Array, functions: Array, prior: birf.Prior) -> Array:
-    """Weights (time, lag) of a drive (realization, lag + time) that are sums of functions (time, function)."""
-    phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
-    gram = expanded(phi, functions)
-    right = (cross.T @ functions).ravel()
-    found = shared.PRIORS[prior](gram, right, float(np.sum(output**2)), output.size)
-    return functions @ found.mean.reshape(cross.shape[1], -1).T
+        phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
+        right = (cross.T @ functions).ravel()
+        square = float(np.sum(output**2))
+        found = shared.PRIORS[self.prior](expanded(phi, functions), right, square, output.size)
+        return functions @ found.mean.reshape(cross.shape[1], -1).T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import ClassVar
 
@@ -11,12 +10,12 @@ import numpy as np
 
 from tvsysid.methods import base
 from tvsysid.methods.cascade import in_turn
-from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.numerics.moments import sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import not_negative, one_of, positive
 
 ENOUGH = 500  # realizations that the literature asks for, at the least
 
@@ -58,11 +57,13 @@ class EnsembleCascade(in_turn.InTurn):
     Ludvig, Starret Visser, Giesbrecht & Kearney 2011, IEEE Trans. Biomed. Eng. 58, 1715-1723.
     """
 
-    max_lag: float = 0.04
-    delay: float = 0.04
-    memory: float = 0.5
-    window: float = 0.10
-    nonlinearity: in_turn.Nonlinearity = "rectifier"
+    max_lag: float = attrs.field(default=0.04, validator=positive)
+    delay: float = attrs.field(default=0.04, validator=not_negative)
+    memory: float = attrs.field(default=0.5, validator=[positive, in_turn.after_delay])
+    window: float = attrs.field(default=0.10, validator=not_negative)
+    nonlinearity: in_turn.Nonlinearity = attrs.field(
+        default="rectifier", validator=one_of(in_turn.Nonlinearity)
+    )
 
     key: ClassVar[str] = "tvpc"
     title: ClassVar[str] = "Ensemble parallel cascade"
@@ -79,25 +80,32 @@ class EnsembleCascade(in_turn.InTurn):
     )
     cites: ClassVar[tuple[str, ...]] = ("ludvig2011",)
 
-    def __attrs_post_init__(self) -> None:
-        base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
-        in_turn.check_from_zero(self, self.memory, delay=self.delay)
-        in_turn.check_from_zero(self, math.inf, window=self.window)
-        base.check_choice(self, "nonlinearity", in_turn.Nonlinearity)
+    def _first_lag(self) -> float:
+        return self.delay
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
-        reflex = in_turn.Reflex(self.delay, self.memory, self.nonlinearity)
+    def _intrinsic(self, ensemble: Ensemble) -> base.Method:
+        if base.whole_samples(self.window / 2, ensemble):
+            return ShortDataSegments(self.max_lag, self.window)
+        return EnsembleIRF(self.max_lag)
+
+    def _response(self, drive: Array, output: Array, ensemble: Ensemble) -> Array:
         half = base.whole_samples(self.window / 2, ensemble)
-        intrinsic: base.Method = EnsembleIRF(self.max_lag)
-        if half:
-            intrinsic = ShortDataSegments(self.max_lag, self.window)
-
-        def respond(drive: Array, output: Array) -> Array:
-            return _response(drive, output, half)
-
-        return in_turn.identify_in_turn(
-            repr(self), ensemble, reflex, self.max_lag, intrinsic, respond
-        )
+        phi, cross = in_turn.response_moments(drive, output)
+        times, lags = cross.shape
+        count = sliding_sum(np.ones(times), half, half)
+        power = sliding_sum(np.mean(output * output, axis=0), half, half) / count
+        cross = sliding_sum(cross, half, half) / count[:, None]
+        weights = np.empty_like(cross)
+        for chunk in time_chunks(times, lags):
+            begin, end = max(0, chunk.start - half), min(times, chunk.stop + half)
+            summed = sliding_sum(phi[begin:end], half, half)[
+                chunk.start - begin : chunk.stop - begin
+            ]
+            mean = summed / count[chunk, None, None]
+            weights[chunk] = truncated(
+                mean, cross[chunk], power[chunk], count[chunk] * len(drive)
+            ).weights
+        return weights
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1
@@ -109,21 +117,3 @@ class EnsembleCascade(in_turn.InTurn):
                 "lengthen window, or use "
                 "bpc or cascade"
             )
-
-
-def _response(drive: Array, output: Array, half: int) -> Array:
-    """Weights (time, lag) of a drive (realization, lag + time), by truncated pseudo-inverse in windows of time."""
-    phi, cross = in_turn.response_moments(drive, output)
-    times, lags = cross.shape
-    count = sliding_sum(np.ones(times), half, half)
-    power = sliding_sum(np.mean(output * output, axis=0), half, half) / count
-    cross = sliding_sum(cross, half, half) / count[:, None]
-    weights = np.empty_like(cross)
-    for chunk in time_chunks(times, lags):
-        begin, end = max(0, chunk.start - half), min(times, chunk.stop + half)
-        summed = sliding_sum(phi[begin:end], half, half)[chunk.start - begin : chunk.stop - begin]
-        mean = summed / count[chunk, None, None]
-        weights[chunk] = truncated(
-            mean, cross[chunk], power[chunk], count[chunk] * len(drive)
-        ).weights
-    return weights

@@ -9,12 +9,17 @@ import numpy as np
 
 from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods import base, shared
-from tvsysid.methods.cascade import hammerstein
-from tvsysid.methods.cascade.pathways import Drive, Stretch, TwoPathwayModel, rectified_velocities
+from tvsysid.methods.cascade.drives import (
+    Candidate,
+    cascade_model,
+    rectifiers,
+    rows_with_history,
+)
+from tvsysid.methods.cascade.pathways import TwoPathwayModel, history
 from tvsysid.models import Diagnostics
-from tvsysid.numerics import Array
-from tvsysid.numerics.hammerstein import Cascade, Nonlinearity, parallel_cascade
+from tvsysid.numerics.hammerstein import Nonlinearity, parallel_cascade
 from tvsysid.signals import Ensemble
+from tvsysid.validators import one_of, positive
 
 DEGREE = 8  # of the polynomials
 FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sense
@@ -67,9 +72,9 @@ class ParallelCascade(base.Method):
     135-144.
     """
 
-    max_lag: float = 0.04
-    memory: float = 0.5
-    nonlinearity: Nonlinearity = "rectifier"
+    max_lag: float = attrs.field(default=0.04, validator=positive)
+    memory: float = attrs.field(default=0.5, validator=positive)
+    nonlinearity: Nonlinearity = attrs.field(default="rectifier", validator=one_of(Nonlinearity))
 
     key: ClassVar[str] = "pc"
     title: ClassVar[str] = "Parallel cascade"
@@ -90,15 +95,11 @@ class ParallelCascade(base.Method):
     uses_recorded_angle: ClassVar[bool] = True
     time_invariant: ClassVar[bool] = True
 
-    def __attrs_post_init__(self) -> None:
-        base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
-        base.check_choice(self, "nonlinearity", Nonlinearity)
-
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where hardly any sample has the reflex's memory before it."""
         before = base.whole_samples(self.memory, ensemble)
-        past = hammerstein.past_of(ensemble, ensemble.angle[None], before)
-        known = past[0].size - before * len(ensemble) - int(np.isnan(past).sum())
+        unknown = np.isnan(history(ensemble, ensemble.angle, before)).sum()
+        known = len(ensemble) * ensemble.samples - int(unknown)
         if known >= FEWEST * (before + 1):
             return None
         return (
@@ -111,47 +112,27 @@ class ParallelCascade(base.Method):
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
-        rectified = rectified_velocities(ensemble)
-        if self.nonlinearity == "rectifier":
-            fits = [
-                self._turns(ensemble, each[None], np.ones(1), lags, before) for each in rectified
-            ]
-            direction = (1, -1)[int(np.argmax([fit.explained for fit in fits]))]
-            return self._model(
-                ensemble, max(fits, key=_explained), Stretch(direction=direction), 1.0, direction
+        candidates = self._candidates(ensemble)
+        fits = [
+            parallel_cascade(
+                rows_with_history(ensemble, each.signals, lags, before),
+                lags,
+                each.start,
+                self.nonlinearity,
             )
-        drives, limits = hammerstein.polynomial_drives(ensemble, DEGREE)
-        starts = [rectified.sum(axis=0)] if self.nonlinearity == "hk" else rectified
-        columns = drives.reshape(DEGREE, -1).T
-        begins = [np.linalg.lstsq(columns, start.ravel(), rcond=None)[0] for start in starts]
-        fit = max(
-            (self._turns(ensemble, drives, begin, lags, before) for begin in begins), key=_explained
-        )
-        slope, direction = hammerstein.slope_of_stretch(
-            np.tensordot(fit.coefficients, drives, 1), rectified
-        )
-        drive = hammerstein.VelocityPolynomial(tuple((fit.coefficients / slope).tolist()), limits)
-        return self._model(ensemble, fit, drive, slope, direction)
-
-    def _turns(
-        self, ensemble: Ensemble, drives: Array, start: Array, lags: int, before: int
-    ) -> Cascade:
-        rows = hammerstein.rows_with_history(ensemble, drives, lags, before)
-        return parallel_cascade(rows, lags, start, self.nonlinearity)
-
-    def _model(
-        self, ensemble: Ensemble, fit: Cascade, drive: Drive, slope: float, direction: int
-    ) -> TwoPathwayModel:
+            for each in candidates
+        ]
+        best = int(np.argmax([each.explained for each in fits]))
+        fit = fits[best]
+        drive, slope, direction = candidates[best].scaled(ensemble, fit.coefficients)
         gram, cross = (each[None] / fit.samples for each in (fit.gram, fit.cross))
         readout, fitted = second_order_readout(
             gram, cross, fit.intrinsic.inverse[None], ensemble.sampling_rate
         )
-        beyond, chance = (
-            fit.intrinsic.explained - fitted,
-            np.zeros(1),
-        )  # of so many samples, chance explains nothing
+        beyond = fit.intrinsic.explained - fitted
         details = {
-            "second_order_agreement": agreement(fitted, beyond, chance),
+            # Of so many samples, chance explains nothing.
+            "second_order_agreement": agreement(fitted, beyond, np.zeros(1)),
             "direction": float(direction),
             "turns": float(fit.turns),
         }
@@ -164,8 +145,15 @@ class ParallelCascade(base.Method):
             repr(self), ensemble, weights, impedance, diagnostics, {}
         )
         reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
-        return hammerstein.cascade_model(plain, ensemble, reflex, drive)
+        return cascade_model(plain, ensemble, reflex, drive)
 
-
-def _explained(fit: Cascade) -> float:
-    return fit.explained
+    def _candidates(self, ensemble: Ensemble) -> list[Candidate]:
+        """Return the drives to try: for either direction of stretch, or from either on."""
+        both = rectifiers(ensemble)
+        if self.nonlinearity == "rectifier":
+            return both
+        polynomial = Candidate.polynomial(ensemble, DEGREE)
+        targets = [candidate.signals for candidate in both]
+        if self.nonlinearity == "hk":
+            targets = [targets[0] + targets[1]]
+        return [polynomial.towards(target) for target in targets]

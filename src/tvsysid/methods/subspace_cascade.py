@@ -21,13 +21,8 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.cascade.hammerstein import (
-    VelocityPolynomial,
-    polynomial_drives,
-    slope_of_stretch,
-    with_shares,
-)
-from tvsysid.methods.cascade.pathways import TwoPathwayModel, rectified_velocities
+from tvsysid.methods.cascade.drives import Candidate, with_shares
+from tvsysid.methods.cascade.pathways import Drive, TwoPathwayModel
 from tvsysid.models import Diagnostics
 from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
@@ -181,10 +176,10 @@ class SubspaceCascade(Method):
             fitting_lags(type(self).__name__, self.delay, ensemble),
             whole_samples(self.horizon, ensemble),
         )
-        drives, limits = polynomial_drives(ensemble, self.terms)
+        drives = Candidate.polynomial(ensemble, self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
         axis = 0 if ensemble.mean_subtracted else None
-        inputs = np.stack([each - each.mean(axis=axis) for each in drives], axis=-1)
+        inputs = np.stack([each - each.mean(axis=axis) for each in drives.signals], axis=-1)
         lines = [Line.of(ensemble, inputs, run, lags) for run in ensemble.runs]
         pieces = [
             piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth
@@ -205,10 +200,7 @@ class SubspaceCascade(Method):
         if self.window is not None:
             fits, between = self._over_time(ensemble, lines, found, reflex, whole.reflex.weights)
         weights = whole.reflex.weights
-        slope, _ = slope_of_stretch(
-            np.tensordot(weights, drives, 1), rectified_velocities(ensemble)
-        )
-        drive = VelocityPolynomial(tuple((weights / slope).tolist()), limits)
+        drive, slope, _ = drives.scaled(ensemble, weights)
         return with_shares(self._model(ensemble, fits, between, drive, slope), ensemble)
 
     def _over_time(
@@ -263,7 +255,7 @@ class SubspaceCascade(Method):
         ensemble: Ensemble,
         fits: Sequence[Fit | None],
         between: Array,
-        drive: VelocityPolynomial,
+        drive: Drive,
         slope: float,
     ) -> TwoPathwayModel:
         """Model from fits, the share of each in a time (time, fit), and what the drive was divided by."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple, Self
 
 import attrs
 import numpy as np
-import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
+from scipy.linalg import lapack, toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.numerics import Array
@@ -180,7 +180,7 @@ class Data:
             columns = np.concatenate(
                 [x * a.T[:, None] for a, x in zip(functions, signals, strict=True)]
             )
-            return self.cross(self.whitened(columns), rows)
+            return np.tensordot(columns, self.whitened(columns), axes=((1, 2), (1, 2)))
         out = np.zeros((ends[-1], ends[-1]))
         for inside, inverse in self.windows:
             for i, a in enumerate(functions):
@@ -193,9 +193,8 @@ class Data:
 
     def whitened(self, values: Array) -> Array:
         """Values (…, time) times the inverse covariance of the noise."""
-        return np.concatenate(
-            [values[..., inside] @ inverse for inside, inverse in self.windows], axis=-1
-        )
+        parts = [np.tensordot(values[..., inside], inverse, 1) for inside, inverse in self.windows]
+        return np.concatenate(parts, axis=-1)
 
     def features(self, weights: Array) -> list[Array]:
         """What gives sums of the signals' coefficients at each time, (time, column), by weights (sum, signal)."""
@@ -234,34 +233,35 @@ class Shape(NamedTuple):
     damping: float
     threshold: float
 
-    def muscle(self, rate: float) -> tuple[int, Array, Array]:
-        r"""Whole samples of the delay, and a recursive filter for the rest and for the muscle.
+    def delayed(self, values: Array, rate: float) -> Array:
+        r"""Return values (…, time) behind the delay and the muscle.
 
-        Its impulse response is that of :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`,
-        sampled, with unit gain.
+        The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`, sampled, with unit gain.
         """
-        samples = self.delay * rate
-        whole = math.floor(samples + 1e-9)
-        rest = max(0.0, samples - whole)
+        whole = math.floor(self.delay * rate + 1e-9)
+        rest = max(0.0, self.delay * rate - whole)
         root = cmath.sqrt(self.damping**2 - 1 or 1e-12)
         if abs(root) < 1e-4:
             root = 1e-4 + 0j
         first, second = (self.frequency / rate * (-self.damping + sign * root) for sign in (1, -1))
         poles = cmath.exp(first), cmath.exp(second)
         late = cmath.exp(-first * rest), cmath.exp(-second * rest)
-        one = (late[0] * poles[0] - late[1] * poles[1]) / (poles[0] - poles[1])
-        two = poles[0] * poles[1] * (late[1] - late[0]) / (poles[0] - poles[1])
+        one = ((late[0] * poles[0] - late[1] * poles[1]) / (poles[0] - poles[1])).real
+        two = (poles[0] * poles[1] * (late[1] - late[0]) / (poles[0] - poles[1])).real
         down = np.array([1.0, -(poles[0] + poles[1]).real, (poles[0] * poles[1]).real])
-        up = np.array([0.0, one.real, two.real])
-        return whole, up * (down.sum() / up.sum()), down
+        up = np.array([one, two]) * (down.sum() / (one + two))
+        times = values.shape[-1]
+        # A recursive filter is a banded system; importing scipy.signal takes 0.3 s.
+        band = np.repeat(down[:, None], times, axis=1)
+        slow = lapack.dtbtrs(band, values.reshape(-1, times).T, uplo="L")[0].T.reshape(values.shape)
+        out = np.zeros_like(slow)
+        for lag, weight in enumerate(up, whole + 1):
+            out[..., lag:] += weight * slow[..., : max(times - lag, 0)]
+        return out
 
     def response(self, samples: int, rate: float) -> Array:
-        """Impulse response of delay and muscle at lags from 0 on, which sums to 1."""
-        whole, up, down = self.muscle(rate)
-        impulse = np.zeros(samples)
-        impulse[min(whole, samples - 1)] = 1.0
-        response = scipy.signal.lfilter(up, down, impulse)
-        return np.asarray(response / response.sum())
+        """Impulse response of delay and muscle at lags from 0 on."""
+        return np.asarray(self.delayed(np.eye(1, samples)[0], rate))
 
 
 @attrs.frozen(eq=False)
@@ -279,18 +279,18 @@ class Reflex:
     rate: float
     data: Data
 
+    def functions(self, shape: Shape) -> Array:
+        """Return the functions (history + time, function) of the gain at the times of arrival."""
+        stop, total = self.data.times.stop, self.drive(shape.threshold).shape[1]
+        return _functions(self.basis, stop - total, stop, self.rate, shape.delay, self.period)
+
     def windows(self, shape: Shape) -> Iterator[tuple[slice, slice, Array, Array, Array]]:
         """Windows of time and of what drives the muscle, the noise's inverse matrix, the muscle's, and the functions.
 
-        The functions (time, function) of the gain are those at the times of arrival.
+        The functions (time, function) are those of the gain.
         """
-        times, total = self.data.torque.shape[1], self.drive(shape.threshold).shape[1]
-        stop = self.data.times.stop
-        functions = self.basis(
-            (np.arange(stop - total, stop) / self.rate + shape.delay) / self.period
-        )
-        history = total - times
-        longest = min(times, WINDOW)
+        times, functions = self.data.torque.shape[1], self.functions(shape)
+        history, longest = len(functions) - times, min(times, WINDOW)
         response = shape.response(history + longest, self.rate)
         matrix = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
         for inside, inverse in self.data.windows:
@@ -335,16 +335,23 @@ class Reflex:
 
     def columns(self, shape: Shape, mixture: Array | None = None) -> Array:
         """Regressors (function, realization, time) as deviations, or sums of them by a ``mixture`` (function, sum)."""
-        rows, parts = self.drive(shape.threshold), []
-        for _, driven, _, muscle, gain in self.windows(shape):
-            functions = gain if mixture is None else gain @ mixture
-            parts.append((rows[:, driven] * functions.T[:, None]) @ muscle.T)
-        columns = np.concatenate(parts, axis=-1)
-        return deviations(columns) if len(rows) == 1 else columns
+        functions, times = self.functions(shape), self.data.torque.shape[1]
+        history = len(functions) - times
+        gain = functions if mixture is None else functions @ mixture
+        driven = self.drive(shape.threshold) * gain.T[:, None]
+        columns = shape.delayed(driven, self.rate)[..., history:]
+        return deviations(columns) if driven.shape[1] == 1 else columns
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
         """Sum of the columns times coefficients, (realization, time)."""
         return np.asarray(self.columns(shape, coefficients[:, None])[0])
+
+
+@lru_cache(maxsize=2)  # of the gain that changes, and of the one that does not
+def _functions(
+    basis: FourierSeries, start: int, stop: int, rate: float, delay: float, period: float
+) -> Array:
+    return basis((np.arange(start, stop) / rate + delay) / period)
 
 
 def lagged_signals(

@@ -139,7 +139,10 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
         force += speed / fine
     at = np.arange(100) / RATE - delay
     expected = np.where(at >= 0, np.interp(at, np.arange(fine) / fine, out), 0.0) / RATE
-    found, expected = Shape(delay, 16.0, damping, 0.0).response(100, RATE), expected / expected.sum()
+    found, expected = (
+        Shape(delay, 16.0, damping, 0.0).response(100, RATE),
+        expected / expected.sum(),
+    )
     np.testing.assert_allclose(found / found.sum(), expected, atol=5e-4 * expected.max() + 1e-6)
 
 

@@ -254,7 +254,7 @@ class Shape(NamedTuple):
         # A recursive filter is a banded system; importing scipy.signal takes 0.3 s.
         band = np.repeat(down[:, None], times, axis=1)
         slow = lapack.dtbtrs(band, values.reshape(-1, times).T, uplo="L")[0].T.reshape(values.shape)
-        out = np.zeros_like(slow)
+        out: Array = np.zeros_like(slow)
         for lag, weight in enumerate(up, whole + 1):
             out[..., lag:] += weight * slow[..., : max(times - lag, 0)]
         return out

@@ -1,4 +1,4 @@
-"""How far a stiffness can be trusted: what withdraws it, and what makes it doubtful."""
+"""Trust in a stiffness: reasons to withdraw it, and to doubt it."""
 
 import math
 from types import SimpleNamespace
@@ -9,10 +9,12 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
-from tvsysid.recommendation import Recommendation
-from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG, trust_in
+from tvsysid.recommendation import Recommendation, trust_in
+from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG
 
 SUITS = Recommendation(("adaptive",), "the behaviour repeats", {}, {})
+NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak: perturb more")
+BY_REFERENCE = tv.BasisIRF(reference="cmd")
 
 
 @pytest.fixture(scope="module")
@@ -20,33 +22,33 @@ def model():
     return tv.BasisIRF().identify(tv.preprocess.subtract_mean(ensemble_of(20.0)))
 
 
+@pytest.fixture(scope="module")
+def negative(model):
+    stiffness = model.estimates["stiffness"]
+    turned = attrs.evolve(stiffness, values=-stiffness.values)
+    return attrs.evolve(model, estimates={**model.estimates, "stiffness": turned})
+
+
 def found(*names, value=-math.inf):
     """Diagnosis with these findings."""
-    return SimpleNamespace(
-        findings=[Finding(name, value, True, f"{name} was seen") for name in names]
-    )
+    findings = [Finding(name, value, True, f"{name} was seen") for name in names]
+    return SimpleNamespace(findings=findings, remarks=())
 
 
 def judged(
-    model,
-    diagnosis=None,
-    method=None,
-    recommendation=SUITS,
-    suited=True,
-    held_out_vaf=80.0,
-    unnamed=(),
+    model, diagnosis=None, method=None, known=SUITS, suited=True, held_out_vaf=80.0, unnamed=()
 ):
-    known = attrs.evolve(recommendation, diagnosis=diagnosis, unnamed_references=tuple(unnamed))
+    known = attrs.evolve(known, diagnosis=diagnosis, unnamed_references=unnamed)
     return trust_in(model, method or tv.BasisIRF(), known, suited, held_out_vaf)
 
 
 def test_sound_data_are_trusted(model):
-    assert judged(model) == ("good", ())
-    assert judged(model, found("few-realizations", "coarse-angle")) == ("good", ())
+    for diagnosis in (None, found("few-realizations", "coarse-angle")):
+        assert judged(model, diagnosis) == ("good", ())
 
 
 @pytest.mark.parametrize("name", [*WRONG, *LOOP])
-def test_what_makes_every_method_wrong_withdraws_the_stiffness(model, name):
+def test_a_fault_that_makes_every_method_wrong_withdraws_the_stiffness(model, name):
     level, (reason,) = judged(model, found(name), suited=False)
     assert level == "none"
     assert "--" in reason or f"{name} was seen" in reason
@@ -54,42 +56,31 @@ def test_what_makes_every_method_wrong_withdraws_the_stiffness(model, name):
 
 
 def test_swapped_channels_are_said_in_one_reason(model):
-    level, (reason,) = judged(
-        model, found("angle-unit", "torque-unit", "reversed-torque", "feedback")
-    )
-    assert (level, reason[:39]) == ("none", "Angle and torque are probably swapped: ")
+    faults = found("angle-unit", "torque-unit", "reversed-torque", "feedback")
+    level, (reason,) = judged(model, faults)
+    assert level == "none"
+    assert reason.startswith("Angle and torque are probably swapped: ")
 
 
-def test_a_negative_stiffness_is_withdrawn_without_a_diagnosis(model):
-    values = model.estimates["stiffness"].values
-    estimates = {
-        **model.estimates,
-        "stiffness": attrs.evolve(model.estimates["stiffness"], values=-values),
-    }
-    level, (reason,) = judged(attrs.evolve(model, estimates=estimates))
+def test_a_negative_stiffness_is_withdrawn_without_a_diagnosis(negative):
+    level, (reason,) = judged(negative)
     assert level == "none"
     assert "--torque-sign -1" in reason
-    assert judged(attrs.evolve(model, estimates=estimates), found("reversed-torque")) == (
-        level,
-        (reason,),
-    )
+    assert judged(negative, found("reversed-torque")) == (level, (reason,))
 
 
-def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
-    assert judged(model, found("feedback"), unnamed=["'cmd' moves."]) == ("none", ("'cmd' moves.",))
+def test_an_unnamed_reference_takes_the_place_of_the_loop(model):
+    unnamed = ("'cmd' moves.",)
+    assert judged(model, found("feedback"), suited=False, unnamed=unnamed) == ("none", unnamed)
     # With a wrong period, any channel seems to move the joint.
-    (reason,) = judged(model, found("wrong-period"), unnamed=["'cmd' moves."]).reasons
+    (reason,) = judged(model, found("wrong-period"), unnamed=unnamed).reasons
     assert "does not repeat" in reason
 
 
 def test_a_reference_mends_a_loop_and_nothing_else(model):
-    by_reference = tv.BasisIRF(reference="cmd")
-    none_suits = attrs.evolve(SUITS, suited=())
-    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, False, 0.0) == (
-        "good",
-        (),
-    )
-    assert judged(model, found("angle-unit"), by_reference).level == "none"
+    loop = found("feedback", "loop-bias")
+    assert judged(model, loop, BY_REFERENCE, NONE_SUITS, False, 0.0) == ("good", ())
+    assert judged(model, found("angle-unit"), BY_REFERENCE).level == "none"
 
 
 def test_a_bias_that_the_rules_prefer_to_a_reference_is_a_doubt(model):
@@ -98,17 +89,14 @@ def test_a_bias_that_the_rules_prefer_to_a_reference_is_a_doubt(model):
 
 
 def test_no_method_and_no_prediction_withdraw_the_stiffness(model):
-    none_suits = attrs.evolve(SUITS, suited=(), why="the torque is too weak: perturb more")
-    assert judged(model, recommendation=none_suits) == (
-        "none",
-        ("The torque is too weak: perturb more.",),
-    )
+    reasons = ("The torque is too weak: perturb more.",)
+    assert judged(model, known=NONE_SUITS) == ("none", reasons)
     assert judged(model, held_out_vaf=0.0).level == "none"
     assert judged(model, held_out_vaf=math.nan).level == "good"
 
 
 @pytest.mark.parametrize("name", DOUBTFUL)
-def test_what_may_make_it_wrong_makes_it_doubtful(model, name):
+def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(model, name):
     level, (reason,) = judged(model, found(name))
     assert level == "doubtful"
     assert reason.startswith(f"{FAULTS[name].title}: {name} was seen. ")
@@ -130,13 +118,13 @@ def test_a_bias_that_another_method_lacks_is_a_doubt(model):
     measured = {"slow noise": (12.0, "dB"), "noise bias": (26.0, "%")}
     other = Recommendation(("kbr:weighting=residual",), "stiffness is 26 % lower", measured, {})
     doubt = "Stiffness is 26 % lower. Identify by --method kbr:weighting=residual."
-    assert judged(model, recommendation=other, suited=False) == ("doubtful", (doubt,))
-    assert judged(model, recommendation=other).level == "good"
+    assert judged(model, known=other, suited=False) == ("doubtful", (doubt,))
+    assert judged(model, known=other).level == "good"
 
 
-def test_noise_that_may_move_the_angle_asks_for_caution_where_no_reference_is_named(model):
+def test_noise_that_may_move_the_angle_asks_for_caution_without_a_reference(model):
     slow = attrs.evolve(SUITS, measured={"slow noise": (12.0, "dB")})
-    level, (reason,) = judged(model, recommendation=slow)
+    level, (reason,) = judged(model, known=slow)
     assert level == "good"
     assert reason.startswith("The torque's noise is slow or strong. If the actuator is compliant")
-    assert judged(model, method=tv.BasisIRF(reference="cmd"), recommendation=slow) == ("good", ())
+    assert judged(model, method=BY_REFERENCE, known=slow) == ("good", ())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.trials import map_trials, shortest_trial
@@ -29,13 +30,16 @@ def find_mains(recording: Recording) -> tuple[float, float]:
     window = min(round(WINDOW_S * rate), shortest_trial(recording))
     if window < MIN_WINDOW_S * rate:
         return MAINS_HZ[0], 0.0
-    spectra = (
-        scipy.signal.spectrogram(
-            recording.angle[trial], rate, np.hanning(window), noverlap=window - window // 2
-        )[2]
-        for trial in recording.trials
+    # scipy.signal.spectrogram gives the same, but its import takes 0.3 s.
+    pieces = np.concatenate(
+        [
+            sliding_window_view(recording.angle[trial], window)[:: window // 2]
+            for trial in recording.trials
+        ]
     )
-    power, step = np.concatenate([*spectra], axis=1).mean(axis=1), rate / window
+    taper, step = np.hanning(window), rate / window
+    spectra = np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * taper)
+    power = 2 * np.mean(np.abs(spectra) ** 2, axis=0) / (rate * np.sum(taper**2))
 
     def share(mains: float) -> float:
         distance = np.abs(step * np.arange(len(power)) - mains)

@@ -196,7 +196,7 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
             {"actuator_inertia": -1.0, "disturbance": "torque"},
             "actuator_inertia must be a number of zero or more",
         ),
-        ({"disturbance": "force"}, "disturbance must be 'angle' or 'torque', got 'force'"),
+        ({"disturbance": "force"}, "disturbance must be one of 'angle', 'torque', got 'force'"),
         ({"noise_bandwidth": math.inf}, "noise_bandwidth must be a positive number"),
         (
             {"noise_bandwidth": 600.0},

@@ -1,4 +1,3 @@
-import attrs
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -7,7 +6,7 @@ from scipy.signal import bessel, welch
 import tvsysid as tv
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.simulate import PRBS, Constant, FilteredNoise, Joint, SineWave, SquareWave
-from tvsysid.simulate.actuator import Actuator
+from tvsysid.simulate.actuator import actuate
 
 PERTURBATIONS = [FilteredNoise(), PRBS()]
 perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS, ids=["noise", "prbs"])
@@ -59,15 +58,11 @@ def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
         simulation.truth["viscosity"][middle] * angle[1],
         simulation.truth["inertia"][middle] * angle[2],
     )
-    np.testing.assert_array_equal(simulation.recording.torque, simulation.pathways["intrinsic"])
     rest = simulation.pathways["intrinsic"][middle] - sum(parts)
     limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
     assert np.std(rest) < limit * np.std(simulation.pathways["intrinsic"])
-    fit = np.linalg.lstsq(
-        np.stack([part for part in parts], axis=1),
-        simulation.pathways["intrinsic"][middle],
-        rcond=None,
-    )[0]
+    torque = simulation.pathways["intrinsic"][middle]
+    fit = np.linalg.lstsq(np.stack(parts, axis=1), torque, rcond=None)[0]
     np.testing.assert_allclose(fit, 1.0, rtol=0.06)
 
 
@@ -85,23 +80,12 @@ def test_actuator_equals_the_differential_equation():
     solution = solve_ivp(
         slope, (-1 / rate, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4
     )
-    position, velocity, acceleration = Actuator(rate)(drive)
+    position, velocity, acceleration = actuate(drive, rate)
     np.testing.assert_allclose(position, solution.y[0], atol=1e-6)
     np.testing.assert_allclose(velocity, solution.y[1], atol=1e-3)
     np.testing.assert_allclose(
         acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0
     )
-
-
-def test_blocks_make_no_seam():
-    actuator, drive = Actuator(1000.0), np.random.default_rng(0).normal(size=1000)
-    whole = actuator(drive)
-    parts = Actuator(1000.0)
-    pieces = [parts(drive[i : i + 137]) for i in range(0, 1000, 137)]
-    for index, signal in enumerate(whole):
-        np.testing.assert_allclose(
-            np.concatenate([piece[index] for piece in pieces]), signal, rtol=1e-9, atol=1e-9
-        )
 
 
 def test_noise_is_limited_to_40_hz():
@@ -114,17 +98,7 @@ def test_noise_is_limited_to_40_hz():
     assert power[frequencies > 200].mean() / low < 1e-2
 
 
-@perturbed
-def test_the_same_seed_gives_the_same_numbers(perturbation):
-    first, second = (simulate(perturbation=perturbation, seed=4) for _ in range(2))
-    np.testing.assert_array_equal(first.recording.torque, second.recording.torque)
-    other = simulate(perturbation=perturbation, seed=5)
-    assert not np.array_equal(first.recording.angle, other.recording.angle)
-    generator = simulate(perturbation=perturbation, seed=np.random.default_rng(4))
-    np.testing.assert_array_equal(first.recording.torque, generator.recording.torque)
-
-
-def test_noise_and_perturbation_have_streams_of_their_own():
+def test_the_noise_level_does_not_change_the_perturbation():
     quiet, loud = simulate(snr_db=30), simulate(snr_db=0)
     np.testing.assert_array_equal(quiet.recording.angle, loud.recording.angle)
     np.testing.assert_array_equal(quiet.pathways["intrinsic"], loud.pathways["intrinsic"])
@@ -140,36 +114,9 @@ def test_other_rates(rate):
     )
 
 
-@pytest.mark.parametrize(
-    "profile",
-    [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)],
-)
-def test_a_profile_repeated_equals_the_profile_evaluated(profile):
-    repeated = simulate(10.0, stiffness=profile)
-    plain = simulate(10.0, stiffness=profile.__call__)
-    np.testing.assert_allclose(repeated.truth["stiffness"], plain.truth["stiffness"], atol=1e-9)
-    np.testing.assert_allclose(repeated.recording.torque, plain.recording.torque, atol=1e-9)
-
-
 def test_any_callable_is_a_profile():
     simulation = simulate(10.0, stiffness=lambda time: 100 + 3 * time)
     np.testing.assert_allclose(simulation.truth["stiffness"], 100 + 3 * simulation.recording.time)
-
-
-def test_a_simulation_cannot_be_changed():
-    simulation = simulate()
-    varying = simulate(viscosity=SineWave(2.0, 1.0)).truth["viscosity"]
-    for values in (
-        simulation.pathways["intrinsic"],
-        simulation.truth["stiffness"],
-        varying,
-        simulation.recording.angle,
-    ):
-        with pytest.raises(ValueError, match="read-only"):
-            values[0] = 1
-    with pytest.raises(attrs.exceptions.FrozenInstanceError):
-        simulation.truth = {}
-    np.testing.assert_array_equal(simulation.noiseless.torque, simulation.pathways["intrinsic"])
 
 
 @pytest.mark.parametrize("interval", [0.147, 0.1003, 0.05])
@@ -198,20 +145,20 @@ def test_filtered_noise_has_its_cutoff():
     ("change", "message"),
     [
         ({"duration": 0.0}, "duration must be a positive number"),
-        ({"duration": float("nan")}, "duration must be a positive number"),
         ({"inertia": -1.0}, "inertia must be a positive number"),
         ({"seed": -1}, "seed must be a whole number of zero or more, got -1"),
-        ({"snr_db": -1e9}, "decibels above -300"),
-        ({"duration": "long"}, "duration must be a positive number, got 'long'"),
         ({"duration": 1e-5}, "shorter than a sample"),
         ({"stiffness": 100.0}, "stiffness must be a callable"),
         ({"perturbation": "prbs"}, "perturbation must be FilteredNoise, PRBS"),
         ({"viscosity": float("nan")}, "viscosity must be a finite number or a callable"),
-        ({"rate": 50.0}, "rate must be above 80 Hz"),
-        ({"rate": float("inf")}, "positive number of hertz"),
+        ({"rate": 50.0}, "rate must be a number of hertz above 80 Hz, got 50.0"),
+        ({"rate": float("inf")}, "hertz above 80 Hz, got inf"),
         ({"snr_db": float("nan")}, "snr_db must be a number of decibels"),
-        ({"stiffness": lambda time: np.full(len(time), np.nan)}, "some of them not finite"),
-        ({"stiffness": lambda time: 100.0}, r"gave values of shape \(\)"),
+        (
+            {"stiffness": lambda time: np.full(len(time), np.nan)},
+            "stiffness must give one finite number for each of 12000 values",
+        ),
+        ({"stiffness": lambda time: 100.0}, r"got shape \(\)"),
         ({"perturbation": FilteredNoise(600.0)}, "must be below half the sampling rate"),
         ({"perturbation": PRBS(1e-5)}, "shorter than a sample"),
     ],

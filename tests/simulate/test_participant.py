@@ -122,7 +122,7 @@ def test_anybody_is_plausible(number):
 
 @pytest.mark.parametrize("number", [-1, "one", 1.5])
 def test_numbers_that_are_none_are_refused(number):
-    with pytest.raises(tv.InputError, match="number must be a whole number of zero or more"):
+    with pytest.raises(tv.InputError, match="number must be a whole number from 0 on"):
         tv.simulate.Participant(number)
 
 

@@ -178,7 +178,7 @@ def test_without_gain_all_is_as_without_a_reflex():
         (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),
         (
             lambda: simulate(ReflexJoint(reflex_gain=lambda time: 8.0)),
-            r"ReflexJoint: reflex_gain .* of shape \(\)",
+            r"ReflexJoint: reflex_gain .* shape \(\)",
         ),
     ],
 )

@@ -154,12 +154,12 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
             {"truth": {"stiffness": np.ones(5)}},
             "truth 'stiffness': expected a value for each .* 12000 samples, got 5",
         ),
-        ({"truth": {"stiffness": 100.0}}, "truth 'stiffness': expected 1 axis"),
+        ({"truth": {"stiffness": 100.0}}, "stiffness: expected 1 axis"),
         (
             {"pathways": {"intrinsic": np.full(12_000, np.nan)}},
-            "pathways 'intrinsic': 12000 of 12000 values are NaN",
+            "intrinsic: 12000 of 12000 values are NaN",
         ),
-        ({"pathways": {}}, "expected the noiseless torque of one pathway at least"),
+        ({"pathways": {}}, "pathways: expected at least one"),
     ],
 )
 def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message):

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.signal import bessel, cont2discrete, ss2tf
+from scipy.signal import bessel, cont2discrete, lfilter, ss2tf
 
 from tvsysid.methods import PAPER_METHODS
 from tvsysid.study import Study, of_quantity, run, score, summarize
@@ -38,8 +38,8 @@ def study_figures(trials):
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 
-def held_drive_filter(rate):
-    """Discretisation of the actuator for a drive that is held over each sample."""
+def actuate_held_drive(drive, rate):
+    """Angle, velocity and acceleration behind the actuator if the drive is held over each sample."""
     _, (_, damping, stiffness) = bessel(2, 2 * np.pi * 40, analog=True, norm="phase")
     system = (
         np.array([[0, 1], [-stiffness, -damping]]),
@@ -48,7 +48,9 @@ def held_drive_filter(rate):
         np.zeros((2, 1)),
     )
     numerators, denominator = ss2tf(*cont2discrete(system, 1 / rate, method="zoh")[:4])
-    return *numerators, denominator, stiffness, damping
+    position, velocity = (lfilter(numerator, denominator, drive) for numerator in numerators)
+    acceleration = stiffness * (drive - position) - damping * velocity
+    return np.stack([position, velocity, acceleration])
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +61,7 @@ def ours():
 @pytest.fixture(scope="module")
 def theirs():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(
-            sys.modules["tvsysid.simulate.actuator"], "_actuator_filter", held_drive_filter
-        )
+        patched.setattr(sys.modules["tvsysid.simulate.actuator"], "actuate", actuate_held_drive)
         return study_figures(20)
 
 

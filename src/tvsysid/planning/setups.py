@@ -29,7 +29,7 @@ from tvsysid.simulate import (
     SineWave,
     SquareWave,
 )
-from tvsysid.simulate.setup import RMS_ANGLE
+from tvsysid.simulate.conditions import RMS_ANGLE
 from tvsysid.simulate.simulation import Simulation, System, checked_simulation
 from tvsysid.validators import settings_of, with_settings
 

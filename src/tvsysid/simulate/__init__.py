@@ -1,7 +1,7 @@
-"""Systems that can be simulated, and carry the truth; perturbations and profiles for them."""
+"""Simulate systems whose impedance is known; perturbations and profiles for them."""
 
 from tvsysid.simulate.compliant import CompliantActuator
-from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint, StretchReflex
+from tvsysid.simulate.joint import Joint, ScheduledJoint
 from tvsysid.simulate.participant import Participant, Traits
 from tvsysid.simulate.perturbations import (
     PERTURBATIONS,
@@ -19,6 +19,8 @@ from tvsysid.simulate.profiles import (
     SineWave,
     SquareWave,
 )
+from tvsysid.simulate.reflex import StretchReflex
+from tvsysid.simulate.reflex_joint import ReflexJoint
 from tvsysid.simulate.simulation import Seed, Simulation, System
 
 __all__ = [
@@ -29,8 +31,6 @@ __all__ = [
     "CompliantActuator",
     "Constant",
     "CovaryingViscosity",
-]
-__all__ += [
     "FilteredNoise",
     "Joint",
     "Multisine",
@@ -39,8 +39,6 @@ __all__ += [
     "Profile",
     "Pulses",
     "ReflexJoint",
-]
-__all__ += [
     "ScheduledJoint",
     "Seed",
     "Simulation",

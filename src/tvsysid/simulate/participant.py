@@ -1,4 +1,4 @@
-"""A virtual participant: the paper's experiment on a simulated person, with the truth that no experiment knows."""
+"""Virtual participants: the paper's experiment on a simulated person, whose impedance is known."""
 
 from __future__ import annotations
 
@@ -9,25 +9,28 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
-from tvsysid.simulate.actuator import Actuator
-from tvsysid.simulate.joint import StretchReflex
-from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, Perturbation, generated
+from tvsysid.simulate.actuator import actuate
+from tvsysid.simulate.conditions import BANDWIDTH, RMS_ANGLE
+from tvsysid.simulate.perturbations import (
+    PERTURBATIONS,
+    PRBS,
+    Perturbation,
+    generate,
+    low_passed_noise,
+)
 from tvsysid.simulate.profiles import SineWave
-from tvsysid.simulate.settings import not_negative, positive
-from tvsysid.simulate.setup import BANDWIDTH, RMS_ANGLE, LowPassedNoise
+from tvsysid.simulate.reflex import StretchReflex
 from tvsysid.simulate.simulation import Simulation
+from tvsysid.validators import at_least, not_negative, positive
 
-RATE = 1024.0
-TRIALS = 10
-TRIAL = 70.0  # duration of a trial in s
-# seconds without perturbation at both ends of a trial; time 0 is where the perturbation begins
-REST = 5.0
-PERIOD = 2.0
-LOWEST, HIGHEST = 0.05, 0.50  # the target's range, as shares of the maximal voluntary torque
-FLUCTUATION_BANDWIDTH = 3.0  # cut-off in Hz of the fluctuations of voluntary torque
-MEMORY = 0.9  # how much of the drift in amplitude is left after a period
+RATE_HZ = 1024.0
+TRIALS, TRIAL_S = 10, 70.0
+REST_S = 5.0  # without perturbation at both ends of a trial; time 0 is where it begins
+PERIOD_S = 2.0
+MIN_TARGET, MAX_TARGET = 0.05, 0.50  # shares of the maximal voluntary torque
+FLUCTUATION_BANDWIDTH = 3.0  # Hz, of the voluntary torque
+DRIFT_CORRELATION = 0.9  # of the amplitude's drift, from period to period
 
 
 @attrs.frozen
@@ -67,14 +70,9 @@ class Traits:
     twitches: float
 
     def __attrs_post_init__(self) -> None:
-        positive(
-            "Traits",
-            **{
-                name: getattr(self, name)
-                for name in ("maximal_torque", "inertia", "passive_stiffness")
-            },
-        )
-        not_negative("Traits", **attrs.asdict(self))
+        for name, value in attrs.asdict(self).items():
+            is_size = name in ("maximal_torque", "inertia", "passive_stiffness")
+            (positive if is_size else not_negative).check("Traits", name, value)
 
     @classmethod
     def of(cls, number: int) -> Traits:
@@ -86,7 +84,7 @@ class Traits:
         found at the ankle under small perturbations; with the target's range, that gives the 50 to 150 N·m/rad of
         the paper's simulations. The imperfections are set such that the paper's exclusions and VAFs come out.
         """
-        random = streams_of(number)[0]
+        random = _generators(number)[0]
         clumsiness = math.exp(0.15 * random.standard_normal())
         lapsing = random.uniform(0.4, 1.6)
         return cls(
@@ -110,14 +108,9 @@ class Traits:
         )
 
 
-def streams_of(number: int) -> list[np.random.Generator]:
-    """Independent random numbers for the person's traits and for either perturbation's trials."""
-    try:
-        return np.random.default_rng(number).spawn(3)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"Participant: number must be a whole number of zero or more, got {number!r}"
-        ) from error
+def _generators(number: int) -> list[np.random.Generator]:
+    """Return random generators for the traits, and for noise and PRBS as the perturbation."""
+    return np.random.default_rng(number).spawn(3)
 
 
 @attrs.frozen
@@ -157,12 +150,12 @@ class Participant:
     """
 
     number: int
-    traits: Traits = None  # type: ignore[assignment]  # replaced by the person's own
+    traits: Traits = attrs.field()
 
-    def __attrs_post_init__(self) -> None:
-        streams_of(self.number)
-        if self.traits is None:
-            object.__setattr__(self, "traits", Traits.of(self.number))
+    @traits.default
+    def _own_traits(self) -> Traits:
+        at_least(0).check("Participant", "number", self.number)
+        return Traits.of(self.number)
 
     def simulate(self, *, perturbation: Perturbation = PERTURBATIONS["noise"]) -> Simulation:
         """Record ten trials of 70 s at 1024 Hz, each with 5 s of rest before time 0 and 5 s of rest at its end.
@@ -177,51 +170,49 @@ class Participant:
         often (``late_prbs``) than anything else does (``late_noise``).
         """
         traits, prbs = self.traits, isinstance(perturbation, PRBS)
-        for_angle, for_person, for_sensor = streams_of(self.number)[2 if prbs else 1].spawn(3)
-        samples, rest = round(TRIAL * RATE), round(REST * RATE)
-        time = np.arange(samples) / RATE - REST
+        for_angle, for_person, for_sensor = _generators(self.number)[2 if prbs else 1].spawn(3)
+        samples, rest = round(TRIAL_S * RATE_HZ), round(REST_S * RATE_HZ)
+        moved, time = samples - 2 * rest, np.arange(samples) / RATE_HZ - REST_S
 
         drive = np.zeros((TRIALS, samples))
         for trial in drive:
-            trial[rest:-rest] = generated(perturbation, samples - 2 * rest, RATE, for_angle)
-        angle, velocity, acceleration = Actuator(RATE)(drive.ravel())
+            trial[rest:-rest] = generate(perturbation, moved, RATE_HZ, for_angle)
+        motion = actuate(drive.ravel(), RATE_HZ)
         # Not by BLAS, whose last bits depend on the number of threads.
-        scale = RMS_ANGLE / math.sqrt(
-            float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest))
-        )
-        angle, velocity, acceleration = scale * angle, scale * velocity, scale * acceleration
+        size = float(np.sum(np.square(motion[0]))) / (TRIALS * moved)
+        angle, velocity, acceleration = RMS_ANGLE / math.sqrt(size) * motion
 
         late = traits.late_prbs if prbs else traits.late_noise
         voluntary = np.concatenate(
             [_voluntary_torque(traits, time, late, for_person) for _ in range(TRIALS)]
         )
-        stiffness = traits.passive_stiffness + traits.stiffness_per_torque * np.maximum(
-            voluntary, 0.0
-        )
+        contraction = np.maximum(voluntary, 0.0)
+        stiffness = traits.passive_stiffness + traits.stiffness_per_torque * contraction
         viscosity = 2 * traits.damping_ratio * np.sqrt(stiffness * traits.inertia)
         intrinsic = traits.inertia * acceleration + viscosity * velocity + stiffness * angle
-        reflex = StretchReflex().torque(velocity, traits.reflex_gain, RATE)
+        reflex = StretchReflex().torque(velocity, traits.reflex_gain, RATE_HZ)
         noise = traits.sensor_noise * _unit_noise(BANDWIDTH, len(angle), for_sensor)
         recording = Recording(
             angle,
             intrinsic + voluntary + reflex + noise,
-            RATE,
-            start=-REST,
+            RATE_HZ,
+            start=-REST_S,
             channels={"target": np.tile(_target(traits)(time), TRIALS)},
             trial_starts=tuple(range(0, len(angle), samples)),
         )
-        constant = {"inertia": traits.inertia, "reflex_gain": traits.reflex_gain}
-        truth = {name: np.full(len(angle), value) for name, value in constant.items()}
-        return Simulation(
-            recording,
-            {"stiffness": stiffness, "viscosity": viscosity, **truth},
-            {"intrinsic": intrinsic, "reflex": reflex, "voluntary": voluntary},
-        )
+        truth = {
+            "stiffness": stiffness,
+            "viscosity": viscosity,
+            "inertia": np.full(len(angle), traits.inertia),
+            "reflex_gain": np.full(len(angle), traits.reflex_gain),
+        }
+        pathways = {"intrinsic": intrinsic, "reflex": reflex, "voluntary": voluntary}
+        return Simulation(recording, truth, pathways)
 
 
 def _target(traits: Traits) -> SineWave:
-    mean, amplitude = (HIGHEST + LOWEST) / 2, (HIGHEST - LOWEST) / 2
-    return SineWave(mean * traits.maximal_torque, amplitude * traits.maximal_torque, PERIOD)
+    mean, amplitude = (MAX_TARGET + MIN_TARGET) / 2, (MAX_TARGET - MIN_TARGET) / 2
+    return SineWave(mean * traits.maximal_torque, amplitude * traits.maximal_torque, PERIOD_S)
 
 
 def _voluntary_torque(
@@ -233,7 +224,7 @@ def _voluntary_torque(
     one to the next.
     """
     target = _target(traits)
-    middles = np.arange(time[0] - PERIOD / 2, time[-1] + PERIOD, PERIOD)
+    middles = np.arange(time[0] - PERIOD_S / 2, time[-1] + PERIOD_S, PERIOD_S)
     count = len(middles)
 
     def happens(share: float) -> NDArray[np.bool_]:
@@ -241,9 +232,9 @@ def _voluntary_torque(
 
     delay = traits.delay + traits.delay_jitter * random.standard_normal(count)
     delay += happens(late) * random.choice([-1.0, 1.0], count) * random.uniform(0.35, 0.7, count)
-    innovation = math.sqrt(1 - MEMORY**2) * random.standard_normal(count)
+    innovation = math.sqrt(1 - DRIFT_CORRELATION**2) * random.standard_normal(count)
     innovation[0] = random.standard_normal()
-    drift = scipy.signal.lfilter([1.0], [1.0, -MEMORY], innovation)
+    drift = scipy.signal.lfilter([1.0], [1.0, -DRIFT_CORRELATION], innovation)
     amplitude = (
         1 + traits.amplitude_jitter * random.standard_normal(count) + traits.amplitude_drift * drift
     )
@@ -258,16 +249,20 @@ def _voluntary_torque(
     )
     torque *= 1 + traits.fluctuation * _unit_noise(FLUCTUATION_BANDWIDTH, len(time), random)
     for middle in middles[happens(traits.twitches)]:
-        centre, width = middle + random.uniform(-PERIOD / 2, PERIOD / 2), random.uniform(0.05, 0.15)
+        centre, width = (
+            middle + random.uniform(-PERIOD_S / 2, PERIOD_S / 2),
+            random.uniform(0.05, 0.15),
+        )
         height = random.choice([-1.0, 1.0]) * random.uniform(0.2, 0.4) * target.amplitude
         torque += height * np.exp(-0.5 * np.square((time - centre) / width))
     return np.asarray(torque)
 
 
 def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> Array:
-    """Low-passed noise of unit variance, shape (samples,)."""
-    impulse = np.zeros(round(4 * RATE / bandwidth))
+    """Return low-passed noise of unit variance, shape (samples,)."""
+    impulse = np.zeros(round(4 * RATE_HZ / bandwidth))
     impulse[0] = 1.0
-    response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE), impulse)
-    noise = LowPassedNoise(random, bandwidth, RATE, settling=round(RATE / bandwidth))(samples)
+    response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE_HZ), impulse)
+    run_in = round(RATE_HZ / bandwidth)
+    noise = low_passed_noise(random, bandwidth, RATE_HZ, run_in + samples, "noise")[run_in:]
     return np.asarray(noise / math.sqrt(float(np.dot(response, response))))

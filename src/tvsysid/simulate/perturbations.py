@@ -1,4 +1,4 @@
-"""Angular perturbations, before the actuator's bandwidth limits them; their size is set later."""
+"""Perturbations of the angle. The actuator limits their bandwidth, and they are scaled later."""
 
 from __future__ import annotations
 
@@ -11,76 +11,69 @@ import scipy
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.simulate.settings import not_negative, positive
+from tvsysid.validators import Validator, is_number, not_negative, positive
 
 
 class Perturbation(Protocol):
     """Anything that generates an angle, up to its scale."""
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,)."""
+        """Return samples at the rate in Hz, shape (samples,)."""
         ...  # pragma: no cover
 
 
-def generated(
+def generate(
     perturbation: Perturbation, samples: int, rate: float, random: np.random.Generator
 ) -> Array:
-    """Angle that a perturbation generates, if it is one finite number for each sample."""
+    """Return the angle of a perturbation, after a check for one finite number for each sample."""
     values = perturbation.generate(samples, rate, random)
     if np.shape(values) != (samples,) or not np.isfinite(values).all():
-        came = (
-            "values that are not finite"
-            if np.shape(values) == (samples,)
-            else f"shape {np.shape(values)}"
-        )
         raise InputError(
             f"{type(perturbation).__name__}: generate(samples, rate, random) must return one "
-            "finite number for each "
-            f"sample, shape ({samples},); got {came}"
+            f"finite number for each sample, shape ({samples},); got shape {np.shape(values)}"
+            f"{', not finite' if np.shape(values) == (samples,) else ''}"
         )
     return np.asarray(values)
 
 
 @attrs.frozen
 class FilteredNoise:
-    """White noise through a second-order low-pass Butterworth filter, with its -3 dB frequency ``cutoff`` in Hz."""
+    """White noise through a second-order low-pass Butterworth filter of -3 dB at ``cutoff`` Hz."""
 
-    cutoff: float = 5.0
-
-    def __attrs_post_init__(self) -> None:
-        positive("FilteredNoise", cutoff=self.cutoff)
+    cutoff: float = attrs.field(default=5.0, validator=positive)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,); starts from rest."""
-        if self.cutoff >= rate / 2:
-            raise InputError(
-                f"FilteredNoise: cutoff {self.cutoff:g} Hz must be below half the sampling rate "
-                f"of {rate:g} Hz"
-            )
-        numerator, denominator = scipy.signal.butter(2, self.cutoff, fs=rate)
-        return np.asarray(
-            scipy.signal.lfilter(numerator, denominator, random.standard_normal(samples))
+        """Return samples at the rate in Hz, shape (samples,). They start from rest."""
+        return low_passed_noise(random, self.cutoff, rate, samples, "FilteredNoise: cutoff")
+
+
+def low_passed_noise(
+    random: np.random.Generator, cutoff: float, rate: float, samples: int, name: str
+) -> Array:
+    """Return white noise after a second-order Butterworth low-pass, from rest."""
+    if cutoff >= rate / 2:
+        raise InputError(
+            f"{name} must be below half the sampling rate of {rate:g} Hz, got {cutoff:g} Hz"
         )
+    low_pass = scipy.signal.butter(2, cutoff, fs=rate)
+    return np.asarray(scipy.signal.lfilter(*low_pass, random.standard_normal(samples)))
 
 
 @attrs.frozen
 class PRBS:
-    """Pseudo-random binary sequence: each ``switch_interval`` (s) takes one of two levels with equal probability.
+    """Pseudo-random binary sequence: one of two levels at random in each ``switch_interval`` (s).
 
-    The paper states a switching rate of 147 ms and a mean absolute velocity of 0.08 rad/s, which
-    do not go together: a 147-ms clock gives 0.06 rad/s, and 0.08 rad/s take some 109 ms. The
-    stated interval is the default.
+    The paper states a switching rate of 147 ms and a mean absolute velocity of 0.08 rad/s. These
+    do not fit: a 147-ms clock gives 0.06 rad/s, and 0.08 rad/s take some 109 ms. The stated
+    interval is the default.
     """
 
-    switch_interval: float = 0.147
-
-    def __attrs_post_init__(self) -> None:
-        positive("PRBS", switch_interval=self.switch_interval)
+    switch_interval: float = attrs.field(default=0.147, validator=positive)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,), of 1 and -1.
+        """Return samples of 1 and -1 at the rate in Hz, shape (samples,).
 
-        Starts at a random phase of the clock.
+        They start at a random phase of the clock.
         """
         interval = self.switch_interval * rate
         if interval < 1:
@@ -91,27 +84,24 @@ class PRBS:
         phase = random.uniform(0, interval)
         levels = 2.0 * random.integers(0, 2, math.ceil((samples + phase) / interval) + 1) - 1.0
         switches = np.ceil(np.arange(1, len(levels) + 1) * interval - phase).astype(np.intp)
-        lengths = np.diff(np.minimum(switches, samples), prepend=0)
-        return np.repeat(levels, lengths)
+        return np.repeat(levels, np.diff(np.minimum(switches, samples), prepend=0))
 
 
 @attrs.frozen
 class Pulses:
-    """Pulses to either side with rests between them, as the ankle is often perturbed while its muscles contract.
+    """Pulses to either side with rests between them, as for ankles with contracted muscles.
 
-    A pulse lasts ``duration`` s, to either side with equal probability; the next begins
+    A pulse lasts ``duration`` s, to either side with equal probability. The next begins
     ``interval`` s after it. Both pulses and rests vary, each by up to the share ``variation`` of
-    its length. With the defaults, which are those of the tonic contractions in the public
-    toolbox of Kearney's laboratory, the usual RMS of 0.5 degrees makes pulses of 0.7 degrees.
+    its length. The defaults are those of the tonic contractions in the public toolbox of Kearney's
+    laboratory. The usual RMS of 0.5 degrees then makes pulses of 0.7 degrees.
     """
 
-    duration: float = 0.25
-    interval: float = 0.5
-    variation: float = 0.2
+    duration: float = attrs.field(default=0.25, validator=positive)
+    interval: float = attrs.field(default=0.5, validator=positive)
+    variation: float = attrs.field(default=0.2, validator=not_negative)
 
     def __attrs_post_init__(self) -> None:
-        positive("Pulses", duration=self.duration, interval=self.interval)
-        not_negative("Pulses", variation=self.variation)
         if self.duration >= self.interval or self.variation >= 1:
             raise InputError(
                 "Pulses: expected a duration below the interval, and a variation below 1, got "
@@ -119,9 +109,9 @@ class Pulses:
             )
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,), of 1, 0 and -1.
+        """Return samples of 1, 0 and -1 at the rate in Hz, shape (samples,).
 
-        Starts at a random time between two pulses.
+        They start at a random time between two pulses.
         """
         if self.duration * rate * (1 - self.variation) < 1:
             raise InputError(
@@ -140,33 +130,34 @@ class Pulses:
 class Multisine:
     """Sum of sines of equal amplitude at these ``frequencies`` in Hz, each at a random phase.
 
-    A line that is a multiple of 1/period moves the joint alike in every realization. Where all
-    are, nothing is left when the mean over realizations is subtracted, which
-    :func:`tvsysid.preprocess.subtract_mean` refuses; the default lines have no common multiple
-    below 10 s with a period of 2 s. So a line needs some tenths of 1/period between it and the
-    next multiple.
+    A line at a multiple of 1/period moves the joint alike in every realization. If all lines are
+    such multiples, nothing is left after the mean over realizations is subtracted, and
+    :func:`tvsysid.preprocess.subtract_mean` raises an error. So leave some tenths of 1/period
+    between a line and the next multiple. The default lines have no common multiple below 10 s with
+    a period of 2 s.
     """
 
-    frequencies: tuple[float, ...] = (1.2, 5.2, 9.2, 13.2, 17.2)
-
-    def __attrs_post_init__(self) -> None:
-        if not self.frequencies:
-            raise InputError("Multisine: frequencies must be numbers of hertz, got none")
-        for frequency in self.frequencies:
-            positive("Multisine", frequencies=frequency)
-        if len(set(self.frequencies)) < len(self.frequencies):
-            raise InputError(f"Multisine: frequencies must differ, got {self.frequencies}")
+    frequencies: tuple[float, ...] = attrs.field(
+        default=(1.2, 5.2, 9.2, 13.2, 17.2),
+        validator=Validator(
+            "different positive numbers of hertz",
+            lambda values: (
+                values
+                and all(is_number(value) and value > 0 for value in values)
+                and len(set(values)) == len(values)
+            ),
+        ),
+    )
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
-        """Samples at the rate in Hz, shape (samples,)."""
+        """Return samples at the rate in Hz, shape (samples,)."""
         if max(self.frequencies) >= rate / 2:
             raise InputError(
                 f"Multisine: frequencies must be below half the sampling rate of {rate:g} Hz, got "
                 f"{self.frequencies}"
             )
-        turns = np.outer(self.frequencies, np.arange(samples) / rate) + random.random(
-            (len(self.frequencies), 1)
-        )
+        phases = random.random((len(self.frequencies), 1))
+        turns = np.outer(self.frequencies, np.arange(samples) / rate) + phases
         return np.asarray(np.sin(2 * np.pi * turns).sum(axis=0))
 
 

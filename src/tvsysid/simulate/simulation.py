@@ -1,15 +1,15 @@
-"""What a simulated system gives: a recording, the truth about it, and where its torque comes from."""
+"""Simulation: a recording, the truth about it, and its torque by pathway."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
-from typing import Protocol
+from typing import Any, Protocol
 
 import attrs
 import numpy as np
 
-from tvsysid.checked import Frozen, checked_array
+from tvsysid.checked import checked_array
 from tvsysid.errors import InputError
 from tvsysid.showing import Shown
 from tvsysid.signals import Array, Ensemble, Recording
@@ -19,7 +19,7 @@ Seed = int | np.random.Generator | np.random.SeedSequence
 
 
 class System(Protocol):
-    """Whatever can be simulated: a joint, and what it is perturbed with."""
+    """Anything that can be simulated: a joint and its actuator."""
 
     def simulate(
         self,
@@ -34,41 +34,49 @@ class System(Protocol):
         ...  # pragma: no cover
 
 
-@attrs.frozen(eq=False, repr=False)
-class Simulation(Shown, Frozen):
-    """A simulated recording and the truth about it, sample by sample.
+def _read_only(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return read-only arrays of finite numbers."""
+    return {name: checked_array(name, each, ("time",)) for name, each in values.items()}
 
-    The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds
-    quantities by name, such as ``stiffness`` in N·m/rad, ``pathways`` the noiseless torque in N·m
-    by where it comes from, such as ``intrinsic``; each of shape (time,).
+
+def _fits_recording(
+    simulation: Simulation, field: attrs.Attribute[Any], values: Mapping[str, Array]
+) -> None:
+    for name, each in values.items():
+        if len(each) != len(simulation.recording):
+            raise InputError(
+                f"{field.name} {name!r}: expected a value for each of the recording's "
+                f"{len(simulation.recording)} samples, got {len(each)}"
+            )
+
+
+@attrs.frozen(eq=False, repr=False)
+class Simulation(Shown):
+    """Simulated recording and the truth about it, sample by sample.
+
+    Parameters
+    ----------
+    recording
+        Angle, noisy torque and the channels of the system.
+    truth
+        Quantities by name, such as ``stiffness`` in N·m/rad, each of shape (time,).
+    pathways
+        Noiseless torque in N·m by pathway, such as ``intrinsic``, each of shape (time,).
 
     Raises
     ------
     InputError
-        For a quantity or pathway that is not one finite number for each sample of the recording, or
-        no pathway.
+        For a quantity or pathway that is not one finite number for each sample of the recording,
+        or no pathway.
     """
 
     recording: Recording
-    truth: Mapping[str, Array]
-    pathways: Mapping[str, Array]
+    truth: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
+    pathways: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
 
     def __attrs_post_init__(self) -> None:
-        for kind in ("truth", "pathways"):
-            checked = {}
-            for name, values in getattr(self, kind).items():
-                checked[name] = checked_array(f"{kind} {name!r}", values, ("time",))
-                if len(checked[name]) != len(self.recording):
-                    raise InputError(
-                        f"{kind} {name!r}: expected a value for each of the recording's "
-                        f"{len(self.recording)} samples, "
-                        f"got {len(checked[name])}"
-                    )
-            object.__setattr__(self, kind, checked)
         if not self.pathways:
-            raise InputError(
-                "pathways: expected the noiseless torque of one pathway at least, got none"
-            )
+            raise InputError("pathways: expected at least one, got none")
 
     def __repr__(self) -> str:
         ranges = {
@@ -80,14 +88,18 @@ class Simulation(Shown, Frozen):
 
     @property
     def noiseless(self) -> Recording:
-        """The same recording with the sum of the pathways as its torque."""
+        """Same recording with the sum of the pathways as its torque."""
         return attrs.evolve(self.recording, torque=reduce(np.add, self.pathways.values()))
 
     def truth_of(self, ensemble: Ensemble) -> dict[str, Array]:
-        """Truth at each sample of an ensemble that was cut from the recording: (realization, samples), by quantity.
+        """Return the truth at each sample of an ensemble that was cut from the recording.
 
-        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned
-        and selected; its context is not counted.
+        The ensemble may be decimated, trimmed, aligned and selected: samples are found by trial and
+        time.
+
+        Returns
+        -------
+        Quantities by name, shape (realization, time), without context.
 
         Raises
         ------
@@ -97,26 +109,25 @@ class Simulation(Shown, Frozen):
         assert ensemble.onsets is not None
         assert ensemble.trials is not None
         recording, trials = self.recording, ensemble.trials
-        first = (
-            recording.start + recording.origin - ensemble.origin
-        )  # time of a trial's first sample
-        within = np.rint(
-            (ensemble.onsets[:, None] + ensemble.time - first) * recording.sampling_rate
-        )
+        start = recording.start + recording.origin - ensemble.origin
+        seconds = ensemble.onsets[:, None] + ensemble.time - start
+        within = np.rint(seconds * recording.sampling_rate).astype(np.int64)
         lengths = np.array([trial.stop - trial.start for trial in recording.trials])
-        if not (trials.min() >= 0 and trials.max() < len(lengths)) or not (
-            within.min() >= 0 and np.all(within[:, -1] < lengths[trials])
+        if (
+            min(trials.min(), within.min()) < 0
+            or trials.max() >= len(lengths)
+            or (within[:, -1] >= lengths[trials]).any()
         ):
             raise InputError(
                 f"truth_of: {ensemble!r} holds trials or times that {recording!r} does not; "
                 "give an ensemble that was cut from this simulation's recording"
             )
-        index = np.array(recording.trial_starts)[trials, None] + within.astype(np.int64)
+        index = np.array(recording.trial_starts)[trials, None] + within
         return {name: values[index] for name, values in self.truth.items()}
 
 
 def checked_simulation(made: object, system: str) -> Simulation:
-    """Return what a system gave, if it is a simulation."""
+    """Return the result of a system, if it is a simulation."""
     if not isinstance(made, Simulation):
         raise InputError(
             f"{system}: simulate must return a tvsysid.simulate.Simulation, got "

@@ -1,0 +1,142 @@
+"""Conditions of a simulated experiment: its settings, random seed, times and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import reduce
+
+import attrs
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.signals import Array, Recording
+from tvsysid.simulate.perturbations import Perturbation, low_passed_noise
+from tvsysid.simulate.simulation import Seed, Simulation
+from tvsysid.validators import Validator, at_least, is_number, positive
+
+RMS_ANGLE = math.radians(0.5)
+BANDWIDTH = 40.0  # Hz, of the actuator's Bessel filter and the noise's Butterworth filter
+MARGIN_S = 1.0  # recorded before time 0 and after the duration, as context
+RUN_IN_S = 1.0  # simulated before the record, so that the filters' start from rest is forgotten
+
+RULES = {
+    "duration": positive,
+    "perturbation": Validator(
+        "FilteredNoise, PRBS, Pulses, Multisine or an object with generate",
+        lambda value: callable(getattr(value, "generate", None)),
+    ),
+    "snr_db": Validator(
+        "a number of decibels above -300",
+        lambda value: (is_number(value) or value == math.inf) and value > -300,
+    ),
+    "seed": Validator(
+        "a whole number of zero or more",
+        lambda value: (
+            isinstance(value, np.random.Generator | np.random.SeedSequence)
+            or at_least(0).is_valid(value)
+        ),
+    ),
+    "rate": Validator(
+        f"a number of hertz above {2 * BANDWIDTH:g} Hz",
+        lambda value: is_number(value) and value > 2 * BANDWIDTH,
+    ),
+}
+
+
+@attrs.frozen(eq=False)
+class Conditions:
+    """Conditions under which a system is simulated. Its name is for error messages."""
+
+    system: str
+    duration: float
+    perturbation: Perturbation
+    snr_db: float
+    seed: Seed
+    rate: float
+
+    def __attrs_post_init__(self) -> None:
+        for name, rule in RULES.items():
+            rule.check(self.system, name, getattr(self, name))
+        if self._inside < 1:
+            raise InputError(
+                f"{self.system}: a duration of {self.duration:g} s is shorter than a sample at "
+                f"{self.rate:g} Hz"
+            )
+
+    @property
+    def _inside(self) -> int:
+        """Number of samples from time 0 to the duration."""
+        return round(self.duration * self.rate)
+
+    @property
+    def run_in(self) -> int:
+        """Number of samples before the record."""
+        return round(RUN_IN_S * self.rate)
+
+    @property
+    def first(self) -> int:
+        """Number of the first simulated sample. The sample at time 0 has number 0."""
+        return -round(MARGIN_S * self.rate) - self.run_in
+
+    @property
+    def whole_time(self) -> Array:
+        """Time of each simulated sample in s, those before the record included."""
+        return np.arange(self.first, self._inside + round(MARGIN_S * self.rate)) / self.rate
+
+    @property
+    def time(self) -> Array:
+        """Time of each recorded sample in s."""
+        return self.whole_time[self.run_in :]
+
+    def _inner(self, values: Array) -> Array:
+        """Return recorded values from time 0 to the duration, over which sizes are measured."""
+        margin = round(MARGIN_S * self.rate)
+        return values[margin : margin + self._inside]
+
+    def generators(self, count: int = 2) -> list[np.random.Generator]:
+        """Return independent random generators, the first two for perturbation and noise."""
+        seed = self.seed
+        if isinstance(seed, np.random.SeedSequence):
+            # Spawning counts in the sequence. A copy gives the same numbers each time.
+            seed = np.random.SeedSequence(
+                seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size
+            )
+        return np.random.default_rng(seed).spawn(count)
+
+    def noise(self, random: np.random.Generator, bandwidth: float) -> Array:
+        """Return unscaled noise of the torque over the whole time."""
+        name = f"{self.system}: noise_bandwidth"
+        return low_passed_noise(random, bandwidth, self.rate, len(self.whole_time), name)
+
+    def angle_scale(self, angle: Array) -> float:
+        """Return the factor that gives an angle the usual RMS."""
+        inner = self._inner(angle)
+        size = float(np.dot(inner, inner))
+        if size == 0:
+            raise InputError(f"{self.system}: {self.perturbation!r} gave a signal without movement")
+        return RMS_ANGLE / math.sqrt(size / self._inside)
+
+    def noise_scale(self, torque: Array, noise: Array) -> float:
+        """Return the factor that gives noise its signal-to-noise ratio to a torque."""
+        ratio = float(np.std(self._inner(torque)) / np.std(self._inner(noise)))
+        return ratio * 10 ** (-self.snr_db / 20)
+
+    def simulation(
+        self,
+        angle: Array,
+        noise: Array,
+        pathways: Mapping[str, Array],
+        truth: Mapping[str, Array],
+        channels: Mapping[str, Array] | None = None,
+        imposed: Array | None = None,
+    ) -> Simulation:
+        """Return the simulation of these signals.
+
+        The noise is scaled to the torque ``imposed``, by default the sum of the pathways.
+        """
+        torque = reduce(np.add, pathways.values())
+        noise = noise * self.noise_scale(torque if imposed is None else imposed, noise)
+        start = float(self.time[0])
+        recording = Recording(angle, torque + noise, self.rate, start, channels or {})
+        return Simulation(recording, truth, pathways)

@@ -395,7 +395,7 @@ def speed(key: str) -> Table:
         made = setting.simulated(*study.simulated(scenario), study.seed_of(scenario, 0))
         ensemble = tv.preprocess.subtract_mean(setting.cut(made.recording))
         del made
-        method, taken = tv.methods.create(key), []
+        method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):
             for _ in range(3):
                 new = attrs.evolve(

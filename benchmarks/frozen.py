@@ -143,7 +143,7 @@ def identified(name: str, ensemble: tv.Ensemble, keys: Iterable[str]) -> Items:
     yield f"{name}/ensemble/torque", ensemble.torque
     for key in keys:
         try:
-            model = tv.methods.create(key).identify(ensemble).to_xarray(ensemble)
+            model = tv.methods.parse(key).identify(ensemble).to_xarray(ensemble)
         except tv.InputError as error:
             yield f"{name}/{key}/refused", str(error)
             continue

@@ -18,7 +18,7 @@ import tvsysid as tv
 from tvsysid.figures.comparison import BARS
 from tvsysid.figures.style import TRUE_LINE, line_key
 from tvsysid.methods import DEFAULT_METHODS
-from tvsysid.methods.plugins import STUDIED_METHODS
+from tvsysid.methods.registry import STUDIED_METHODS
 from tvsysid.studies.closed_loop import loop_figures
 from tvsysid.studies.closed_loop.presets import ACTUATORS, SNR, system
 from tvsysid.studies.closed_loop.presets import PRESETS as CLOSED_LOOP

@@ -209,14 +209,14 @@ def few_groups(monkeypatch):
 @pytest.fixture(scope="module")
 def brief_cases():
     """Joints that `check_method` simulates are half as long: as much is expected of a method, of fewer data."""
-    from tvsysid.check import subject
+    from tvsysid import check
 
-    subject.simulated_case.cache_clear()
+    check.simulated_case.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
-        for name, (duration, *others) in subject.CASES.items():
-            patch.setitem(subject.CASES, name, (duration / 2, *others))
+        for name, (duration, *others) in check.CASES.items():
+            patch.setitem(check.CASES, name, (duration / 2, *others))
         yield
-    subject.simulated_case.cache_clear()
+    check.simulated_case.cache_clear()
 
 
 @pytest.fixture

@@ -11,19 +11,11 @@ import tvsysid as tv
 
 
 @dataclasses.dataclass(frozen=True)
-class Mean:
+class Mean(tv.Method):
     """The mean torque at each time: its standard error over realizations is known."""
 
-    def identify(self, ensemble):
-        torque = ensemble.torque[:, ensemble.core]
-
-        class Found:
-            stiffness = torque.mean(axis=0)
-
-            def predict(self, other):
-                return np.zeros((len(other), other.samples))
-
-        return Found()
+    def fit(self, ensemble):
+        return tv.Model.of(ensemble, ensemble.torque[:, ensemble.core].mean(axis=0))
 
 
 def test_the_standard_error_of_a_mean():
@@ -78,11 +70,11 @@ class Fragile(Mean):
 
     refused: tuple[int, ...]
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         first = ensemble_of().onsets[0]
         if (ensemble.onsets == first).sum() in self.refused:
             raise np.linalg.LinAlgError("SVD did not converge")
-        return super().identify(ensemble)
+        return super().fit(ensemble)
 
 
 def test_a_bad_draw_is_left_out_and_told():
@@ -111,10 +103,10 @@ def test_a_bad_draw_is_left_out_and_told():
 class OnlyTheWhole(Mean):
     """Identifies realizations that all differ."""
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         if len(np.unique(ensemble.onsets)) < len(ensemble):
             raise ValueError("twice the same")
-        return super().identify(ensemble)
+        return super().fit(ensemble)
 
 
 @pytest.mark.slow
@@ -155,13 +147,13 @@ def test_what_cannot_be_drawn_is_refused(arguments, message):
 
 
 @dataclasses.dataclass(frozen=True)
-class Scheduled:
+class Scheduled(tv.Method):
     """Stiffness over a measured variable, a gain over time, and an offset of each realization."""
 
     quantities: tuple[str, ...] = ("stiffness", "gain", "offset")
     step: float = 0.0
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         level = ensemble.torque.std()
         estimates = {
             "stiffness": tv.Estimate(np.full(3, level), "N m/rad", ("emg",)),
@@ -169,14 +161,12 @@ class Scheduled:
             "offset": tv.Estimate(np.full(len(ensemble), level), "N m", ("realization",)),
         }
 
-        class Found:
-            def predict(self, other):
-                return np.zeros((len(other), other.samples))
-
-        found = Found()
-        found.coordinates = {"emg": np.arange(3) * (1 + self.step * level)}
-        found.estimates = {name: estimates[name] for name in self.quantities}
-        return found
+        return tv.Model.of(
+            ensemble,
+            estimates={name: estimates[name] for name in self.quantities},
+            coordinates={"emg": np.arange(3) * (1 + self.step * level)},
+            pathways=lambda other: {"intrinsic": np.zeros((len(other), other.samples))},
+        )
 
 
 def test_estimates_over_a_measured_variable_are_drawn():

@@ -53,7 +53,7 @@ def settings() -> str:
         "",
     ]
     for key in tv.methods.names():
-        told, kind = tv.methods.describe(key), type(tv.methods.create(key)).__name__
+        told, kind = tv.methods.describe(key), type(tv.methods.parse(key)).__name__
         lines += [f"## `{key}`: {told.title.lower()}", ""]
         lines += [
             f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports "

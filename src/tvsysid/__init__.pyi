@@ -27,6 +27,7 @@ from .methods import EnsembleSpectral as EnsembleSpectral
 from .methods import Input as Input
 from .methods import JointCascade as JointCascade
 from .methods import KernelRegression as KernelRegression
+from .methods import Method as Method
 from .methods import ModalDecomposition as ModalDecomposition
 from .methods import ParallelCascade as ParallelCascade
 from .methods import ScheduledImpedance as ScheduledImpedance

@@ -11,8 +11,7 @@ Axis order and the sign of a lag are decided here and nowhere else::
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import attrs
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.estimates import UNITS, Estimate, frozen
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, frozen
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.showing import Shown
@@ -74,7 +73,7 @@ class Diagnostics(Frozen):
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
-class Model(Shown, ABC):
+class Model(Shown):
     """What was identified over one realization.
 
     By a ``method``, told in words with its settings; at a ``time`` in s within a realization,
@@ -89,6 +88,56 @@ class Model(Shown, ABC):
     estimates: Mapping[str, Estimate]
     diagnostics: Diagnostics
     coordinates: Mapping[str, Array] = attrs.field(factory=dict)
+    torques: Callable[[Ensemble], Mapping[str, Array]] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        ensemble: Ensemble,
+        stiffness: ArrayLike | None = None,
+        viscosity: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+        *,
+        estimates: Mapping[str, Estimate] | None = None,
+        coordinates: Mapping[str, ArrayLike] | None = None,
+        pathways: Callable[[Ensemble], Mapping[str, Array]] | None = None,
+        parameters: float = np.nan,
+    ) -> Model:
+        """Return the model that a method of your own identified from an ensemble.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations that it was identified from.
+        stiffness, viscosity, inertia
+            Shape (time,), or one number; NaN where not identified.
+        estimates
+            Further estimates by quantity, or those with standard errors or other axes.
+        coordinates
+            Values along further axes of the estimates, by axis.
+        pathways
+            Function that returns the torque of each pathway for an ensemble, each of shape
+            (realization, time). Without it, the torque is that of stiffness, viscosity and inertia.
+        parameters
+            Effective number of parameters.
+        """
+        impedance = zip(IMPEDANCE, (stiffness, viscosity, inertia), strict=True)
+        given = {name: np.asarray(values) for name, values in impedance if values is not None}
+        whole = {
+            name: Estimate(
+                values if values.ndim else np.full(len(ensemble.time), values), UNITS[name]
+            )
+            for name, values in given.items()
+        }
+        return Model(
+            method="",
+            sampling_rate=ensemble.sampling_rate,
+            time=ensemble.time,
+            estimates=whole | dict(estimates or {}),
+            diagnostics=Diagnostics(parameters),
+            coordinates={name: np.asarray(each) for name, each in (coordinates or {}).items()},
+            torques=pathways,
+        )
 
     def __attrs_post_init__(self) -> None:
         for item in attrs.fields(type(self)):
@@ -158,8 +207,21 @@ class Model(Shown, ABC):
         """Torque that the model predicts for the ensemble's signals: the sum of its :meth:`pathways`."""
         return np.asarray(sum(self.pathways(ensemble).values()))
 
-    @abstractmethod
-    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]: ...
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        """Return the torque of each pathway: by default that of a joint of second order."""
+        if self.torques is None:
+            parts = zip(IMPEDANCE, ensemble.derivatives(), strict=True)
+            known = [self.over_time(name) * each for name, each in parts if name in self.estimates]
+            return {"intrinsic": np.asarray(sum(known))}
+        shape = (len(ensemble), ensemble.samples)
+        found = {name: np.asarray(torque) for name, torque in self.torques(ensemble).items()}
+        for name, torque in found.items():
+            if torque.shape != shape or torque.dtype.kind not in "fiu":
+                raise InputError(
+                    f"{self.method}: the torque of pathway {name!r} must be real numbers of shape "
+                    f"(realization, time) = {shape}, got {torque.dtype} of shape {torque.shape}"
+                )
+        return found
 
     def __repr__(self) -> str:
         known = self.stiffness[np.isfinite(self.stiffness)]

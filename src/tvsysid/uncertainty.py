@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
-from tvsysid.methods.apply import Identifies, apply
+from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread, mean_of
 from tvsysid.preprocess import bootstrap as draw_ensembles
@@ -111,7 +111,7 @@ class Bootstrap:
 
 
 def bootstrap(
-    method: Identifies, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None
+    method: Method, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None
 ) -> Bootstrap:
     r"""Identify again and again from realizations drawn with replacement.
 
@@ -176,7 +176,7 @@ def bootstrap(
     at_least(MIN_DRAWS).check("bootstrap", "count", count)
     if len(ensemble) < MIN_DRAWS:
         raise InputError("bootstrap: expected at least 2 realizations to draw from, got 1")
-    model = apply(method, ensemble)
+    model = method.identify(ensemble)
     draws = {
         name: np.full((count, *values.shape), np.nan)
         for name, values in _values(model, model).items()
@@ -187,7 +187,7 @@ def bootstrap(
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", DataQualityWarning)
-                    found = _values(apply(method, drawn), model)
+                    found = _values(method.identify(drawn), model)
                 draws = {name: values for name, values in draws.items() if name in found}
                 for name, values in draws.items():
                     values[number] = found[name]

@@ -116,9 +116,9 @@ def test_version(tvsysid):
         (("benchmark", "--method", "nowhere:Fit"), "there is no module 'nowhere'"),
         (
             ("check-method", "nowhere:Fit"),
-            "there is no module 'nowhere'; the current folder and the installed",
+            "there is no module 'nowhere' in the current folder",
         ),
-        (("check-method", "json:Fit"), "module 'json' has no 'Fit'; nothing in it has identify"),
+        (("check-method", "json:Fit"), "module 'json' has no 'Fit'; its methods are none"),
         (("check-method", "nothing"), "unknown method 'nothing'"),
         (("check-method",), "missing: MODULE:CLASS (see tvsysid check-method --help)"),
         (("benchmark", "--stiffness", "step"), "step"),
@@ -149,7 +149,7 @@ def test_start_is_light():
     assert shown == "light\n"
 
 
-@pytest.mark.parametrize("raised", ["KeyboardInterrupt", "GeneratorExit", "SystemExit(0)"])
+@pytest.mark.parametrize("raised", ["KeyboardInterrupt", "SystemExit(0)"])
 def test_a_module_that_ends_programs_while_it_is_imported_is_an_error(
     tvsysid, tmp_path, monkeypatch, raised
 ):

@@ -14,28 +14,24 @@ import numpy as np
 import tvsysid as tv
 
 
-class Found:
-    def __init__(self, estimates, coordinates, slope):
-        self.estimates, self.coordinates, self.slope = estimates, coordinates, slope
-
-    def pathways(self, ensemble):
-        angle = ensemble.angle[:, ensemble.core]
-        return {"intrinsic": self.slope * angle, "reflex": 0.1 * angle}
-
-
-class Scheduled:
+class Scheduled(tv.Method):
     """Stiffness over EMG, and the mean EMG over time."""
 
     inputs = (tv.Input("emg", "scheduling", "V"),)
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         emg = ensemble.signal("emg")[:, ensemble.core]
         levels = np.array([0.0, 0.5, 1.0])
         estimates = {
             "stiffness": tv.Estimate(50 + 100 * levels, "N m/rad", axes=("emg",)),
             "emg_level": tv.Estimate(emg.mean(axis=0), "V", error=tv.StandardError(np.full(emg.shape[1], 0.1), 9)),
         }
-        return Found(estimates, {"emg": levels}, 100.0)
+        return tv.Model.of(ensemble, estimates=estimates, coordinates={"emg": levels}, pathways=pathways)
+
+
+def pathways(ensemble):
+    angle = ensemble.angle[:, ensemble.core]
+    return {"intrinsic": 100.0 * angle, "reflex": 0.1 * angle}
 
 
 class Driven(Scheduled):

@@ -20,14 +20,10 @@ from tvsysid.methods import DEFAULT_METHODS
 def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "plainly.py").write_text(
-        "import numpy as np\n"
-        "class Model:\n"
-        "    def __init__(self, stiffness):\n        self.stiffness = stiffness\n"
-        "    def predict(self, ensemble):\n        return self.stiffness * ensemble.angle[:, "
-        "ensemble.core]\n"
-        "class Mine:\n"
-        "    def identify(self, ensemble):\n        return Model(np.full(ensemble.samples, 80.0))\n"
-        "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
+        "import tvsysid as tv\n"
+        "class Mine(tv.Method):\n"
+        "    def fit(self, ensemble):\n        return tv.Model.of(ensemble, 80.0)\n"
+        "class Faulty(tv.Method):\n    def fit(self, ensemble):\n        return 1 / 0\n"
     )
     tvsysid("simulate", "joint.mat", "--duration", 40)
     code, out, err = tvsysid(
@@ -403,19 +399,6 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     )
     assert (code, err) == (0, "")
     assert "the same settings again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
-    (tmp_path / "untunable.py").write_text(
-        "class Mine:\n    def identify(self, ensemble):\n        return None\n"
-    )
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    code, _, err = tvsysid(
-        "identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune"
-    )
-    assert code == 2
-    assert "leave out tune (--tune), and write key:tuned=true" in err
 
 
 @pytest.mark.slow

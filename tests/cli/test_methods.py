@@ -43,39 +43,33 @@ def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_p
     points = "good = listed_module:Good\nbad = listed_module:Bad\nsds = listed_module:Good\n"
     (info / "entry_points.txt").write_text(f"[tvsysid.methods]\n{points}")
     (tmp_path / "listed_module.py").write_text(
-        "class Good:\n"
+        "import tvsysid as tv\n"
+        "class Good(tv.Method):\n"
         "    title = 'Good [red]method'\n"
-        "    def __init__(self, order, gain=2.5): ...\n"
-        "    def identify(self, ensemble): ...\n"
+        "    def __init__(self, gain=2.5): self.gain = gain\n"
+        "    def fit(self, ensemble): ...\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    code, out, err = tvsysid("methods")
+    code, out, _ = tvsysid("methods")
     assert code == 0
     for words in (
         "Good [red]method",
-        "order (must be given)",
         "gain=2.5",
         "has no 'Bad'",
         "Short data segments",
     ):
         assert words in out
-    assert err.startswith("note: 'sds' is offered by the installed package mypackage too")
 
 
 OWN = """
-from dataclasses import dataclass
-
 import numpy as np
+import tvsysid as tv
 
 
-@dataclass
-class Constant:
-    sign: float = 1.0
-
-    def identify(self, ensemble):
+class Constant(tv.Method):
+    def fit(self, ensemble):
         angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
-        self.stiffness = np.full(ensemble.samples, self.sign * np.sum(angle * torque) / np.sum(angle * angle))
-        return self
+        return np.sum(angle * torque) / np.sum(angle * angle)
 """
 
 
@@ -84,14 +78,9 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     (tmp_path / "own_for_cli.py").write_text(OWN)
     code, out, err = tvsysid("check-method", "own_for_cli:Constant")
     assert (code, err) == (1, "")
-    assert "✓ identifies a joint" in out
-    assert (
-        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) "
-        "(or pathways), " in out
-    )
-    assert "without predict(ensemble)" in out
-    assert "– predicts the torque: not run: 'returns a model' failed" in out
-    assert "own_for_cli:Constant does not pass: 1 check failed; 12 of 17 were not run" in out
+    assert "✗ identifies a joint: Constant: fit returned an object of type float64; " in out
+    assert "– predicts the torque: not run: 'identifies a joint' failed" in out
+    assert "own_for_cli:Constant does not pass: 1 check failed; 11 of 12 were not run" in out
 
 
 @pytest.mark.slow
@@ -99,5 +88,5 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
 def test_check_method_passes_the_packages_own(tvsysid, name):
     code, out, err = tvsysid("check-method", name)
     assert (code, err) == (0, "")
-    assert out.count("✓") == 17
+    assert out.count("✓") == 12
     assert f"{name} passes; use it: tvsysid benchmark --method {name}\n" in out

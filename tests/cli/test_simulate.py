@@ -150,7 +150,7 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
             ("--perturbation", "pink"),
             "unknown perturbation 'pink'; expected one of noise, prbs, pulses, multisine, or",
         ),
-        (("--system", "own_systems:Hum"), "class Hum has no simulate"),
+        (("--system", "own_systems:Hum"), "Hum has no simulate"),
         (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
         (
             ("--system", "own_systems:Empty"),

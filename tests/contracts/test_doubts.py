@@ -10,7 +10,7 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 
-FIVE = [tv.methods.create(key) for key in tv.methods.PAPER_METHODS]
+FIVE = [tv.methods.parse(key) for key in tv.methods.PAPER_METHODS]
 five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.PAPER_METHODS))
 
 
@@ -82,4 +82,4 @@ def test_a_joint_that_is_not_of_second_order(key, perturbation):
     reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
     with_reflex = attrs.evolve(recording, torque=recording.torque + reflex)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(with_reflex, 100), 2.0)
-    assert "is not of second order" in doubts(tv.methods.create(key), ensemble)
+    assert "is not of second order" in doubts(tv.methods.parse(key), ensemble)

@@ -401,16 +401,16 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.GaussianBumps(10, width=0.0), "width must be a positive number"),
         (lambda: tv.HaarWavelets(0), "at least 1"),
         (
-            lambda: tv.methods.create("arx"),
+            lambda: tv.methods.parse("arx"),
             "unknown method 'arx'; the methods are eirf, sds, birf, esm, kbr",
         ),
         (
-            lambda: tv.methods.create("sds", windw=1),
+            lambda: tv.methods.parse("sds:windw=1"),
             "unknown setting 'windw'; its settings are max_lag, window",
         ),
         (
             lambda: tv.methods.parse("adaptive:reference=command"),
-            "unknown setting 'reference'; its settings are emg, tuned; methods with that setting "
+            "unknown setting 'reference'; its settings are emg; methods with that setting "
             "are sds, birf, esm",
         ),
         (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
@@ -458,7 +458,7 @@ def test_blas_has_one_thread_within_a_method_and_as_many_as_before_after_it(monk
         ]
 
     seen, method = [], tv.ShortDataSegments()
-    for name in ("_identify", "_evidence"):
+    for name in ("fit", "_evidence"):
         own = getattr(tv.ShortDataSegments, name)
         monkeypatch.setattr(
             tv.ShortDataSegments,

@@ -44,7 +44,7 @@ def simulated(toy):
 @every_toy
 def test_finds_what_the_simulation_knows(toy):
     simulation, ensemble = simulated(toy)
-    model = tv.methods.apply(toy(), ensemble)
+    model = toy().identify(ensemble)
     truth = simulation.truth_of(ensemble)
     assert truth.keys() <= model.estimates.keys()
     for name, values in truth.items():
@@ -87,13 +87,13 @@ def test_is_skipped_where_its_channel_is_missing(toy):
         in found.skipped[toy.__name__]
     )
     with pytest.raises(tv.InputError, match=f"it needs the channel {item.name!r}"):
-        tv.methods.apply(toy(), ensemble)
+        toy().identify(ensemble)
 
 
 @every_toy
 def test_comes_back_from_the_file_of_models(toy, tmp_path):
     _, ensemble = simulated(toy)
-    model = tv.methods.apply(toy(), ensemble)
+    model = toy().identify(ensemble)
     tv.recordings.write_models(tmp_path / "models.nc", {"toy": model}, ensemble)
     with xr.open_datatree(tmp_path / "models.nc") as tree:
         stored = tree["toy"].to_dataset().load()
@@ -122,7 +122,7 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
 def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
     monkeypatch.chdir(tmp_path)
-    inputs = [item for toy in together for item in getattr(toy, "inputs", ())]
+    inputs = [item for toy in together for item in toy().inputs]
     signals = ["--angle=angle", "--torque=torque", "--rate=1000", "--decimate=100", "--period=2"]
     signals += [f"--channel={item.name}={item.name}" for item in inputs]
     labels = {toy: f"mytoys:{toy.__name__}" for toy in together}

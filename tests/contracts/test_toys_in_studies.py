@@ -61,7 +61,7 @@ def identified(toy):
     trial = tv.study.source.Simulations(study_of(toy)).task_at((0, 1))
     simulation = trial.setting.simulated(*cloudpickle.loads(trial.simulated), trial.seed)
     ensemble = trial.setting.cut(simulation.recording)
-    return tv.methods.apply(toy(), ensemble), ensemble
+    return toy().identify(ensemble), ensemble
 
 
 @every_toy
@@ -156,7 +156,7 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         seed = experiment.seed_of(prepared.recorded, 40)
         weights = tv.preprocess.bootstrap_weights(len(prepared.ensemble), 40, 3, seed)[2]
         drawn = prepared.ensemble.select(np.repeat(np.arange(len(weights)), weights))
-        for name, torque in tv.methods.apply(toy(), drawn).pathways(drawn).items():
+        for name, torque in toy().identify(drawn).pathways(drawn).items():
             stored = own.pathway_torque.sel(bootstrap=2, pathway=name)
             np.testing.assert_allclose(stored, np.sqrt(np.nanmean(torque**2, axis=0)), rtol=1e-12)
         assert np.isnan(own.pathway_vaf).all()  # of a recording, nobody knows them

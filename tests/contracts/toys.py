@@ -1,39 +1,30 @@
 """Four small methods, each of a kind that the package itself does not have.
 
-Plain classes without a base class.
-
 They are no good estimators. They show that the contract holds what such methods need and what
 they return."""
-
-from dataclasses import dataclass, field
 
 import attrs
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import bilinear, lfilter
 
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError
-from tvsysid.methods import Input
+import tvsysid as tv
+from tvsysid import Estimate, Input, StandardError
+from tvsysid.estimates import IMPEDANCE, UNITS
 
 WINDOW = 11
 """Samples over which a joint is taken as constant."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """What each of them returns."""
+def model_of(method, ensemble, parameters, estimates, coordinates=None):
+    """Return a model whose torque is the sum of a method's regressors times parameters."""
 
-    method: object
-    parameters: np.ndarray  # of the method's regressors, each constant or over time
-    estimates: dict[str, Estimate]
-    coordinates: dict[str, np.ndarray] = field(default_factory=dict)
-
-    def pathways(self, ensemble):
-        torques = self.parameters.reshape(len(self.parameters), 1, -1) * self.method.regressors(
-            ensemble
-        )
-        reflex = {"reflex": torques[3]} if "reflex_gain" in self.estimates else {}
+    def pathways(other):
+        torques = parameters.reshape(len(parameters), 1, -1) * method.regressors(other)
+        reflex = {"reflex": torques[3]} if "reflex_gain" in estimates else {}
         return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
+
+    return tv.Model.of(ensemble, estimates=estimates, coordinates=coordinates, pathways=pathways)
 
 
 def over_time(names, values, errors):
@@ -66,7 +57,7 @@ def sliding_fit(regressors, torque, instruments):
     ) + 0 * values  # a running sum may leave less than 0
 
 
-class Cascade:
+class Cascade(tv.Method):
     """A joint of second order beside a stretch reflex: velocity, delayed, rectified, through a muscle."""
 
     quantities = ("reflex_gain",)
@@ -84,13 +75,15 @@ class Cascade:
             reflex -= reflex.mean(axis=0)
         return np.concatenate([ensemble.derivatives(), reflex[None, :, ensemble.core]])
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         regressors = self.regressors(ensemble)
         values, errors = sliding_fit(regressors, ensemble.torque[:, ensemble.core], regressors)
-        return Found(self, values, over_time((*IMPEDANCE, "reflex_gain"), values, errors))
+        return model_of(
+            self, ensemble, values, over_time((*IMPEDANCE, "reflex_gain"), values, errors)
+        )
 
 
-class Scheduled:
+class Scheduled(tv.Method):
     """A stiffness that rises in a straight line with the muscle's activity, whatever the time."""
 
     inputs = (Input("emg", "scheduling", "1"),)
@@ -102,7 +95,7 @@ class Scheduled:
             [angle, velocity, acceleration, angle * ensemble.signal("emg")[:, ensemble.core]]
         )
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
         known = np.isfinite(regressors).all(axis=0)
         x, y = regressors[:, known], torque[known]
@@ -130,10 +123,10 @@ class Scheduled:
             "stiffness_at_emg": stiffness(levels, "emg"),
             **over_time(IMPEDANCE[1:], *constants),
         }
-        return Found(self, values, estimates, {"emg": levels})
+        return model_of(self, ensemble, values, estimates, {"emg": levels})
 
 
-class Instrumental:
+class Instrumental(tv.Method):
     """A joint in a closed loop, where noise moves the angle too: what the reference moves is the instrument."""
 
     inputs = (Input("disturbance", "reference", "N m"),)
@@ -141,7 +134,7 @@ class Instrumental:
     def regressors(self, ensemble):
         return ensemble.derivatives()
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         reference, length = ensemble.signal("disturbance"), ensemble.angle.shape[1]
         padded = np.pad(reference, ((0, 0), (30, 4)))
         lagged = np.stack([padded[:, first : first + length].ravel() for first in range(35)])
@@ -149,10 +142,10 @@ class Instrumental:
         moved = attrs.evolve(ensemble, angle=(weights @ lagged).reshape(ensemble.angle.shape))
         torque = ensemble.torque[:, ensemble.core]
         values, errors = sliding_fit(self.regressors(ensemble), torque, self.regressors(moved))
-        return Found(self, values, over_time(IMPEDANCE, values, errors))
+        return model_of(self, ensemble, values, over_time(IMPEDANCE, values, errors))
 
 
-class Recursive:
+class Recursive(tv.Method):
     """A joint that changes from one realization to the next: those before count less and less."""
 
     contiguous = True
@@ -163,7 +156,7 @@ class Recursive:
     def regressors(self, ensemble):
         return ensemble.derivatives()
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
         known = np.isfinite(regressors).all(axis=0)
         x = np.where(known, regressors, 0.0)
@@ -181,7 +174,7 @@ class Recursive:
             name: Estimate(each, UNITS[name], axes)
             for name, each in zip(IMPEDANCE, values, strict=True)
         }
-        return Found(self, values.mean(axis=1), estimates)
+        return model_of(self, ensemble, values.mean(axis=1), estimates)
 
 
 TOYS = (Cascade, Scheduled, Instrumental, Recursive)

@@ -105,7 +105,7 @@ def test_the_method_that_reads_a_channel(tvsysid, folder):
     code, out, err = tvsysid(*words_of(check))
     assert code == 0, out + err
     assert "✗" not in out
-    assert "states its inputs: angle, torque, emg (scheduling)" in out
+    assert "identifies a joint: from angle, torque, emg of" in out
     for command in others:
         code, out, err = tvsysid(*words_of(command))
         assert code == 0, out + err
@@ -125,9 +125,9 @@ def test_the_method_that_reads_a_channel(tvsysid, folder):
 def test_the_entry_point_is_of_the_group_that_is_read():
     import tomllib
 
-    from tvsysid.methods.plugins import GROUPS
+    from tvsysid.methods.registry import ENTRY_POINTS
 
     (project,) = blocks("toml")
     assert tomllib.loads(project)["project"]["entry-points"] == {
-        GROUPS["method"]: {"sliding": "mymethod:SlidingFit"}
+        ENTRY_POINTS["method"]: {"sliding": "mymethod:SlidingFit"}
     }

@@ -14,7 +14,7 @@ from tvsysid.figures.style import lines
 @pytest.fixture(scope="module")
 def drawn():
     ensemble = ensemble_of(150.0, "sine", "prbs")
-    models = {key: tv.methods.create(key).identify(ensemble) for key in ("sds", "kbr")}
+    models = {key: tv.methods.parse(key).identify(ensemble) for key in ("sds", "kbr")}
     bands = {
         label: {
             name: model.estimates[name].band() for name in ("stiffness", "viscosity", "inertia")
@@ -53,18 +53,7 @@ def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
 
 def test_what_no_method_identified_is_said():
     time = np.arange(200) / 100
-    model = tv.methods.apply(
-        type(
-            "Mine",
-            (),
-            {
-                "identify": lambda self, e: self,
-                "stiffness": np.full(200, 100.0),
-                "predict": lambda self, e: e.torque[:, e.core],
-            },
-        )(),
-        ensemble_of(40.0),
-    )
+    model = tv.Model.of(ensemble_of(40.0), 100.0)
     figure = identified_impedance({"mine": model}, {"mine": np.full_like(time, 90.0)})
     told = {
         axes.get_ylabel().split(" (")[0]: [text.get_text() for text in axes.texts]

@@ -313,23 +313,23 @@ def test_white_noise_needs_no_correction(random):
     np.testing.assert_allclose(standard_errors_of(model)[0] ** 2, variance, rtol=0.15)
 
 
-class Mine:
+class Mine(tv.Method):
     """A method of one's own, whose model has the estimates given."""
 
     def __init__(self, **estimates):
         self.estimates = estimates
 
-    def identify(self, ensemble):
-        return self
-
-    def predict(self, ensemble):
-        return np.zeros((len(ensemble), ensemble.samples))
+    def fit(self, ensemble):
+        return tv.Model.of(ensemble, estimates=self.estimates)
 
 
 def test_a_model_of_ones_own_may_bring_its_band():
     stiffness, error = np.full(200, 100.0), tv.StandardError(np.full(200, 2.0), 10)
-    mine = Mine(stiffness=tv.Estimate(stiffness, "N m/rad", error=error), viscosity=np.ones(200))
-    model = tv.methods.apply(mine, ensemble_of())
+    mine = Mine(
+        stiffness=tv.Estimate(stiffness, "N m/rad", error=error),
+        viscosity=tv.Estimate(np.ones(200), "N m s/rad"),
+    )
+    model = mine.identify(ensemble_of())
     width = 2 * stats.t.ppf(0.75, 10)
     lower, upper = model.estimates["stiffness"].band(0.5)
     np.testing.assert_allclose([lower, upper], [stiffness - width, stiffness + width])

@@ -7,7 +7,7 @@ from tests.independent import ensemble_of, impulses, with_noise
 from tests.independent import ringing as shaken
 
 import tvsysid as tv
-from tvsysid.methods import found_as
+from tvsysid.methods import resolve
 from tvsysid.simulate import PERTURBATIONS, SYSTEMS, Constant, FilteredNoise, Pulses
 
 MODAL = tv.ModalDecomposition()
@@ -16,7 +16,7 @@ IMPULSES = Pulses(duration=0.02, interval=1.0)
 
 def hit(perturbation=IMPULSES, snr_db=30.0, duration=40.0, **changes):
     joint = attrs.evolve(
-        found_as(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes)
+        resolve(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes)
     )
     recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording
     return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)

@@ -53,7 +53,7 @@ def test_models_are_read_back(tmp_path, ensemble_of):
     rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
     ensemble = attrs.evolve(ensemble, channels={"scheduling": rising})
     methods = {
-        key: tv.methods.create(key)
+        key: tv.methods.parse(key)
         for key, kind in tv.methods.METHODS.items()
         if not kind.perturbation
     }

@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 
+import tvsysid as tv
 from tvsysid.study import Study, run
 
 SMALL = {"duration_s": [60.0], "trials": 3, "methods": ["sds", "kbr"]}
@@ -13,15 +14,7 @@ TIMES = ["seconds", "stage_seconds", "checksums"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Model:
-    stiffness: np.ndarray
-
-    def predict(self, ensemble):
-        return ensemble.angle[:, ensemble.core] * self.stiffness
-
-
-@dataclasses.dataclass(frozen=True)
-class Mine:
+class Mine(tv.Method):
     """A researcher's own method: a constant joint's stiffness by regression on the angle alone.
 
     Or it goes wrong.
@@ -29,7 +22,7 @@ class Mine:
 
     fault: str = ""
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         if self.fault == "raises" and len(ensemble) == 40:
             raise ZeroDivisionError("no such luck")
         if self.fault == "exits":
@@ -39,7 +32,7 @@ class Mine:
         angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
         count = ensemble.samples - (self.fault == "short")
         gain = np.nan if self.fault == "nothing" else np.sum(angle * torque) / np.sum(angle * angle)
-        return Model(np.full(count, gain))
+        return tv.Model.of(ensemble, np.full(count, gain))
 
 
 @pytest.fixture(scope="session")

@@ -156,7 +156,7 @@ def test_own_method_enters(results):
     [
         ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
         ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
-        ("short", r"Mine: the model's stiffness must be of shape \(200,\), it is \(199,\)"),
+        ("short", r"Mine: stiffness over time must be of shape \(200,\), it is \(199,\)"),
     ],
 )
 def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
@@ -258,11 +258,11 @@ def test_a_method_that_finds_nothing_has_failed():
 
 
 def test_a_plain_object_is_named_by_its_class():
-    class Plain:
-        identify = Mine().identify
+    class Plain(tv.Method):
+        fit = Mine().fit
 
     assert list(Study(methods=[Plain()]).named_methods) == ["Plain"]
-    with pytest.raises(tv.InputError, match="two methods have the same name"):
+    with pytest.raises(tv.InputError, match="the same value is given twice"):
         Study(methods=[Plain(), Plain()])
 
 

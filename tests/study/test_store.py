@@ -390,9 +390,9 @@ def test_the_store_of_another_version_is_refused_with_what_differs(copy):
 def test_a_method_that_was_changed_is_another_one(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     source = (
-        "class Model:\n    stiffness = [GAIN] * 200\n"
-        "    def predict(self, e):\n        return GAIN * e.angle[:, e.core]\n"
-        "class Mine:\n    def identify(self, ensemble):\n        return Model()\n"
+        "import tvsysid as tv\n"
+        "class Mine(tv.Method):\n"
+        "    def fit(self, ensemble):\n        return tv.Model.of(ensemble, GAIN)\n"
     )
     (tmp_path / "changing.py").write_text(source.replace("GAIN", "90.0"))
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods="changing:Mine")

@@ -130,7 +130,7 @@ def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
         ({"stiffness": ["step"]}, "unknown profile 'step'; expected one of square, sine, constant"),
         ({"perturbation": ["white"]}, "unknown perturbation 'white'; expected one of noise, prbs"),
         ({"methods": ["arx"]}, "unknown method 'arx'"),
-        ({"methods": [3]}, r"object with identify\(ensemble\)"),
+        ({"methods": [3]}, "or a tvsysid.Method"),
         ({"methods": []}, "methods: .*at least 1"),
         ({"methods": ["sds", "sds"]}, "the same value is given twice"),
         ({"viscosity": ["high"]}, "unknown viscosity 'high'; expected one of constant, covarying"),

@@ -209,16 +209,18 @@ def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():
     assert wave_of(time, np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)) is None
 
 
-class Halves:
+class Halves(tv.Method):
     """Half of what another method predicts is intrinsic, half reflex."""
 
     pathway_names = ("intrinsic", "reflex")
 
-    def identify(self, ensemble):
-        model = tv.ShortDataSegments().identify(ensemble)
-        self.estimates = model.estimates
-        self.pathways = lambda other: dict.fromkeys(self.pathway_names, model.predict(other) / 2)
-        return self
+    def fit(self, ensemble):
+        model = tv.ShortDataSegments().fit(ensemble)
+
+        def pathways(other):
+            return dict.fromkeys(self.pathway_names, model.predict(other) / 2)
+
+        return tv.Model.of(ensemble, estimates=model.estimates, pathways=pathways)
 
 
 @pytest.mark.slow

@@ -15,24 +15,7 @@ TIMES = 200
 
 
 @dataclasses.dataclass(frozen=True)
-class Model:
-    low: float
-    high: float
-    told: int
-
-    @property
-    def estimates(self):
-        width = np.where(np.arange(TIMES) < self.told, (self.high - self.low) / 2, np.nan)
-        middle = np.full(TIMES, (self.low + self.high) / 2)
-        error = tv.StandardError(width / stats.norm.ppf(0.975), np.inf)
-        return {"stiffness": tv.Estimate(middle, "N m/rad", error=error)}
-
-    def predict(self, ensemble):
-        return 100.0 * ensemble.angle[:, ensemble.core]
-
-
-@dataclasses.dataclass(frozen=True)
-class Banded:
+class Banded(tv.Method):
     """Says that stiffness, which is 50 and 150 N·m/rad in turn, lies between two values.
 
     So at the first times only.
@@ -42,39 +25,34 @@ class Banded:
     high: float
     told: int = TIMES
 
-    def identify(self, ensemble):
-        return Model(self.low, self.high, self.told)
+    def fit(self, ensemble):
+        width = np.where(np.arange(TIMES) < self.told, (self.high - self.low) / 2, np.nan)
+        error = tv.StandardError(width / stats.norm.ppf(0.975), np.inf)
+        return model_of(ensemble, np.full(TIMES, (self.low + self.high) / 2), error)
+
+
+def model_of(ensemble, stiffness, error=None):
+    def pathways(other):
+        return {"intrinsic": 100.0 * other.angle[:, other.core]}
+
+    estimates = {"stiffness": tv.Estimate(stiffness, "N m/rad", error=error)}
+    return tv.Model.of(ensemble, estimates=estimates, pathways=pathways)
 
 
 class Bandless(Banded):
-    def identify(self, ensemble):
-        whole = Model(self.low, self.high, self.told)
-        return type(
-            "Plain",
-            (),
-            {"stiffness": np.full(TIMES, 100.0), "predict": lambda _, each: whole.predict(each)},
-        )()
+    def fit(self, ensemble):
+        return model_of(ensemble, np.full(TIMES, 100.0))
 
 
 class Misshapen(Banded):
-    def identify(self, ensemble):
-        wrong = tv.StandardError(np.zeros(3), np.inf)
-        return type(
-            "Wrong",
-            (),
-            {"estimates": {"stiffness": tv.Estimate(np.ones(TIMES), "N m/rad", error=wrong)}},
-        )()
+    def fit(self, ensemble):
+        return model_of(ensemble, np.ones(TIMES), tv.StandardError(np.zeros(3), np.inf))
 
 
 class Endless(Banded):
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         error = tv.StandardError(np.full(TIMES, np.inf), np.inf)
-        estimates = {"stiffness": tv.Estimate(np.full(TIMES, 100.0), "N m/rad", error=error)}
-        return type(
-            "Endless",
-            (),
-            {"estimates": estimates, "predict": Model(self.low, self.high, 0).predict},
-        )()
+        return model_of(ensemble, np.full(TIMES, 100.0), error)
 
 
 METHODS = {

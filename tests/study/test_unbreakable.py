@@ -178,9 +178,9 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
 
 def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
     (tmp_path / "hanging.py").write_text(
-        "import pathlib, time\n"
-        "class Mine:\n"
-        "    def identify(self, ensemble):\n"
+        "import pathlib, time, tvsysid\n"
+        "class Mine(tvsysid.Method):\n"
+        "    def fit(self, ensemble):\n"
         "        pathlib.Path('begun').touch()\n"
         "        time.sleep(3600)\n"
     )

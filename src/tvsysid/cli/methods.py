@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from tvsysid.cli.console import remark, say, show_table
+from tvsysid.cli.console import say, show_table
 from tvsysid.errors import InputError
 
 
 def methods() -> None:
     """List the methods by what they are for, with what they need, report and assume, and their settings."""
-    from tvsysid.methods import CLOSED_LOOP, clashes, describe, names
+    from tvsysid.methods import CLOSED_LOOP, describe, names
 
     groups: dict[str, list[tuple[str, str]]] = {}
     for text in (*names(), *CLOSED_LOOP):
@@ -35,5 +35,3 @@ def methods() -> None:
         "A method of your own is module:Class or module:Class:setting=value; tvsysid check-method "
         "checks it."
     )
-    for text in clashes():
-        remark("note", text)

@@ -30,11 +30,10 @@ def unnamed_references(
     ``read`` of a list of NAME=CHANNEL.
     """
     from tvsysid import preprocess
-    from tvsysid.methods.base import inputs_of
     from tvsysid.recommendation import find_unnamed_references
     from tvsysid.recordings import describe_file
 
-    kinds = {item.kind for method in found.methods.values() for item in inputs_of(method)}
+    kinds = {item.kind for method in found.methods.values() for item in method.inputs}
     if kinds & {"reference", "scheduling"}:  # the one is named, the other may need no period
         return
     channels, known, ensemble = describe_file(file, header), set(known), found.ensemble

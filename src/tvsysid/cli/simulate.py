@@ -98,21 +98,21 @@ def simulate(
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
-    from tvsysid.methods import found_as
+    from tvsysid.methods import resolve
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
     from tvsysid.simulate.simulation import checked_simulation
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
-    perturbed = found_as(perturbation, PERTURBATIONS, "perturbation")
+    perturbed = resolve(perturbation, PERTURBATIONS, "perturbation")
     if participant is not None:
         _write_participant(file, participant, perturbation, perturbed)
         return
-    simulated: System = found_as(system, SYSTEMS, "system")
+    simulated: System = resolve(system, SYSTEMS, "system")
     period = 2.0
     if stiffness is not None:
-        profile = found_as(stiffness, PROFILES, "profile")
+        profile = resolve(stiffness, PROFILES, "profile")
         settings: Any = simulated
         try:
             simulated = with_settings(settings, stiffness=profile)

@@ -14,10 +14,9 @@ import numpy as np
 from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE, Estimate
-from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, label_of, parse
+from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
 from tvsysid.methods.adaptive.model import AdaptiveModel
-from tvsysid.methods.apply import Identifies, identify
-from tvsysid.methods.base import SkippedError, inputs_of
+from tvsysid.methods.base import SkippedError
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
@@ -26,7 +25,6 @@ from tvsysid.quality import Diagnosis
 from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import with_settings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +54,7 @@ class Comparison(Shown):
     """
 
     ensemble: Ensemble
-    methods: Mapping[str, Identifies]
+    methods: Mapping[str, Method]
     models: Mapping[str, Model]
     predicted: Mapping[str, Array]
     evidence: Mapping[str, Evidence]
@@ -100,7 +98,7 @@ class Comparison(Shown):
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the reference or variable that a method uses."""
         inputs = {
-            item.kind: item.name for method in self.methods.values() for item in inputs_of(method)
+            item.kind: item.name for method in self.methods.values() for item in method.inputs
         }
         return recommend(
             self.ensemble,
@@ -315,7 +313,7 @@ class Comparison(Shown):
 
 def compare(
     ensemble: Ensemble,
-    methods: Iterable[str | Identifies] = DEFAULT_METHODS,
+    methods: Iterable[str | Method] = DEFAULT_METHODS,
     *,
     tune: bool = False,
     progress: Progress | None = None,
@@ -370,20 +368,20 @@ def compare(
         for number, (label, method) in enumerate(list(chosen.items())):
             advance(number, len(chosen))
             try:
-                model, reasons = identify(
-                    method, ensemble, label, tune=tune or isinstance(method, Tuned)
-                )
+                choice = None
+                if isinstance(method, Tuned) or (tune and method.can_be_tuned):
+                    choice = method.tuned(ensemble)
+                model = (choice.method if choice else method).identify(ensemble)
                 predicted[label] = model.predict(ensemble)
             except SkippedError as error:
-                skipped[label] = str(error)
+                skipped[label] = error.reason
                 continue
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
                 continue
             models[label] = model
-            if reasons is not None:
-                own = method.method if isinstance(method, Tuned) else method
-                evidence[label], chosen[label] = reasons, with_settings(own, **reasons.settings)
+            if choice is not None:
+                chosen[label], evidence[label] = choice
             _warn_without_band(label, model)
     if not models:
         raise InputError(
@@ -401,9 +399,9 @@ def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _by_label(methods: Iterable[str | Identifies]) -> dict[str, Identifies]:
+def _by_label(methods: Iterable[str | Method]) -> dict[str, Method]:
     """Return methods by their label in results. The same label may not name two methods."""
-    given: dict[str, str | Identifies] = {}
+    given: dict[str, str | Method] = {}
     for item in methods:
         if given.setdefault(label := label_of(item), item) != item:
             raise InputError(

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods import Tuned, deviating_channels
-from tvsysid.methods.apply import Identifies, identify
-from tvsysid.methods.base import Method
+from tvsysid.methods import Method, deviating_channels
 from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
@@ -24,7 +22,7 @@ from tvsysid.validators import at_least
 
 def held_out_vaf(
     ensemble: Ensemble,
-    methods: Mapping[str, Identifies],
+    methods: Mapping[str, Method],
     models: Mapping[str, Model],
     folds: int,
     progress: Progress | None,
@@ -42,7 +40,7 @@ def held_out_vaf(
         for number, (label, part) in enumerate(jobs):
             advance(number, len(jobs))
             try:
-                found[label][part] = _vaf_of(ensemble, part, label, methods[label], models[label])
+                found[label][part] = _vaf_of(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed.setdefault(label, describe_error(error))
     for reason in dict.fromkeys(failed.values()):
@@ -56,9 +54,7 @@ def held_out_vaf(
     return found
 
 
-def _vaf_of(
-    ensemble: Ensemble, left: NDArray[np.int64], label: str, method: Identifies, model: Model
-) -> Array:
+def _vaf_of(ensemble: Ensemble, left: NDArray[np.int64], method: Method, model: Model) -> Array:
     """Identify all realizations but those ``left`` out, and return the VAF of the latter."""
     kept = np.setdiff1d(np.arange(len(ensemble)), left)
     if ensemble.mean_subtracted:
@@ -68,11 +64,7 @@ def _vaf_of(
     unseen[left] = 0.0  # a method that predicts cannot look at it
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
-        known = ensemble.select(kept)
-        if isinstance(method, (Method, Tuned)):
-            model = method.refit(known, model)
-        else:
-            model = identify(method, known, label).model
+        model = method.refit(ensemble.select(kept), model)
         predicted = model.predict(attrs.evolve(ensemble, torque=unseen))
     if ensemble.mean_subtracted:
         predicted = predicted - mean_known(predicted[kept])

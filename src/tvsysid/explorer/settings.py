@@ -6,15 +6,14 @@ import math
 import numbers
 import shlex
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
 
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
-from tvsysid.methods.settings import further_settings, parts
+from tvsysid.methods import key_of, parse
+from tvsysid.methods.settings import split_settings
 from tvsysid.recordings.reading import (
     OPTION_NAMES,
     AngleUnit,
@@ -26,6 +25,7 @@ from tvsysid.recordings.reading import (
     named_channels,
 )
 from tvsysid.signals import Recording
+from tvsysid.validators import settings_of
 
 CHOICES: dict[str, tuple[Any, ...]] = {
     "angle_unit": get_args(AngleUnit),
@@ -206,18 +206,16 @@ def _number(value: object, what: str, need: str = "") -> Any:
 
 
 def method_settings(key: str) -> dict[str, str]:
-    """Settings of a method and how their defaults are typed; "" where a value must be given."""
-    target, made = target_of(key, "method"), None
-    if not isinstance(target, type):
+    """Settings of a method and how their defaults are typed; none if a value must be given."""
+    try:
+        method = parse(key)
+    except InputError:
         return {}
-    with suppress(InputError):  # it needs settings that have no default
-        made = parse(key)
-    values = {name: getattr(made, name, "") for name in settings_of(target)[0]}
     shown = {
         name: f"{value:.4g}" if isinstance(value, float) else str(value)
-        for name, value in values.items()
+        for name, value in settings_of(method).items()
     }
-    return shown | ({"tuned": "false"} if shown and "tuned" in further_settings(target) else {})
+    return shown | ({"tuned": "false"} if method.can_be_tuned else {})
 
 
 def method_text(key: str, given: Mapping[str, str]) -> str:
@@ -229,5 +227,4 @@ def method_text(key: str, given: Mapping[str, str]) -> str:
 def method_parts(text: str) -> tuple[str, dict[str, str]]:
     """Key of a method as typed, and the settings that were given."""
     key = key_of(text)
-    pairs = (piece.partition("=") for piece in parts(text[len(key) + 1 :]) if piece)
-    return key, {name.strip(): value.strip() for name, _, value in pairs}
+    return key, split_settings(text[len(key) + 1 :])

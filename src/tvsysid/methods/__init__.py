@@ -1,8 +1,7 @@
-"""The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and plugins."""
+"""The methods, one file or folder each. Each is a class with settings and ``fit(ensemble) -> Model``."""
 
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
-from tvsysid.methods.apply import Identifies, apply, deviating_channels
-from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
+from tvsysid.methods.base import Choice, Input, Method, deviating_channels, reason_to_skip
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -13,21 +12,19 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
-from tvsysid.methods.plugins import (
+from tvsysid.methods.registry import (
     CLOSED_LOOP,
     DEFAULT_METHODS,
     METHODS,
     PAPER_METHODS,
     STUDIED_METHODS,
-    clashes,
-    create,
-    found_as,
     from_text,
     key_of,
     label_of,
     load,
     names,
     parse,
+    resolve,
     typed,
 )
 from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
@@ -50,36 +47,27 @@ __all__ = [
     "EnsembleIRF",
     "EnsembleSpectral",
     "Evidence",
-]
-__all__ += ["Identifies", "Input"]
-__all__ += [
+    "Input",
     "JointCascade",
     "KernelRegression",
     "Method",
     "ModalDecomposition",
     "ParallelCascade",
+    "ScheduledIRF",
+    "ScheduledImpedance",
     "ShortDataSegments",
+    "SkirtDecomposition",
+    "SubspaceCascade",
     "Tuned",
-    "apply",
-    "clashes",
-    "create",
     "describe",
-]
-__all__ += [
     "deviating_channels",
-    "found_as",
     "from_text",
     "key_of",
     "label_of",
     "load",
     "names",
     "parse",
-]
-__all__ += [
-    "ScheduledIRF",
-    "ScheduledImpedance",
-    "SkirtDecomposition",
-    "SubspaceCascade",
     "reason_to_skip",
+    "resolve",
     "typed",
 ]

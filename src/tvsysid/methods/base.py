@@ -1,11 +1,11 @@
-"""Base class of methods: checks before the fit, warnings and timing after it."""
+"""The base class of methods, and how windows fit into realizations."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from time import perf_counter
 from typing import (
     TYPE_CHECKING,
@@ -22,11 +22,10 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
-from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 from tvsysid.validators import at_least, one_of, positive, with_settings
 
@@ -34,9 +33,8 @@ if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
 
 Number = TypeVar("Number", np.float64, np.complex128)
-Chosen = TypeVar("Chosen", bound="Method")
-MOST_VALUES = 100_000  # of a variable of a method's own
-NOTHING = 1e-12  # share of the largest value that is rounding
+AnyMethod = TypeVar("AnyMethod", bound="Method")
+ROUNDING = 1e-12  # share of the largest value
 Kind = Literal["input", "reference", "scheduling"]
 
 MIN_AGREEMENT = (
@@ -47,12 +45,19 @@ CERTAIN = 2.0  # standard errors by which it must lie lower
 
 @attrs.frozen
 class Input:
-    """A signal that a method needs beside angle and torque: a channel, and the unit in which the method takes it.
+    """A channel that a method reads beside angle and torque.
 
-    Of the kinds, ``"input"`` acts on the joint, as EMG that drives a reflex; ``"reference"`` is
-    the disturbance that the experimenter applied, in closed loop; both lose their mean with the
-    angle. ``"scheduling"`` is a measured variable that the joint's properties depend on; it
-    keeps its mean.
+    Parameters
+    ----------
+    name
+        Name of the channel.
+    kind
+        ``"input"`` acts on the joint, as EMG that drives a reflex. ``"reference"`` is the
+        disturbance that the experimenter applied, in closed loop. Both lose their mean with the
+        angle. ``"scheduling"`` is a measured variable on which the joint's properties depend; it
+        keeps its mean.
+    unit
+        Unit in which the method takes it.
     """
 
     name: str
@@ -60,47 +65,82 @@ class Input:
     unit: str
 
 
-class Choice(NamedTuple, Generic[Chosen]):
+class Choice(NamedTuple, Generic[AnyMethod]):
     """A ``method`` whose settings were chosen from data, and the ``evidence`` for them."""
 
-    method: Chosen
+    method: AnyMethod
     evidence: Evidence
 
-    def _repr_html_(self) -> str:
-        return summary_html("Choice", f"{self.method!r}: {self.evidence}")
+
+class SkippedError(InputError):
+    """A method cannot identify an ensemble; the message holds the method's class and the reason."""
+
+    @property
+    def reason(self) -> str:
+        """Reason without the method's class."""
+        return str(self).partition(": ")[2]
 
 
 class Method(ABC):
-    """Settings of a method, in seconds and hertz, and one verb.
+    """Base class of methods. A subclass has its settings as fields and one function, :meth:`fit`.
 
-    A class of your own needs no base class: anything with ``identify(ensemble)`` that returns a
-    model is a method. This one adds the checks, the warnings and the timing.
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> class Rigid(tv.Method):
+    ...     def fit(self, ensemble):
+    ...         return tv.Model.of(ensemble, stiffness=np.full(ensemble.samples, 100.0))
+    >>> Rigid().key
+    'rigid'
     """
 
+    # Names: of the command line, and of tables and figures; by default those of the class.
     key: ClassVar[str]
     title: ClassVar[str]
-    assumptions: ClassVar[tuple[str, ...]]
-    differs: ClassVar[str] = (
-        ""  # why its stiffness differs from the true one and from other methods', in a sentence
-    )
-    cites: ClassVar[
-        tuple[str, ...]
-    ] = ()  # keys of tvsysid.methods.references; none of a method that is our own
-    inputs: ClassVar[
-        tuple[Input, ...]
-    ] = ()  # signals that it needs beside angle and torque; channels of the ensemble
-    contiguous: ClassVar[bool] = (
-        False  # whether it needs realizations that follow each other in the record
-    )
-    time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
-    uses_recorded_angle: ClassVar[bool] = (
-        False  # whether it uses the angle at the rate at which it was recorded
-    )
-    # The only kinds of perturbation and of simulated joint that it serves, by names and settings as
-    # a study takes them;
-    # any, where these are empty.
+    assumptions: ClassVar[tuple[str, ...]] = ()
+    # Why its stiffness differs from the true one and from other methods', in a sentence.
+    differs: ClassVar[str] = ""
+    # Keys of references.bib.
+    cites: ClassVar[tuple[str, ...]] = ()
+    # Channels that it reads beside angle and torque.
+    inputs: ClassVar[tuple[Input, ...]] = ()
+    # What it estimates over time beside stiffness, viscosity and inertia: names, or units by name;
+    # what it estimates in some data only, in words; and over a variable of its own, with the
+    # largest number of values.
+    quantities: ClassVar[Iterable[str] | Mapping[str, str]] = ()
+    sometimes: ClassVar[tuple[str, ...]] = ()
+    scheduled_quantities: ClassVar[Mapping[str, int]] = {}
+    pathway_names: ClassVar[tuple[str, ...]] = ()
+    # Whether realizations must follow each other in the recording.
+    contiguous: ClassVar[bool] = False
+    # Whether the joint is taken as constant.
+    time_invariant: ClassVar[bool] = False
+    # Whether it uses the angle at the rate at which it was recorded.
+    uses_recorded_angle: ClassVar[bool] = False
+    # The only perturbation and simulated joint that it serves, as a study names them; empty: any.
     perturbation: ClassVar[str] = ""
     system: ClassVar[str] = ""
+    # Whether settings can be chosen from data; found by itself.
+    can_be_tuned: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        if "key" not in vars(cls):
+            cls.key = cls.__name__.lower()
+        if "title" not in vars(cls):
+            cls.title = cls.__name__
+        cls.can_be_tuned = cls._evidence is not Method._evidence
+
+    def __repr__(self) -> str:
+        return type(self).__name__
+
+    @abstractmethod
+    def fit(self, ensemble: Ensemble) -> Model:
+        """Return the model of an ensemble whose arrays are read-only, mean subtracted."""
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Return why the method cannot identify an ensemble, in words; None if it can."""
+        return None
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
@@ -111,7 +151,7 @@ class Method(ABC):
         Raises
         ------
         InputError
-            If the settings do not fit the ensemble.
+            If the settings do not fit the ensemble, or :meth:`fit` returns no model of it.
 
         Warns
         -----
@@ -121,8 +161,9 @@ class Method(ABC):
         """
         started = perf_counter()
         with single_thread():
-            _check_ensemble(self, "identify", ensemble)  # whether it can serve it may take BLAS
-            model = self._identify(ensemble)
+            _check_ensemble(self, "identify", ensemble)
+            model = self.fit(ensemble)
+            _check_model(self, model, ensemble)
             texts = (
                 *model.diagnostics.warnings,
                 *self._own_warnings(ensemble),
@@ -134,27 +175,17 @@ class Method(ABC):
         )
         for text in texts:
             warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
-        return attrs.evolve(model, diagnostics=diagnostics)
+        return attrs.evolve(model, method=model.method or repr(self), diagnostics=diagnostics)
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Identify a part of the realizations that a model was identified from, as held-out prediction does.
+        """Identify a part of the realizations that a model was identified from.
 
-        A method that searches starts from what the model found instead; others ignore it.
+        A method that searches starts from what the model found; others ignore it.
         """
-        with single_thread():
-            return self._refit(ensemble, model)
-
-    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         return self.identify(ensemble)
 
-    def skip(self, ensemble: Ensemble) -> str | None:
-        """Why the method cannot serve this ensemble, in words; None if it can."""
-        return None
-
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
-        """Choose settings by realizations to be identified from, or others alike.
-
-        Their mean subtracted.
+        """Choose settings by realizations to be identified from, mean subtracted.
 
         Returns the ``method``, of the same class, with the settings chosen, and the ``evidence``:
         what was tried, and how each did. The same seed gives the same settings.
@@ -162,8 +193,8 @@ class Method(ABC):
         Raises
         ------
         InputError
-            If the ensemble is none, or has too few realizations or samples, or for a seed that is
-            none.
+            If the ensemble has too few realizations or samples, the seed is not a whole number of
+            0 or more, or the method has no settings that can be chosen.
         """
         _check_ensemble(self, "tuned", ensemble)
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -172,110 +203,48 @@ class Method(ABC):
             evidence = self._evidence(ensemble, seed)
         return Choice(with_settings(self, **evidence.settings), evidence)
 
-    @abstractmethod
-    def _identify(self, ensemble: Ensemble) -> Model: ...
-
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """What speaks for which settings."""
+        """Return the evidence for settings."""
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+        """Yield warnings about the fit."""
         yield from ()
 
 
-class SkippedError(InputError):
-    """A method cannot serve an ensemble; the message is the reason."""
-
-
-def said_by(method: object, attribute: str, expected: str, *kinds: type) -> Any:
-    """What a method says of itself in an attribute, of one of these kinds.
-
-    An empty one of the first if nothing.
-    """
-    try:
-        said = getattr(method, attribute, None)
-        said = kinds[0]() if said is None else said
-        fits = isinstance(said, kinds)
-    except Exception as error:  # a property, which is anybody's code
-        raise InputError(
-            f"{type(method).__name__}: {attribute} cannot be read: {describe_error(error)}"
-        ) from error
-    if not fits:
-        raise InputError(
-            f"{type(method).__name__}: {attribute} must be {expected}, got {plain_text(said)}"
-        )
-    return said
-
-
-def names_said(method: object, attribute: str) -> Any:
-    """Names that a method says it finds, or units by name."""
-    return said_by(method, attribute, "names in a tuple, or units by name", tuple, list, Mapping)
-
-
-def scheduled_by(method: object) -> Mapping[str, int]:
-    """What a method says that it estimates over a variable of its own, and at how many values at most."""
-    expected = (
-        f"numbers of values from 1 to {MOST_VALUES} by name, as in {{'stiffness_at_emg': 20}}"
-    )
-    said: Mapping[str, int] = said_by(method, "scheduled_quantities", expected, dict, Mapping)
-    if wrong := [
-        most for most in said.values() if type(most) is not int or not 1 <= most <= MOST_VALUES
-    ]:
-        raise InputError(
-            f"{type(method).__name__}: scheduled_quantities must be {expected}, got {wrong[0]!r}"
-        )
-    return said
-
-
-def inputs_of(method: object) -> tuple[Input, ...]:
-    """Signals that a method needs beside angle and torque."""
-    expected = "a tuple of tvsysid.methods.Input (with a comma after a single one)"
-    inputs = said_by(method, "inputs", expected, tuple, list)
-    if wrong := [item for item in inputs if not isinstance(item, Input)]:
-        raise InputError(
-            f"{type(method).__name__}: inputs must be {expected}, got {plain_text(wrong[0])} in it"
-        )
-    return tuple(inputs)
-
-
-def special(method: object, what: Literal["perturbation", "system"]) -> str:
-    """Name of the only kind of perturbation or system that a method says it serves.
-
-    Empty if it serves any.
-    """
-    return str(said_by(method, what, f"the name of a {what}, with settings if need be", str))
-
-
-def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
-    """Why a method cannot serve an ensemble, in words; None if it can."""
-    missing = [item for item in inputs_of(method) if item.name not in ensemble.channels]
+def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
+    """Return why a method cannot identify an ensemble: a missing channel, or what it says itself."""
+    missing = [item for item in method.inputs if item.name not in ensemble.channels]
     if missing:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
         there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
         return (
             f"it needs the channel {needed}, the ensemble has {there}; read it as a further "
-            "channel (--channel NAME=…; "
-            "for an experiment under [reading.channels])"
+            "channel (--channel NAME=…; for an experiment under [reading.channels])"
         )
-    skip = getattr(method, "skip", None)
-    reason = skip(ensemble) if callable(skip) else None
-    if reason and not isinstance(reason, str):
+    return method.skip(ensemble)
+
+
+def deviating_channels(methods: Iterable[Method]) -> tuple[str, ...]:
+    """Return the channels that lose their mean with the angle: inputs and references."""
+    every = [item for method in methods for item in method.inputs]
+    found = dict.fromkeys(item.name for item in every if item.kind != "scheduling")
+    if both := [item.name for item in every if item.kind == "scheduling" and item.name in found]:
         raise InputError(
-            f"{type(method).__name__}: skip must return a reason in words, or None; got "
-            f"{type(reason)}"
+            f"channel {both[0]!r} keeps its mean for one method (scheduling variable) and loses it "
+            "for another (input or reference); use one method at a time, or read the channel "
+            "under two names"
         )
-    return reason or None
+    return tuple(found)
 
 
 def aligned(ensemble: Ensemble) -> dict[str, float]:
-    """Delay between the channels that was corrected before, in s, for a model's diagnostics.
-
-    Nothing if none was.
-    """
+    """Return the delay between the channels that was corrected before, in s, if one was."""
     return {"delay_removed": ensemble.delay_removed} if ensemble.delay_removed else {}
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
+    """Raise for anything but an ensemble with signals that the method can identify."""
     if not isinstance(ensemble, Ensemble):
         raise InputError(
             f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
@@ -283,14 +252,37 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
         )
     for name in ("angle", "torque"):
         values = np.abs(ensemble.signal(name))
-        if values[:, ensemble.core].max() <= NOTHING * values.max():
+        if values[:, ensemble.core].max() <= ROUNDING * values.max():
             raise InputError(
                 f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, "
-                "or is this the right "
-                "channel?"
+                "or is this the right channel?"
             )
     if reason := reason_to_skip(method, ensemble):
-        raise InputError(f"{type(method).__name__}: {reason}")
+        raise SkippedError(f"{type(method).__name__}: {reason}")
+
+
+def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
+    """Raise for anything but a model with estimates for the times of the ensemble."""
+    name = type(method).__name__
+    if not isinstance(model, Model):
+        raise InputError(
+            f"{name}: fit returned an object of type {type(model).__name__}; "
+            "return tvsysid.Model.of(ensemble, stiffness, viscosity, inertia)"
+        )
+    lengths = {"realization": len(ensemble), "time": ensemble.samples}
+    lengths |= {axis: len(values) for axis, values in model.coordinates.items()}
+    for quantity, estimate in model.estimates.items():
+        if unknown := [axis for axis in estimate.axes if axis not in lengths]:
+            raise InputError(
+                f"{name}: {quantity} has the axis {unknown[0]!r}, for which the model has no "
+                f"coordinates; give coordinates={{{unknown[0]!r}: values}} beside its estimates"
+            )
+        expected = tuple(lengths[axis] for axis in estimate.axes)
+        if estimate.values.shape != expected:
+            raise InputError(
+                f"{name}: {quantity} over {', '.join(estimate.axes)} must be of shape {expected}, "
+                f"it is {estimate.values.shape}"
+            )
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:

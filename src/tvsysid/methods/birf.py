@@ -21,7 +21,7 @@ Structure = Literal["parametric", "irf"]
 COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class BasisIRF(base.Method):
     r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
 
@@ -92,15 +92,18 @@ class BasisIRF(base.Method):
         base.check_choice(self, "model", Structure)
         base.check_choice(self, "prior", Prior)
         check_basis(self, self.basis)
-        if self.reference is not None:
-            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
-            if self.model != "parametric":
-                raise InputError(
-                    "BasisIRF: with a reference, model must be 'parametric', of which the fit is "
-                    "known"
-                )
+        if self.reference is not None and self.model != "parametric":
+            raise InputError(
+                "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
+            )
 
-    def _identify(self, ensemble: Ensemble) -> Model:
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The reference, if there is one."""
+        return shared.reference_input(self.reference)
+
+    def fit(self, ensemble: Ensemble) -> Model:
+        """Return the model of an ensemble."""
         functions = evaluate(self.basis, ensemble.samples)
         return (
             self._parametric(ensemble, functions)
@@ -252,7 +255,7 @@ class BasisIRF(base.Method):
         per_function = (
             2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
         )
-        predicted = self._identify(ensemble).predict(ensemble)
+        predicted = self.fit(ensemble).predict(ensemble)
         share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
         moments = (
             self._derivative_moments(ensemble, shared.colour_products(ensemble))

@@ -79,7 +79,8 @@ class EnsembleIRF(Method):
     )
     cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
 
-    def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
+    def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
+        """Return the model of an ensemble."""
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
         windows = shared.solve_windows(ensemble, lags, 0, solve)

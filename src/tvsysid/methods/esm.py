@@ -42,7 +42,7 @@ WINDOWS = (
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class EnsembleSpectral(base.Method):
     r"""A frequency response at each time, from spectra of short segments averaged over realizations.
 
@@ -113,17 +113,21 @@ class EnsembleSpectral(base.Method):
     def __attrs_post_init__(self) -> None:
         base.check_positive(self, window=self.window)
         base.check_choice(self, "stiffness", Stiffness)
-        if self.reference is not None:
-            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
-            if self.stiffness != "fit":
-                raise InputError(
-                    "EnsembleSpectral: with a reference, stiffness must be 'fit' "
-                    "(esm:stiffness=fit,reference="
-                    f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came "
-                    "before the window"
-                )
+        if self.reference is not None and self.stiffness != "fit":
+            raise InputError(
+                "EnsembleSpectral: with a reference, stiffness must be 'fit' "
+                "(esm:stiffness=fit,reference="
+                f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came "
+                "before the window"
+            )
 
-    def _identify(self, ensemble: Ensemble) -> FrequencyResponseModel:
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The reference, if there is one."""
+        return shared.reference_input(self.reference)
+
+    def fit(self, ensemble: Ensemble) -> FrequencyResponseModel:
+        """Return the model of an ensemble."""
         length = base.whole_samples(self.window, ensemble)
         if length < 4:
             raise InputError(

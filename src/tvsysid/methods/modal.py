@@ -37,7 +37,7 @@ HARMONICS = 3  # with which stiffness and viscosity change where the inertia is 
 FEWEST = 3
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class ModalDecomposition(base.Method):
     r"""Stiffness of a lightly damped joint from the frequency and the decay with which it rings after impulses.
 
@@ -160,7 +160,8 @@ class ModalDecomposition(base.Method):
         off = math.sqrt(float(np.sum(scores**2))) / abs(found[-1])
         return float(found[0]), float(found[features.shape[1]]), float(found[-1]), off
 
-    def _identify(self, ensemble: Ensemble) -> ModalModel:
+    def fit(self, ensemble: Ensemble) -> ModalModel:
+        """Return the model of an ensemble."""
         rate, samples = ensemble.sampling_rate, ensemble.samples
         _, viscosity, inertia, off = self._mean_impedance(ensemble)
         decay = viscosity / (2 * inertia)

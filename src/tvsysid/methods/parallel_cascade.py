@@ -25,7 +25,7 @@ DEGREE = 8  # of the polynomials
 FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sense
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class ParallelCascade(base.Method):
     r"""Intrinsic and reflex pathway of a joint that does not change, identified in turn.
 
@@ -109,7 +109,8 @@ class ParallelCascade(base.Method):
             "that follow each other"
         )
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+    def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
+        """Return the model of an ensemble."""
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
         candidates = self._candidates(ensemble)

@@ -96,7 +96,8 @@ class ShortDataSegments(Method):
         """Return the channel of the reference."""
         return shared.reference_input(self.reference)
 
-    def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
+    def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
+        """Return the model of an ensemble."""
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:

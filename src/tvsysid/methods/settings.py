@@ -1,88 +1,106 @@
-"""Settings as they are typed: pieces of a text, and the value that each is."""
+"""Settings as text: their names, and their values by the type hints of a class."""
 
 from __future__ import annotations
 
 import ast
+import inspect
 import json
-from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
 
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
-
-_EXPECTED = {
-    "float_parsing": "a number",
-    "int_parsing": "a whole number",
-    "int_from_float": "a whole number",
-    "bool_parsing": "true or false",
-}
-"""In the place of pydantic's own words."""
+EXPECTED = {float: "a number", int: "a whole number", bool: "true or false"}
 
 
-def parts(text: str) -> Iterator[str]:
-    """Pieces between commas that stand outside of brackets."""
-    depth, piece = 0, ""
+def split_settings(text: str) -> dict[str, str]:
+    """Return the settings of ``name=value,name=value`` as texts; commas in brackets do not count.
+
+    Examples
+    --------
+    >>> split_settings("band=(1, 20),order=2")
+    {'band': '(1, 20)', 'order': '2'}
+    """
+    depth, pieces = 0, [""]
     for sign in text:
         depth += (sign in "([{") - (sign in ")]}")
         if sign == "," and depth == 0:
-            yield piece
-            piece = ""
+            pieces.append("")
         else:
-            piece += sign
-    yield piece
+            pieces[-1] += sign
+    found = {}
+    for piece in filter(None, pieces):
+        name, equals, value = piece.partition("=")
+        if not equals:
+            raise InputError(f"expected setting=value, got {piece!r}")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def names_of_settings(target: type) -> list[str]:
+    """Return the names of the settings that a class takes."""
+    with suppress(TypeError, ValueError):  # a compiled class may not say
+        return list(inspect.signature(target).parameters)
+    return []
 
 
 def further_settings(target: type) -> dict[str, type]:
-    """Settings of the package's own methods that are no fields."""
+    """Return the settings of a method that are no fields, with their types."""
     if not issubclass(target, Method):
         return {}
-    return ({"preset": str} if hasattr(target, "preset") else {}) | {"tuned": bool}
+    preset: dict[str, type] = {"preset": str} if hasattr(target, "preset") else {}
+    return preset | ({"tuned": bool} if target.can_be_tuned else {})
 
 
 def converted(target: Any, name: str, text: str) -> Any:
-    """Setting from how it is typed, or shows itself: what the text reads as, or else the text, as the field's type."""
-    from pydantic import ValidationError  # noqa: PLC0415  # heavy
+    """Return the value of a setting that was given as text, by the type hint of its field.
 
-    own, hints = isinstance(target, type) and issubclass(target, Method), {}
-    with suppress(Exception):  # names that are there for the type checker only
-        hints = get_type_hints(target, include_extras=True)
-    kind = (hints | (further_settings(target) if own else {})).get(name, Any)
-    read, errors = _read(text, kind), []
-    for value in (read, text):
-        try:
-            made = _adapter(kind).validate_python(value)
-        except ValidationError as error:
-            errors.append(error.errors()[0])
-        else:
-            if isinstance(made, bool) or not isinstance(value, bool):  # true is no number
-                return made
-    if own and errors[0]["type"] not in _EXPECTED:
-        return read  # it checks its settings itself, and says more about them
-    expected = _EXPECTED.get(errors[0]["type"], errors[0]["msg"].removeprefix("Input should be "))
+    Raises
+    ------
+    InputError
+        If the text is no number, whole number, truth value or choice where one is expected. All
+        else is left to the class.
+    """
+    hints: dict[str, Any] = {}
+    for source in (target.__init__, target):
+        with suppress(Exception):  # names that exist for type checkers only
+            hints |= get_type_hints(source)
+    hint = (hints | further_settings(target)).get(name, Any)
+    if hint == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
+        return basis_from_text(text)
+    value: Any = text
+    for read in (json.loads, ast.literal_eval):
+        with suppress(ValueError, SyntaxError, TypeError):
+            value = read(text)
+            break
+    for option in (value, text):
+        with suppress(ValueError):
+            return _as_hinted(option, hint)
+    if get_origin(hint) is Literal:
+        expected = f"one of {', '.join(map(repr, get_args(hint)))}"
+    elif not (expected := EXPECTED.get(hint, "")):
+        return value
     raise InputError(f"{name} must be {expected}, got {text!r}")
 
 
-def _read(text: str, kind: object) -> Any:
-    """Basis, JSON or Python literal; the text itself, if it is none of them."""
-    if kind == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
-        return basis_from_text(text)
-    for reader in (json.loads, ast.literal_eval):
-        with suppress(ValueError, SyntaxError, TypeError):
-            return reader(text)
-    return text
-
-
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    from pydantic import ConfigDict, PydanticUserError, TypeAdapter  # noqa: PLC0415  # heavy
-
-    for config in (ConfigDict(arbitrary_types_allowed=True), None):
-        with suppress(
-            PydanticUserError
-        ):  # a class with a configuration of its own, or no type at all
-            return TypeAdapter(kind, config=config)
-    return TypeAdapter(Any)
+def _as_hinted(value: Any, hint: Any) -> Any:
+    """Return a value as a type hint wants it; ValueError if it is none."""
+    options = get_args(hint)
+    if get_origin(hint) in (Union, UnionType):
+        for option in options:
+            with suppress(ValueError):
+                return _as_hinted(value, option)
+        raise ValueError(value)
+    if get_origin(hint) is tuple and isinstance(value, (list, tuple)):
+        if options[1:] == (...,):
+            options = options[:1] * len(value)
+        return tuple(map(_as_hinted, value, options)) if len(options) == len(value) else value
+    if hint is float and type(value) in (int, float):
+        return float(value)
+    fits = value in options if get_origin(hint) is Literal else type(value) is hint
+    if fits or (hint not in (float, int, bool, str, NoneType) and not options):
+        return value
+    raise ValueError(value)

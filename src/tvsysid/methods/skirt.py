@@ -33,7 +33,7 @@ ON_GRID = 0.02
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class SkirtDecomposition(base.Method):
     r"""Response to each line of a multisine, whose change in time widens the line into a skirt.
 
@@ -119,7 +119,8 @@ class SkirtDecomposition(base.Method):
             )
         return None
 
-    def _identify(self, ensemble: Ensemble) -> SecondOrderModel:
+    def fit(self, ensemble: Ensemble) -> SecondOrderModel:
+        """Return the model of an ensemble."""
         lines = self._lines(ensemble)
         waves, _ = self._waves(ensemble, lines)
         most, chosen = _most_harmonics(lines, ensemble), self.harmonics or 0

@@ -36,7 +36,7 @@ NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread
 COLOUR = 0.6  # s up to which the noise's autocorrelation counts
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class SubspaceCascade(Method):
     r"""Intrinsic and reflex stiffness, separated by orthogonal projection and subspace identification.
 
@@ -171,7 +171,8 @@ class SubspaceCascade(Method):
         """Samples that a window must hold: twice as many as there are systems that the reflex could be made of."""
         return 2 * self.terms * (1 + (self.order or 2))
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+    def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
+        """Return the model of an ensemble."""
         lags, depth = (
             fitting_lags(type(self).__name__, self.delay, ensemble),
             whole_samples(self.horizon, ensemble),

@@ -11,8 +11,7 @@ import numpy as np
 
 from tvsysid.checked import Frozen
 from tvsysid.errors import InputError
-from tvsysid.methods import label_of, parse
-from tvsysid.methods.apply import Identifies
+from tvsysid.methods import Method, label_of, parse
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import (
     RECORDS,
@@ -92,7 +91,7 @@ class Plan(Shown, Frozen):
     precision: float
     resolution: float | None
     setups: Mapping[str, Setup]
-    methods: Mapping[str, Identifies]
+    methods: Mapping[str, Method]
     curves: Mapping[tuple[str, str], Curve]
     answers: tuple[Answer, ...]
 
@@ -201,7 +200,7 @@ def plan(
     setup: Ensemble | Setup | Sequence[Setup],
     precision: float = 5.0,
     resolution: float | None = None,
-    methods: Iterable[str | Identifies] = METHODS,
+    methods: Iterable[str | Method] = METHODS,
     *,
     draws: int = DRAWS,
     seed: int = 0,
@@ -227,7 +226,7 @@ def plan(
         Time in s in which an estimate may rise from 10 to 90 % of a step, at most; None if it does
         not matter.
     methods
-        Keys with settings if need be (``"sds:window=0.2"``), or objects with ``identify``.
+        Keys with settings if need be (``"sds:window=0.2"``), or methods.
     draws
         Ensembles of each size, 6 at least; fewer of the largest sizes.
     seed

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods.apply import Identifies, identify
+from tvsysid.methods.base import Method
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
 from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
@@ -111,7 +111,7 @@ def sizes(most: int) -> list[int]:
 
 def curves_of(
     setup: Setup,
-    methods: Mapping[str, Identifies],
+    methods: Mapping[str, Method],
     most: int,
     draws: int,
     seed: int,
@@ -138,7 +138,7 @@ def curves_of(
 
 
 def excesses(
-    pilot: Pilot, methods: Mapping[str, Identifies], draws: int, seed: int
+    pilot: Pilot, methods: Mapping[str, Method], draws: int, seed: int
 ) -> dict[str, float]:
     """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
 
@@ -188,7 +188,7 @@ def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
 
 
 def rises(
-    setup: Setup, methods: Mapping[str, Identifies], counts: Mapping[str, int], draws: int, seed: int,
+    setup: Setup, methods: Mapping[str, Method], counts: Mapping[str, int], draws: int, seed: int,
     advance: Callable[[int], object],
 ) -> dict[str, float]:  # fmt: skip
     """Seconds in which each method's mean estimate rises from 10 to 90 % of a step, with so many realizations."""
@@ -215,7 +215,7 @@ def rises(
 
 
 def _answers(
-    method: Identifies,
+    method: Method,
     label: str,
     ensembles: Sequence[Ensemble],
     why: dict[str, str],
@@ -235,7 +235,7 @@ def _answers(
 
 
 def identified(
-    method: Identifies, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]
+    method: Method, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]
 ) -> Array:
     """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails.
 
@@ -246,7 +246,7 @@ def identified(
         warnings.simplefilter("ignore", DataQualityWarning)
         for each in ensembles:
             try:
-                values = identify(method, subtract_mean(each), label).model.stiffness
+                values = method.identify(subtract_mean(each)).stiffness
             except Exception as error:
                 why[label], values = describe_error(error), np.full(each.samples, np.nan)
             found.append(values)

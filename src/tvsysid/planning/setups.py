@@ -14,7 +14,7 @@ from scipy.fft import irfft, next_fast_len, rfftfreq
 
 from tvsysid.checked import checked_rate
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import AdaptiveRegression, KernelRegression, found_as, label_of
+from tvsysid.methods import AdaptiveRegression, KernelRegression, label_of, resolve
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
@@ -100,9 +100,9 @@ class Protocol:
 
     @cached_property
     def _parts(self) -> tuple[Any, Perturbation]:
-        system = found_as(self.system, SYSTEMS, "system")
+        system = resolve(self.system, SYSTEMS, "system")
         if self.stiffness is not None:
-            profile = found_as(self.stiffness, PROFILES, "profile")
+            profile = resolve(self.stiffness, PROFILES, "profile")
             if isinstance(profile, (SineWave, SquareWave)):
                 stretch = self.period / profile.period
                 profile = attrs.evolve(profile, period=self.period, offset=profile.offset * stretch)
@@ -112,7 +112,7 @@ class Protocol:
                     "system"
                 )
             system = with_settings(system, stiffness=profile)
-        return system, found_as(self.perturbation, PERTURBATIONS, "perturbation")
+        return system, resolve(self.perturbation, PERTURBATIONS, "perturbation")
 
     def _made(self, duration: float, snr_db: float, seed: int) -> Simulation:
         system, perturbation = self._parts
@@ -235,7 +235,7 @@ class Pilot:
 
     def __attrs_post_init__(self) -> None:
         if self.perturbation is not None:
-            found_as(self.perturbation, PERTURBATIONS, "perturbation")
+            resolve(self.perturbation, PERTURBATIONS, "perturbation")
 
     def __str__(self) -> str:
         name = (
@@ -281,7 +281,7 @@ class Pilot:
         if self.perturbation is None:
             angle = _gaussian(self.movement, self.frequencies, rate, samples, random)
             return angle * self.amplitude / _rms(self.movement, self.frequencies)
-        perturbation = found_as(self.perturbation, PERTURBATIONS, "perturbation")
+        perturbation = resolve(self.perturbation, PERTURBATIONS, "perturbation")
         finer = rate * max(1, -(-SIMULATED_HZ // rate))
         made = Joint(stiffness=Constant()).simulate(
             samples / rate, perturbation=perturbation, snr_db=math.inf, seed=random, rate=finer

@@ -23,8 +23,7 @@ from tvsysid.methods import (
 )
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.adaptive.model import AdaptiveModel
-from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import reason_to_skip
+from tvsysid.methods.base import Method, reason_to_skip
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
@@ -83,7 +82,7 @@ class Recommendation:
     unnamed_references: tuple[str, ...] = ()
 
     @property
-    def method(self) -> Identifies | None:
+    def method(self) -> Method | None:
         """The method, ready to use: ``recommend(ensemble).method.identify(ensemble)``.
 
         None where no method is right.
@@ -246,10 +245,10 @@ def _objection(key: str, ensemble: Ensemble, measured: Measured) -> str:
         if key in each.methods and holds(each.condition, measured)
     )
     method = parse(key)
-    return reason_to_skip(method, ensemble) or next(reasons, str(getattr(method, "differs", "")))
+    return reason_to_skip(method, ensemble) or next(reasons, method.differs)
 
 
-def _agrees(method: object, wanted: Identifies) -> bool:
+def _agrees(method: object, wanted: Method) -> bool:
     """Return whether a method is the wanted one, but for settings that may have any value."""
     usual = settings_of(type(wanted)())
     changed = {name: each for name, each in settings_of(wanted).items() if each != usual[name]}

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tvsysid.estimates import UNITS
-from tvsysid.methods.base import inputs_of
+from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Finding
@@ -79,7 +79,7 @@ class Trust(NamedTuple):
 
 def trust_in(
     model: Model,
-    method: object,
+    method: Method,
     recommendation: Recommendation,
     is_suited: bool,
     held_out_vaf: float = math.nan,
@@ -99,7 +99,7 @@ def trust_in(
     """
     measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
-    has_reference = any(item.kind == "reference" for item in inputs_of(method))
+    has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed = () if has_reference else recommendation.unnamed_references
     wrong = list(_errors(model, faults, unnamed))
     loop = [] if has_reference else list(_described(LOOP, faults))

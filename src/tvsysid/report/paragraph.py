@@ -9,7 +9,7 @@ import numpy as np
 from tvsysid import __version__
 from tvsysid.comparison.comparison import FOLDS
 from tvsysid.figures.words import count
-from tvsysid.methods.apply import Identifies
+from tvsysid.methods.base import Method
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bands import mean_of
@@ -46,11 +46,11 @@ def methods_paragraph(account: Account) -> str:
 
 def methods_bibliography(account: Account) -> str:
     """BibTeX of all that the paragraph cites."""
-    keys = [key for method in account.found.methods.values() for key in _cites(method)]
+    keys = [key for method in account.found.methods.values() for key in method.cites]
     return bibliography(["tvsysid", "vanderuit2021", *keys])
 
 
-def settings_of(method: Identifies) -> str:
+def settings_of(method: Method) -> str:
     """Settings of a method as they were used, such as ``max_lag=0.12, window=0.1``.
 
     Empty where it has none.
@@ -68,17 +68,12 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _cites(method: Identifies) -> tuple[str, ...]:
-    return tuple(getattr(method, "cites", ()))
-
-
 def _named(account: Account, label: str) -> str:
     """Method with its settings and where it comes from."""
     method = account.found.methods[label]
-    title = str(getattr(method, "title", type(method).__name__))
-    said = "; ".join(filter(None, (settings_of(method), cited(_cites(method)).strip("()"))))
-    key = getattr(method, "key", label)
-    return f"{title[:1].lower()}{title[1:]} ({key}{': ' if said else ''}{said})"
+    title = method.title
+    said = "; ".join(filter(None, (settings_of(method), cited(method.cites).strip("()"))))
+    return f"{title[:1].lower()}{title[1:]} ({method.key}{': ' if said else ''}{said})"
 
 
 def _listed(texts: Iterable[str]) -> str:

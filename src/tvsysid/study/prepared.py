@@ -15,7 +15,6 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
-from tvsysid.methods.base import inputs_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import Preparation, prepare
 from tvsysid.recordings import read_usable_trials
@@ -154,14 +153,9 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
         name: None if torque is None else torque - torque.mean(axis=0)
         for name, torque in cores.items()
     }
-    wanted = {
-        item.name for method in experiment.named_methods.values() for item in inputs_of(method)
-    }
+    wanted = {item.name for method in experiment.named_methods.values() for item in method.inputs}
     needed = [name for name in ensemble.channels if name in wanted]
-    rectified = any(
-        getattr(method, "uses_recorded_angle", False)
-        for method in experiment.named_methods.values()
-    )
+    rectified = any(method.uses_recorded_angle for method in experiment.named_methods.values())
     return Prepared(
         recorded=recorded,
         ensemble=attrs.evolve(

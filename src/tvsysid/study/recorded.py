@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import label_of, parse
-from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Input, inputs_of, said_by
+from tvsysid.methods import Method, label_of, parse
+from tvsysid.methods.base import Input
+from tvsysid.models import Model
 from tvsysid.recordings import Reading
 from tvsysid.signals import Ensemble
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
@@ -119,7 +119,7 @@ class Analysis:
     """A method with a number of realizations."""
 
     name: str
-    method: str | Identifies
+    method: str | Method
     realizations: int
     contiguous: bool
 
@@ -130,13 +130,14 @@ class Analysis:
 
 
 @attrs.frozen
-class _OfStore:
-    """What the methods of a stored experiment need of its recordings."""
+class _ReadsChannels(Method):
+    """Method that reads the channels of a stored experiment and is never fitted."""
 
-    inputs: tuple[Input, ...]
+    inputs: tuple[Input, ...] = ()  # type: ignore[misc]
 
-    def identify(self, ensemble: Ensemble) -> None:
-        """Nothing."""
+    def fit(self, ensemble: Ensemble) -> Model:
+        """Raise an error."""
+        raise NotImplementedError
 
 
 class Experiment(StudySettings):
@@ -285,14 +286,14 @@ class Experiment(StudySettings):
         """What is done with each recording."""
         found = []
         for item in self.methods:
-            own = said_by(self.named_methods[item.name], "contiguous", "True or False", bool)
+            own = self.named_methods[item.name].contiguous
             contiguous = own if item.contiguous is None else item.contiguous
             counts = item.realizations or self.realizations or (FEW if contiguous else MANY)
             found += [Analysis(item.name, item.method, count, contiguous) for count in counts]
         return tuple(found)
 
     @cached_property
-    def named_methods(self) -> dict[str, Identifies]:
+    def named_methods(self) -> dict[str, Method]:
         """Method objects by the name that they have in results."""
         return {
             item.name: parse(item.method) if isinstance(item.method, str) else item.method
@@ -363,7 +364,7 @@ class Experiment(StudySettings):
             dict.fromkeys(recorded.perturbation for recorded in self.recordings)
         )
         inputs = dict.fromkeys(
-            item for method in self.named_methods.values() for item in inputs_of(method)
+            item for method in self.named_methods.values() for item in method.inputs
         )
         return json.dumps(
             settings | ({"inputs": [attrs.asdict(item) for item in inputs]} if inputs else {})
@@ -374,7 +375,7 @@ class Experiment(StudySettings):
         """Experiment of :meth:`to_json` by a method that needs the same channels: nobody's code is loaded."""
         settings = json.loads(text)
         inputs = tuple(Input(**item) for item in settings.pop("inputs", ()))
-        return cls(**settings | {"methods": _OfStore(inputs)})
+        return cls(**settings | {"methods": _ReadsChannels(inputs)})
 
 
 def _applied(value: Any) -> Any:

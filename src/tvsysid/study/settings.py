@@ -14,9 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import UNITS
-from tvsysid.methods import parse
-from tvsysid.methods.apply import Identifies, checked_name
-from tvsysid.methods.base import names_said, scheduled_by
+from tvsysid.methods import Method, parse
 
 Value = TypeVar("Value")
 
@@ -40,23 +38,19 @@ class StudySettings(Settings):
 
     @property
     @abstractmethod
-    def named_methods(self) -> dict[str, Identifies]:
+    def named_methods(self) -> dict[str, Method]:
         """Method objects by the name that they have in results."""
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
         """Names, and those that methods say in an attribute of theirs, each once."""
-        said = {
-            label: names_said(method, attribute) for label, method in self.named_methods.items()
-        }
-        checked = [
-            checked_name(name, f"method {label}") for label, every in said.items() for name in every
-        ]
-        return tuple(dict.fromkeys([*names, *checked]))
+        methods = self.named_methods.values()
+        said = [name for method in methods for name in getattr(method, attribute)]
+        return tuple(dict.fromkeys([*names, *said]))
 
     @property
     def units(self) -> dict[str, str]:
         """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
-        said = [names_said(method, "quantities") for method in self.named_methods.values()]
+        said = [method.quantities for method in self.named_methods.values()]
         return {
             name: plain_text(unit)
             for each in said
@@ -67,7 +61,7 @@ class StudySettings(Settings):
     @property
     def scheduled(self) -> dict[str, int]:
         """What methods say that they estimate over variables of their own, and at how many values at most."""
-        every = [scheduled_by(method) for method in self.named_methods.values()]
+        every = [method.scheduled_quantities for method in self.named_methods.values()]
         return {
             name: max(each.get(name, 0) for each in every)
             for name in self.said("scheduled_quantities")
@@ -138,8 +132,8 @@ def unique(values: tuple[Value, ...]) -> tuple[Value, ...]:
 def _identifies(value: Any) -> Any:
     if isinstance(value, str):
         parse(value)
-    elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
-        raise ValueError("expected the key of a method, or an object with identify(ensemble)")
+    elif not isinstance(value, Method):
+        raise ValueError("expected the key of a method, or a tvsysid.Method")
     return value
 
 
@@ -149,9 +143,7 @@ def _whole(value: Any) -> Any:
     return value
 
 
-AnyMethod = Annotated[
-    Any, AfterValidator(_identifies)
-]  # key of a method, or an object with ``identify``
+AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or a method
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 

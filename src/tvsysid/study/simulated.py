@@ -15,9 +15,8 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
-from tvsysid.methods.apply import Identifies
-from tvsysid.methods.plugins import target_of
+from tvsysid.methods import STUDIED_METHODS, Method, label_of, parse, resolve
+from tvsysid.methods.registry import find
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
@@ -61,7 +60,7 @@ KINDS: dict[str, tuple[Mapping[str, object], str, str]] = {
 
 def _scenarios(values: Any) -> Any:
     """Scenarios that are named in the place of their settings."""
-    named = {name: target_of(name, "scenario") for name in listed(values) if isinstance(name, str)}
+    named = {name: find(name, "scenario") for name in listed(values) if isinstance(name, str)}
     for name, found in named.items():
         if not isinstance(found, Mapping):
             raise ValueError(
@@ -135,7 +134,7 @@ class _Grid(Settings):
         for value in values or ():
             if not verb and value not in known:
                 raise ValueError(f"unknown {what} {value!r}; expected one of {', '.join(known)}")
-            if verb and isinstance(found := found_as(value, known, what), Participant):
+            if verb and isinstance(found := resolve(value, known, what), Participant):
                 raise ValueError(
                     "a virtual participant has a protocol of its own; give an Experiment virtual "
                     "= its number"
@@ -298,7 +297,7 @@ class Study(_Grid, StudySettings):
         return self
 
     @cached_property
-    def named_methods(self) -> dict[str, Identifies]:
+    def named_methods(self) -> dict[str, Method]:
         """Method objects by the label that they have in results."""
         every = [
             *self.methods,
@@ -312,7 +311,7 @@ class Study(_Grid, StudySettings):
     def parts(self) -> dict[str, Any]:
         """Systems, profiles and perturbations by setting and label, such as ``"stiffness square"``."""
         return {
-            f"{name} {label_of(value)}": found_as(value, known, what)
+            f"{name} {label_of(value)}": resolve(value, known, what)
             for name, (known, what, verb) in KINDS.items()
             for settings in (self, *self.also)
             for value in getattr(settings, name) or ()

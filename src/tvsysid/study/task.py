@@ -31,7 +31,6 @@ from tvsysid.errors import (
     plain_text,
     printable,
 )
-from tvsysid.methods.apply import identify
 from tvsysid.methods.base import SkippedError
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
@@ -97,7 +96,7 @@ class Task(ABC):
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", DataQualityWarning)
                 method, begun = cloudpickle.loads(self.methods[name]), time.perf_counter()
-                model = identify(method, ensemble).model
+                model = method.identify(ensemble)
                 seconds = time.perf_counter() - begun
             _check_found(model)
             told = [
@@ -108,7 +107,7 @@ class Task(ABC):
             row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
             return row | {"parameters": model.diagnostics.parameters} | measure(model)
         except SkippedError as error:
-            return failed("") | {"warnings": [f"{SKIPPED}{error}"]}
+            return failed("") | {"warnings": [f"{SKIPPED}{error.reason}"]}
         except (Exception, SystemExit) as error:
             return failed(describe_error(error)) | {"spent": time.perf_counter() - started}
 

@@ -6,7 +6,7 @@ import pytest
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 
-METHODS = {key: tv.methods.create(key) for key in ("eirf", "sds", "birf", "esm", "kbr")}
+METHODS = {key: tv.methods.parse(key) for key in ("eirf", "sds", "birf", "esm", "kbr")}
 TRIALS, DRAWS, MANY, FEW = 50, 50, 75, 20
 
 

@@ -151,7 +151,7 @@ def test_a_toml_file_says_the_same(tmp_path):
         ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),
         (
             {"methods": [3]},
-            r"expected the key of a method, or an object with identify\(ensemble\); got 3",
+            r"expected the key of a method, or a tvsysid.Method; got 3",
         ),
     ],
 )
@@ -201,10 +201,10 @@ def test_what_stands_in_a_table_is_taken_as_it_is():
     assert experiment.named_methods["sds"].window == 12 / 128
 
 
-class Nameless:
+class Nameless(tv.Method):
     """A method whose repr tells no more than where it is."""
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         return tv.BasisIRF().identify(ensemble)
 
 

@@ -6,17 +6,14 @@ import tvsysid as tv
 from tvsysid.study import Experiment, run, summarize
 
 
-class Sloped:
+class Sloped(tv.Method):
     quantities = {"emg_slope": "N m/V", "ratio": ""}  # noqa: RUF012
 
-    def identify(self, ensemble):
-        self.estimates = dict(tv.ShortDataSegments().identify(ensemble).estimates)
-        self.estimates["emg_slope"] = tv.Estimate(np.full(ensemble.samples, 3.0), "N m/V")
-        self.estimates["ratio"] = tv.Estimate(np.full(ensemble.samples, 0.5), "")
-        return self
-
-    def predict(self, ensemble):
-        return 0 * ensemble.torque[:, ensemble.core]
+    def fit(self, ensemble):
+        estimates = dict(tv.ShortDataSegments().fit(ensemble).estimates)
+        estimates["emg_slope"] = tv.Estimate(np.full(ensemble.samples, 3.0), "N m/V")
+        estimates["ratio"] = tv.Estimate(np.full(ensemble.samples, 0.5), "")
+        return tv.Model.of(ensemble, estimates=estimates)
 
 
 def test_a_quantity_of_one_s_own_is_summarized_with_its_unit(small):

@@ -290,12 +290,12 @@ def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_pa
     assert list(excerpt.channels) == ["target"]
 
 
-class Driven:
+class Driven(tv.Method):
     """Stands for a method that needs the muscles' activity."""
 
     inputs = (tv.methods.Input("emg", "input", "V"), tv.methods.Input("level", "scheduling", "1"))
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         if set(ensemble.channels) != {"emg", "level"}:
             raise ValueError("a channel is lost")
         return tv.BasisIRF().identify(ensemble)

@@ -94,12 +94,12 @@ def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(
 
 
 @dataclass(frozen=True)
-class Counting:
+class Counting(tv.Method):
     """Counts how often it is asked, in a file."""
 
     file: str
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         with open(self.file, "a") as log:
             log.write("x")
         return tv.BasisIRF().identify(ensemble)
@@ -191,10 +191,10 @@ def test_stores_of_another_kind_are_refused(small, done, tmp_path):
 
 
 @dataclass(frozen=True)
-class Sometimes:
+class Sometimes(tv.Method):
     """Fails where the first realization drawn begins early in its trial."""
 
-    def identify(self, ensemble):
+    def fit(self, ensemble):
         if ensemble.onsets[0] < 6:
             raise RuntimeError("too early")
         return tv.BasisIRF().identify(ensemble)

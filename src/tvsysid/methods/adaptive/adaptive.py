@@ -65,7 +65,7 @@ MISFIT = 1.5
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class AdaptiveRegression(base.Method):
     r"""Stiffness that changes smoothly, suddenly, or not at all, as the data say: there is nothing to set.
 
@@ -140,7 +140,7 @@ class AdaptiveRegression(base.Method):
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.methods.create("adaptive")
+    >>> tv.methods.parse("adaptive")
     AdaptiveRegression(emg=None)
     """
 
@@ -165,9 +165,10 @@ class AdaptiveRegression(base.Method):
         "reflex is shown, its torque is no stiffness."
     )
 
-    def __attrs_post_init__(self) -> None:
-        if self.emg is not None:
-            object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The EMG, if its channel is named."""
+        return () if self.emg is None else (base.Input(self.emg, "input", "V"),)
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Too few realizations, or samples of one."""
@@ -191,12 +192,13 @@ class AdaptiveRegression(base.Method):
             )
         return None
 
-    def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
+    def fit(self, ensemble: Ensemble) -> AdaptiveModel:
+        """Return the model of an ensemble."""
         return Identification(
             ensemble, with_reflex(ensemble, self.emg) or Derived.of(ensemble)
         ).model(repr(self))
 
-    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
+    def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit what the model found plausible, and no more: its reflex, smooth parts and numbers of switches."""
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)

@@ -37,7 +37,7 @@ FINE = 500.0  # Hz from which on a rectified velocity is one
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class JointCascade(base.Method):
     r"""Both pathways in one fit: a short intrinsic response to the angle, and a stretch reflex behind a muscle.
 
@@ -116,7 +116,7 @@ class JointCascade(base.Method):
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.methods.create("cascade", delay="fit").delay
+    >>> tv.methods.parse("cascade", delay="fit").delay
     'fit'
     """
 
@@ -169,18 +169,22 @@ class JointCascade(base.Method):
             )
         if self.delay is not None and self.delay != "fit":
             base.check_positive(self, delay=self.delay)
-        if self.emg is not None:
-            object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
         """Whether the settings take the joint as constant."""
         return self.constant is True or not any(self.harmonics[:2])
 
-    def _identify(self, ensemble: Ensemble) -> result.JointCascadeModel:
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The EMG, if its channel is named."""
+        return () if self.emg is None else (base.Input(self.emg, "input", "V"),)
+
+    def fit(self, ensemble: Ensemble) -> result.JointCascadeModel:
+        """Return the model of an ensemble."""
         return result.model(repr(self), self.solved(ensemble))
 
-    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
+    def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
         if (
             isinstance(model, result.JointCascadeModel)

@@ -89,7 +89,8 @@ class InTurn(Method):
             "context (--context), or shorten memory"
         )
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+    def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
+        """Return the model of an ensemble."""
         lags, first, before = (
             whole_samples(each, ensemble) for each in (self.max_lag, self._first_lag(), self.memory)
         )
@@ -103,7 +104,7 @@ class InTurn(Method):
         for turn in range(1, MAX_TURNS + 1):
             left = part.torque.copy()
             left[:, part.core] -= reflex + slow
-            intrinsic = self._intrinsic(ensemble)._identify(attrs.evolve(part, torque=left))
+            intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))
             assert isinstance(intrinsic, ImpulseResponseModel)
             beyond = torque - intrinsic.predict(part)
             weights = self._response(np.tensordot(coefficients, past, 1), beyond - slow, ensemble)

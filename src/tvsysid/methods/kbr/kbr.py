@@ -32,7 +32,7 @@ LOST = 5.0  # points of VAF that tuning may lose without saying so
 REWEIGHTED = 2
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class KernelRegression(base.Method):
     r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
 
@@ -160,8 +160,6 @@ class KernelRegression(base.Method):
 
     def __attrs_post_init__(self) -> None:
         base.check_choice(self, "weighting", Weights)
-        if self.reference is not None:
-            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
         for name in ("length_periodic", "length_decay", "period", "scale"):
             if (size := getattr(self, name)) is not None:
                 base.check_positive(self, **{name: size})
@@ -201,7 +199,13 @@ class KernelRegression(base.Method):
             raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
         return cls(**(PRESETS[name] | settings))
 
-    def _identify(self, ensemble: Ensemble) -> KernelModel:
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The reference, if there is one."""
+        return shared.reference_input(self.reference)
+
+    def fit(self, ensemble: Ensemble) -> KernelModel:
+        """Return the model of an ensemble."""
         instrument, moved = None, ensemble
         if self.reference is not None:
             instrument = self._instrument(ensemble, self.reference)
@@ -327,7 +331,7 @@ class KernelRegression(base.Method):
     def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
         """Warn if the settings chosen explain much less of the torque."""
         before, after = (
-            _vaf(ensemble, each._identify(ensemble).predict(ensemble)) for each in (self, chosen)
+            _vaf(ensemble, each.fit(ensemble).predict(ensemble)) for each in (self, chosen)
         )
         if after < before - LOST:
             warnings.warn(
@@ -341,7 +345,7 @@ class KernelRegression(base.Method):
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = attrs.evolve(self, length_decay=ENDLESS)._identify(ensemble)
+        endless = attrs.evolve(self, length_decay=ENDLESS).fit(ensemble)
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 

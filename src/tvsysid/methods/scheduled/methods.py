@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import Estimate
+from tvsysid.estimates import IMPEDANCE, Estimate
 from tvsysid.methods import base
 from tvsysid.methods.cascade.pathways import Stretch, history
 from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted, with_rest
@@ -38,7 +38,7 @@ FAR = 0.05
 ALONE = 0.02  # share of a fold's samples that the others' range may lack
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class Scheduled(base.Method):
     """Settings and steps that both methods share; see :class:`ScheduledIRF`."""
 
@@ -83,13 +83,26 @@ class Scheduled(base.Method):
                 "reflex; got "
                 f"{self.variable!r} and {self.reflex!r}"
             )
-        object.__setattr__(self, "inputs", (base.Input(self.variable, "scheduling", "any unit"),))
-        found = ("stiffness", "viscosity", "inertia") + ("reflex_gain",) * self.reflex
-        object.__setattr__(self, "quantities", found[3:])
-        object.__setattr__(
-            self, "scheduled_quantities", {f"scheduled_{each}": GRID for each in found}
-        )
-        object.__setattr__(self, "pathway_names", ("intrinsic", "reflex") if self.reflex else ())
+
+    @property
+    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
+        """The scheduling variable."""
+        return (base.Input(self.variable, "scheduling", "any unit"),)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Gain of the reflex, if there is one."""
+        return ("reflex_gain",) * self.reflex
+
+    @property
+    def scheduled_quantities(self) -> dict[str, int]:  # type: ignore[override]
+        """All quantities, over the scheduling variable."""
+        return {f"scheduled_{name}": GRID for name in (*IMPEDANCE, *self.quantities)}
+
+    @property
+    def pathway_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Pathways, if there are two."""
+        return ("intrinsic", "reflex") if self.reflex else ()
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where the variable does not vary, or most times lack what was recorded before."""
@@ -114,7 +127,8 @@ class Scheduled(base.Method):
             )
         return None
 
-    def _identify(self, ensemble: Ensemble) -> ScheduledModel:
+    def fit(self, ensemble: Ensemble) -> ScheduledModel:
+        """Return the model of an ensemble."""
         fit, shares = self._fit(ensemble)
         rate = ensemble.sampling_rate
         # Where the mean over realizations is subtracted, so much less of the noise is left.
@@ -191,7 +205,7 @@ class Scheduled(base.Method):
         return evidence_by_folds(self, ensemble)
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class ScheduledIRF(Scheduled):
     r"""Impulse response and reflex that follow a measured variable, such as the joint's own slow movement.
 
@@ -276,7 +290,7 @@ class ScheduledIRF(Scheduled):
         return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class ScheduledImpedance(Scheduled):
     r"""Stiffness and viscosity as polynomials in a measured variable, constant inertia, and a reflex that follows it.
 

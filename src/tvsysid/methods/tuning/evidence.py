@@ -6,6 +6,7 @@ And methods that choose their own.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
@@ -13,7 +14,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import frozen
-from tvsysid.methods.base import Method
+from tvsysid.methods.base import Choice, Method
 from tvsysid.models import Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.showing import Shown, summary_html
@@ -31,16 +32,6 @@ BASES: tuple[Basis, ...] = (
     *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
 )
 MOST = 500  # coefficients of the largest model that is tried
-OF_THE_METHOD = {
-    "key",
-    "assumptions",
-    "inputs",
-    "contiguous",
-    "skip",
-    "differs",
-    "cites",
-}  # what holds with any settings
-OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities", "refit"}
 CLEARLY = (
     3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
 )
@@ -205,14 +196,17 @@ def _kind(basis: Basis) -> str:
 
 
 @attrs.frozen
-class Tuned:
-    """A method whose settings are chosen anew from each ensemble that it identifies from.
+class Tuned(Method):
+    """Method that chooses its settings anew from each ensemble; ``kbr:tuned=true`` as text.
 
-    What a study needs, in which each trial has data of its own; ``kbr:tuned=true`` on the command
-    line. The model's ``method`` tells the settings chosen.
+    The model's ``method`` tells the settings that were chosen.
 
-    The ``method`` has the settings to begin with; the ``seed`` is that of
-    :meth:`tvsysid.methods.Method.tuned`.
+    Parameters
+    ----------
+    method
+        Method with the settings to begin with.
+    seed
+        Random seed of :meth:`tvsysid.methods.Method.tuned`.
 
     Examples
     --------
@@ -224,20 +218,37 @@ class Tuned:
     method: Method
     seed: int = 0
 
-    def __attrs_post_init__(self) -> None:
-        if not isinstance(self.method, Method):
-            raise InputError(f"Tuned: expected one of the package's methods, got {self.method!r}")
-
-    def __getattr__(self, name: str) -> Any:
-        if name in OF_THE_METHOD:
-            return getattr(self.method, name)
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
     @property
-    def title(self) -> str:
-        """Of the method."""
+    def title(self) -> str:  # type: ignore[override]
+        """Title of the method."""
         return f"{self.method.title}, tuned"
 
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Return why the method cannot identify the ensemble."""
+        return self.method.skip(ensemble)
+
+    def tuned(self, ensemble: Ensemble, seed: int | None = None) -> Choice[Any]:
+        """Choose the settings."""
+        return self.method.tuned(ensemble, self.seed if seed is None else seed)
+
+    def fit(self, ensemble: Ensemble) -> Model:
+        """Choose the settings, and identify by them."""
+        model: Model = self.tuned(ensemble).method.identify(ensemble)
+        return model
+
     def identify(self, ensemble: Ensemble) -> Model:
-        """Choose the settings, and identify by them; as :meth:`tvsysid.methods.Method.identify`."""
-        return self.method.tuned(ensemble, self.seed).method.identify(ensemble)
+        """Choose the settings, and identify by them; warnings are those of the method."""
+        return self.fit(ensemble)
+
+    def refit(self, ensemble: Ensemble, model: Model) -> Model:
+        """Identify a part of the realizations as the method does."""
+        return self.method.refit(ensemble, model)
+
+
+# What holds with any settings is that of the method.
+for _name in (
+    *("key", "assumptions", "differs", "cites", "inputs", "quantities", "sometimes"),
+    *("scheduled_quantities", "pathway_names", "contiguous", "time_invariant"),
+    *("uses_recorded_angle", "perturbation", "system"),
+):
+    setattr(Tuned, _name, property(attrgetter(f"method.{_name}")))

@@ -58,7 +58,7 @@ class Halves:
 
     def estimates(self, method: Method) -> Array:
         """Stiffness from each half, shape (deal, half, time); raises what the method does."""
-        return self._of_halves(lambda half: method._identify(half).stiffness)
+        return self._of_halves(lambda half: method.fit(half).stiffness)
 
     def errors(self, stiffness: Array) -> Array:
         """Estimated mean square error in (N·m/rad)², shape (deal, method).

@@ -48,7 +48,7 @@ COUNTED = (
     "What failed or was skipped counts as an error of 100 %; what gave a warning counts as it is."
 )
 ENTER = (
-    "An entry is a method: an object with identify(ensemble), installed with an entry point of "
+    "An entry is a method: a subclass of tvsysid.Method, installed with an entry point of "
     "the group "
     "tvsysid.methods, or named as module:Class. This command runs it beside all others, and "
     "writes such a page:"

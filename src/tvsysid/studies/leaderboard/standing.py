@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.methods.plugins import origin_of
+from tvsysid.methods.registry import origin_of
 from tvsysid.numerics import Array
 from tvsysid.study.scores import MAIN
 

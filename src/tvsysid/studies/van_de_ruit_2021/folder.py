@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tvsysid.errors import InputError
 from tvsysid.figures import Illustration, Picture, draw_all, helpers, share_out
-from tvsysid.methods.base import inputs_of
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import CLAIMS, alignment, write_diagnosis, write_experiment_report, write_report
@@ -205,7 +204,7 @@ def write_experiment(
 
 def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
     """Channel that a method takes as the disturbance that was applied, if any does and it was recorded."""
-    every = (item for method in experiment.named_methods.values() for item in inputs_of(method))
+    every = (item for method in experiment.named_methods.values() for item in method.inputs)
     return next(
         (
             item.name

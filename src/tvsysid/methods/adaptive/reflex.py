@@ -88,7 +88,7 @@ def with_reflex(
         return None
     if not chosen.shown:
         return None
-    problem, found = chosen.fit.problem, chosen.fit.found
+    found, problem = chosen.fit, chosen.fit.problem
     data, rate, lags = problem.data, ensemble.sampling_rate, chosen.search.lags
     times = data.times
     if len(data.rows) < MIN_REALIZATIONS or data.torque.shape[1] < SHORTEST:
@@ -98,14 +98,14 @@ def with_reflex(
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
     weights = (found.scale / found.spread)[first:] ** 2
     gains = problem.positive[:, problem.own :]
-    slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
+    slopes = [found.posterior.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     return WithReflex(
         rate=rate,
         edges=(times.start, ensemble.samples - times.stop),
         realizations=(len(torque), len(torque) - 1),
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
         positive=np.pad(gains[gains.any(axis=1)], ((0, 0), (len(signals) - 1, len(slopes)))),
-        columns=np.concatenate([signals, problem.columns_and_slopes(found), torque[None]]),
+        columns=np.concatenate([signals, found.columns_and_slopes(), torque[None]]),
         beside=model(repr(method), chosen),
         readout=readout(lags, rate),
     )

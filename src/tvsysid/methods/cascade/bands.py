@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.estimates import StandardError
-from tvsysid.methods.cascade.shape import TERMS, Found, Problem
+from tvsysid.methods.cascade.problem import Solution
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.noise import autocorrelation
@@ -47,28 +48,28 @@ class Covariance(NamedTuple):
         return kind(values, np.array(self.freedom), arc_length(features, covariance))
 
 
-def covariance_of(problem: Problem, found: Found) -> Covariance:
-    r"""Sandwich covariance of a solution's coefficients.
+def covariance_of(found: Solution) -> Covariance:
+    r"""Return the sandwich covariance of a solution's coefficients.
 
     .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
               H = \Phi^T Q \Phi + \sigma^2 P^{-1}
 
-    with the derivatives by the shape among the columns, P the prior's covariance, Q the weights of
-    the samples, and
-    :math:`\Sigma` the noise's autocovariance within a realization, from what is left.
+    The derivatives by the shape are among the columns. P is the prior's covariance, Q the weights
+    of the samples, and :math:`\Sigma` the noise's autocovariance within a realization, from what
+    is left.
     """
-    data, left = problem.data, problem.left(found)
-    scale = np.concatenate([found.scale, np.ones(len(problem.free))])
-    noise = found.solved.noise_variance
-    shape = np.array([TERMS[name].spread for name in problem.free]) ** 2
-    weight = np.concatenate([1 / found.spread**2, noise / shape])
-    freedom = max(1.0, data.number - found.solved.effective - len(shape))
-    gram = problem.moments_and_slopes(found, found.moments)[0]
-    inverse = np.linalg.inv(gram + np.diag(weight)) / scale[:, None]
+    problem, data, left = found.problem, found.problem.data, found.left
+    scale = np.append(found.scale, np.ones(len(problem.free)))
+    noise, precision = found.posterior.noise_variance, found.precision()
+    freedom = max(1.0, data.number - found.posterior.effective - len(problem.free))
+    gram = found.products_with_slopes(found.moments)[0]
+    inverse = np.linalg.inv(gram + np.diag(precision)) / scale[:, None]
     true = problem.with_data(data.weighed(data.noise, autocorrelation(left, 0.0)))
-    coloured = true.moments_and_slopes(found, true.moments(found.shape).scaled(found.scale))[0]
+    coloured = attrs.evolve(found, problem=true).products_with_slopes(
+        true.moments(found.shape).scaled(found.scale)
+    )[0]
     matrix = (
         float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse.T
-        + noise * (inverse * weight) @ inverse.T
+        + noise * (inverse * precision) @ inverse.T
     )
     return Covariance(matrix, freedom)

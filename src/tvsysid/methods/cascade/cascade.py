@@ -17,13 +17,13 @@ from tvsysid.methods.cascade.choice import (
     DIRECTIONS,
     HISTORY,
     SETTLED,
-    Candidate,
     Drives,
     Hyperparameters,
     Search,
     by_evidence,
 )
 from tvsysid.methods.cascade.pathways import history, velocity_of
+from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.reflex_test import ENOUGH, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
 from tvsysid.models import Model
@@ -31,10 +31,29 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import stretch
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import Validator, boolean, is_whole, optional, positive, text
 
 VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
 FINE = 500.0  # Hz from which on a rectified velocity is one
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
+
+
+_three_counts = Validator(
+    "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
+    lambda value: len(value) == 3 and all(is_whole(each) and each >= 0 for each in value),
+)
+_positive_or_fit = Validator(
+    "a positive number, 'fit' or None",
+    lambda value: value in ("fit", None) or positive.is_valid(value),
+)
+
+
+def _has_known_delay(method: JointCascade, attribute: object, emg: str | None) -> None:
+    if emg is not None and method.delay == "fit":
+        raise InputError(
+            "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in "
+            "delay=0.01"
+        )
 
 
 @attrs.frozen
@@ -120,12 +139,12 @@ class JointCascade(base.Method):
     'fit'
     """
 
-    period: float | None = None
-    harmonics: tuple[int, int, int] = (25, 25, 10)
-    constant: bool | None = None
-    delay: float | Literal["fit"] | None = None
-    emg: str | None = None
-    max_lag: float = 0.04
+    period: float | None = attrs.field(default=None, validator=optional(positive))
+    harmonics: tuple[int, int, int] = attrs.field(default=(25, 25, 10), validator=_three_counts)
+    constant: bool | None = attrs.field(default=None, validator=optional(boolean))
+    delay: float | Literal["fit"] | None = attrs.field(default=None, validator=_positive_or_fit)
+    emg: str | None = attrs.field(default=None, validator=[optional(text), _has_known_delay])
+    max_lag: float = attrs.field(default=0.04, validator=positive)
 
     key: ClassVar[str] = "cascade"
     title: ClassVar[str] = "Joint fit of intrinsic and reflex pathways"
@@ -145,30 +164,6 @@ class JointCascade(base.Method):
     quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
     pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
     uses_recorded_angle: ClassVar[bool] = True
-
-    def __attrs_post_init__(self) -> None:
-        base.check_positive(self, max_lag=self.max_lag)
-        if self.period is not None:
-            base.check_positive(self, period=self.period)
-        if not (
-            len(self.harmonics) == 3 and all(type(h) is int and h >= 0 for h in self.harmonics)
-        ):
-            raise InputError(
-                "JointCascade: harmonics must be three whole numbers of 0 or more: of stiffness, "
-                "viscosity and "
-                f"reflex gain; got {self.harmonics!r}"
-            )
-        if self.constant not in (True, False, None):
-            raise InputError(
-                f"JointCascade: constant must be True, False or None, got {self.constant!r}"
-            )
-        if self.delay == "fit" and self.emg is not None:
-            raise InputError(
-                "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in "
-                "delay=0.01"
-            )
-        if self.delay is not None and self.delay != "fit":
-            base.check_positive(self, delay=self.delay)
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
@@ -196,14 +191,8 @@ class JointCascade(base.Method):
     def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> result.Chosen:
         """Return the solution with these hyperparameters, of a reflex that is shown."""
         search = self._search(ensemble)
-        return result.Chosen(
-            search,
-            {},
-            known.reflex,
-            True,
-            search.limited(known.reflex, search.refitted(known)),
-            self.emg,
-        )
+        found = search.limited(known.reflex, search.refitted(known))
+        return result.Chosen(search, {}, known.reflex, True, found, self.emg)
 
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
         """Return the solutions with each reflex and without one, and the chosen one.
@@ -213,7 +202,7 @@ class JointCascade(base.Method):
         search = self._search(ensemble)
         fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
         name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
-        found = search.refined(name, fits) if shown else search.unshown(name, fits)
+        found = search.refined(fits[name]) if shown else search.unshown(name, fits[name])
         if not shown:
             fits["none"] = search.limited("none", fits["none"])
         return result.Chosen(search, fits, name, shown, search.limited(name, found), self.emg)
@@ -280,7 +269,7 @@ class JointCascade(base.Method):
             name: partial(rectified, s) for name, s in DIRECTIONS.items()
         }
 
-    def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
+    def _shown(self, ensemble: Ensemble, fits: Mapping[str, Solution]) -> tuple[str, bool]:
         """Which reflex there is, or might be, and whether one is shown."""
         if len(ensemble) < MIN_TESTED_REALIZATIONS:
             return by_evidence(fits)

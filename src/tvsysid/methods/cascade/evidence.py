@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import block_diag, lapack
 
 from tvsysid.numerics import Array
 
@@ -23,90 +24,75 @@ ITERATIONS = 60  # of the search for the hyper-parameters, at most
 
 
 class Moments(NamedTuple):
-    """What a linear model needs of its columns: their ``gram`` matrix, products with the torque, the torque's square.
+    """Weighted ``products`` of columns and torque, which is last.
 
     ``number`` is how many independent samples there are.
     """
 
-    gram: Array
-    cross: Array
-    square: float
+    products: Array
     number: float
 
-    @classmethod
-    def of(cls, products: Array, number: float) -> Self:
-        """Of products of the columns and the torque, which is last."""
-        return cls(products[:-1, :-1], products[:-1, -1], float(products[-1, -1]), number)
-
-    def scaled(self, scale: Array) -> Self:
-        """Moments of columns that are divided by these numbers."""
-        return self._replace(gram=self.gram / np.outer(scale, scale), cross=self.cross / scale)
-
-    def without(self, part: Self) -> Self:
-        """Moments of the other realizations."""
-        gram, cross = self.gram - part.gram, self.cross - part.cross
-        return type(self)(gram, cross, self.square - part.square, self.number - part.number)
-
-
-class Family(NamedTuple):
-    """Columns of one coefficient: a constant and the harmonics of its change.
-
-    ``free`` if the constant's prior is flat.
-
-    ``several`` are columns of one size without harmonics.
-    """
-
-    harmonics: int = 0
-    free: bool = True
-    several: int = 0
+    @property
+    def gram(self) -> Array:
+        """Products of the columns."""
+        return self.products[:-1, :-1]
 
     @property
-    def columns(self) -> int:
-        """How many there are."""
-        return self.several or 2 * self.harmonics + 1
+    def cross(self) -> Array:
+        """Products of the columns with the torque."""
+        return self.products[:-1, -1]
+
+    @property
+    def square(self) -> float:
+        """Square of the torque."""
+        return float(self.products[-1, -1])
+
+    def scaled(self, scale: Array) -> Self:
+        """Return moments of columns that are divided by these numbers."""
+        every = np.append(scale, 1.0)
+        return self._replace(products=self.products / np.outer(every, every))
+
+    def without(self, part: Self) -> Self:
+        """Return moments of the other realizations."""
+        return type(self)(self.products - part.products, self.number - part.number)
 
 
 class Prior(NamedTuple):
-    r"""Log standard deviations of the columns' coefficients, relative to the noise: ``offset + design @ parameters``.
+    r"""Log standard deviations of coefficients relative to the noise: ``offset + design @ parameters``.
 
-    Of a family's h-th harmonic it is :math:`\log\gamma - \nu \log h`; ``decay`` says which
-    parameters are a
-    :math:`\nu`.
+    That of a family's h-th harmonic is :math:`\log\gamma - \nu \log h`; ``decay`` says which
+    parameters are a :math:`\nu`. ``first`` (column,) is the column of each family that is not
+    modulated.
     """
 
     offset: Array
     design: Array
     decay: NDArray[np.bool_]
+    first: NDArray[np.int64]
 
     @classmethod
-    def of(cls, families: tuple[Family, ...]) -> Self:
-        """Prior of families of columns that follow each other."""
-        offset, parts, decay = [], [], []
-        start, total = 0, sum(family.columns for family in families)
+    def of(cls, harmonics: Sequence[int], further: int = 0, gain: int | None = None) -> Self:
+        """Return the prior of families of columns that follow each other.
 
-        def parameter(values: Array, at: int, is_decay: bool = False) -> None:
-            parts.append(np.zeros(total))
-            parts[-1][at : at + len(values)] = values
-            decay.append(is_decay)
-
-        for family in families:
-            flat = family.free and not family.several
-            offset.append(np.where(flat & (np.arange(family.columns) == 0), FLAT, 0.0))
-            if not flat:
-                parameter(np.ones(family.several or 1), start)
-            if family.harmonics:
-                parameter(np.ones(2 * family.harmonics), start + 1)
-                parameter(
-                    -np.log(np.repeat(np.arange(1, family.harmonics + 1), 2)),
-                    start + 1,
-                    is_decay=True,
-                )
-            start += family.columns
-        return cls(
-            np.concatenate(offset),
-            np.stack(parts, axis=1) if parts else np.zeros((total, 0)),
-            np.array(decay),
-        )
+        A family is a constant and as many ``harmonics``; its constant has a flat prior.
+        ``further`` columns have one size. The ``gain`` of a reflex has harmonics too, and a
+        constant of unknown size.
+        """
+        families = [_family(count, np.zeros((1, 0))) for count in harmonics]
+        if further:
+            families.append((np.ones((further, 1)), [False]))
+        if gain is not None:
+            families.append(_family(gain, np.ones((1, 1))))
+        designs = [design for design, _ in families]
+        sizes = [len(design) for design in designs]
+        starts = np.cumsum([0, *sizes[:-1]])
+        offset, first = np.zeros(sum(sizes)), np.repeat(starts, sizes)
+        offset[starts[: len(harmonics)]] = FLAT
+        if further:
+            start = starts[len(harmonics)]
+            first[start : start + further] = np.arange(start, start + further)
+        decay = np.array([each for _, decays in families for each in decays], dtype=bool)
+        return cls(offset, block_diag(*designs), decay, first)
 
     @property
     def usual(self) -> Array:
@@ -123,7 +109,7 @@ class Prior(NamedTuple):
         return -0.5 * float(off @ off), -off / DECAY_SPREAD
 
 
-class Solved(NamedTuple):
+class Posterior(NamedTuple):
     """Posterior of coefficients whose prior has these standard deviations relative to the noise.
 
     ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G
@@ -144,7 +130,16 @@ class Solved(NamedTuple):
         return len(self.coefficients) - float(np.sum(self.inverse_factor**2))
 
 
-def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Solved:
+def _family(harmonics: int, constant: Array) -> tuple[Array, list[bool]]:
+    """Return the design (column, parameter) of a constant's and its harmonics' sizes."""
+    if not harmonics:
+        return constant, [False] * constant.shape[1]
+    order = np.repeat(np.arange(1, harmonics + 1), 2)
+    change = np.stack([np.ones(len(order)), -np.log(order)], axis=1)
+    return block_diag(constant, change), [False] * constant.shape[1] + [False, True]
+
+
+def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Posterior:
     r"""Ridge regression and its evidence, with the noise variance at its most probable.
 
     .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
@@ -176,7 +171,7 @@ def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Solve
     )
     by_spread = moments.number / left * mean**2 - (1 - np.einsum("ij,ij->j", inverse, inverse))
     lost = (most - explained) / moments.square
-    return Solved(spread * mean, density, left / moments.number, inverse, by_spread, lost)
+    return Posterior(spread * mean, density, left / moments.number, inverse, by_spread, lost)
 
 
 def nearest_inside(point: Array, normals: Array) -> Array:

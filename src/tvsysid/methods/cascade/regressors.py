@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import cmath
-import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import Self
 
 import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.linalg import lapack, toeplitz
+from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
+from tvsysid.methods.cascade.shape import Shape
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS
@@ -223,45 +222,6 @@ class Data:
 
 def _matrix(correlation: Array, times: int) -> Array:
     return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
-
-
-class Shape(NamedTuple):
-    """Of the reflex: ``delay`` in s, ``frequency`` in rad/s and ``damping`` of the muscle, ``threshold`` in rad/s."""
-
-    delay: float
-    frequency: float
-    damping: float
-    threshold: float
-
-    def delayed(self, values: Array, rate: float) -> Array:
-        r"""Return values (…, time) behind the delay and the muscle.
-
-        The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`, sampled, with unit gain.
-        """
-        whole = math.floor(self.delay * rate + 1e-9)
-        rest = max(0.0, self.delay * rate - whole)
-        root = cmath.sqrt(self.damping**2 - 1 or 1e-12)
-        if abs(root) < 1e-4:
-            root = 1e-4 + 0j
-        first, second = (self.frequency / rate * (-self.damping + sign * root) for sign in (1, -1))
-        poles = cmath.exp(first), cmath.exp(second)
-        late = cmath.exp(-first * rest), cmath.exp(-second * rest)
-        one = ((late[0] * poles[0] - late[1] * poles[1]) / (poles[0] - poles[1])).real
-        two = (poles[0] * poles[1] * (late[1] - late[0]) / (poles[0] - poles[1])).real
-        down = np.array([1.0, -(poles[0] + poles[1]).real, (poles[0] * poles[1]).real])
-        up = np.array([one, two]) * (down.sum() / (one + two))
-        times = values.shape[-1]
-        # A recursive filter is a banded system; importing scipy.signal takes 0.3 s.
-        band = np.repeat(down[:, None], times, axis=1)
-        slow = lapack.dtbtrs(band, values.reshape(-1, times).T, uplo="L")[0].T.reshape(values.shape)
-        out: Array = np.zeros_like(slow)
-        for lag, weight in enumerate(up, whole + 1):
-            out[..., lag:] += weight * slow[..., : max(times - lag, 0)]
-        return out
-
-    def response(self, samples: int, rate: float) -> Array:
-        """Impulse response of delay and muscle at lags from 0 on."""
-        return np.asarray(self.delayed(np.eye(1, samples)[0], rate))
 
 
 @attrs.frozen(eq=False)

@@ -11,10 +11,11 @@ import numpy as np
 
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
-from tvsysid.methods.cascade.choice import SETTLED, Candidate, Hyperparameters, Search
+from tvsysid.methods.cascade.choice import SETTLED, Hyperparameters, Search
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, TwoPathwayModel
+from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
-from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
+from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS
 from tvsysid.models import Diagnostics, Labelled
 from tvsysid.signals import Array, Ensemble
 
@@ -28,10 +29,10 @@ class Chosen(NamedTuple):
     """A reflex by name, whether it is ``shown``, and the solution with it, of the ``fits`` of a search."""
 
     search: Search
-    fits: Mapping[str, Candidate]
+    fits: Mapping[str, Solution]
     name: str
     shown: bool
-    fit: Candidate
+    fit: Solution
     emg: str | None
 
 
@@ -67,84 +68,54 @@ def of_sign(values: Array, sign: float) -> Array:
     return sign * np.maximum(sign * values, 0.0)
 
 
-class Intrinsic(NamedTuple):
-    """Weights (time, lag) of lagged angles, those of derivatives, and the mean stiffness of a second-order fit to them.
-
-    The ``values`` (time,) of stiffness, viscosity and inertia, and the ``features`` (time,
-    coefficient) that give them.
-    """
-
-    weights: Array
-    fast: Array
-    fitted_stiffness: float
-    values: dict[str, Array]
-    features: dict[str, Array]
-
-    @classmethod
-    def of(cls, problem: Problem, found: Found, lags: int, rate: float) -> Intrinsic:
-        """Of a solution."""
-        bases, filters = problem.data.bases, intrinsic_filters(lags, rate)
-        coefficients = found.coefficients[: problem.own]
-        ends = np.cumsum([functions.shape[1] for functions in bases])
-        parts = np.split(coefficients, ends[:-1])
-        over_time = [a @ c for a, c in zip(bases, parts, strict=True)]
-        weights = np.asarray(sum(np.outer(a, f) for a, f in zip(over_time, filters, strict=True)))
-        fitted, *rest = problem.data.features(readout(lags, rate))
-        features = dict(zip(IMPEDANCE, (bases[0], *rest), strict=True))
-        values = {name: each @ coefficients[: each.shape[1]] for name, each in features.items()}
-        for name, sign in (("stiffness", np.sign(coefficients[0])), ("viscosity", 1.0)):
-            values[name] = of_sign(values[name], sign)
-        return cls(
-            weights,
-            np.stack(over_time[1:3], axis=1),
-            float((fitted @ coefficients).mean()),
-            values,
-            features,
-        )
-
-
 def model(method: str, chosen: Chosen) -> JointCascadeModel:
-    """Model of the reflex chosen if it is shown, else of none; the gain is stated in both."""
-    ensemble, lags, fits = chosen.search.ensemble, chosen.search.lags, chosen.fits
-    rate = ensemble.sampling_rate
-    used = chosen.fit if chosen.shown else fits["none"]
-    intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
+    """Return the model with the chosen reflex if it is shown, else without one.
+
+    The gain is stated in both.
+    """
+    ensemble, lags = chosen.search.ensemble, chosen.search.lags
+    used = chosen.fit if chosen.shown else chosen.fits["none"]
+    data, rate = used.problem.data, ensemble.sampling_rate
     known = np.zeros(ensemble.samples, dtype=bool)
-    known[used.problem.data.times] = True
-    torques = used.problem.torques(used.found.shape, used.found.coefficients)
-    sure = covariance_of(used.problem, used.found)
-    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found)
-    estimates = {
-        name: Estimate(
-            np.where(known, values, np.nan),
-            UNITS[name],
-            error=sure.error(intrinsic.features[name], known, 0, name != "inertia"),
-        )
-        for name, values in intrinsic.values.items()
-    }
+    known[data.times] = True
+    covariance = covariance_of(used)
+    of_reflex = covariance if chosen.shown else covariance_of(chosen.fit)
+
+    coefficients = used.coefficients[: used.problem.own]
+    ends = np.cumsum([functions.shape[1] for functions in data.bases])[:-1]
+    parts = np.split(coefficients, ends)
+    over_time = np.stack([a @ c for a, c in zip(data.bases, parts, strict=True)], axis=1)
+    fitted, *rest = data.features(readout(lags, rate))
+    estimates = {}
+    for name, features in zip(IMPEDANCE, (data.bases[0], *rest), strict=True):
+        values = features @ coefficients[: features.shape[1]]
+        if name != "inertia":
+            values = of_sign(values, np.sign(coefficients[0]) if name == "stiffness" else 1.0)
+        error = covariance.error(features, known, 0, name != "inertia")
+        estimates[name] = Estimate(np.where(known, values, np.nan), UNITS[name], error=error)
     gain, basis = _gain(chosen, ensemble.time)
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
-    error = reflex_sure.error(basis, known, chosen.fit.problem.own, one_sign=True)
+    error = of_reflex.error(basis, known, chosen.fit.problem.own, one_sign=True)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
+
     response, reflex_lags = _reflex_response(chosen)
-    details = _details(used, chosen, torques, reflex_sure) | {
-        "stiffness_fitted": intrinsic.fitted_stiffness
-    }
+    details = _details(used, chosen, of_reflex)
+    details["stiffness_fitted"] = float((fitted @ coefficients).mean())
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        impulse_response=intrinsic.weights * nan * rate,
+        impulse_response=over_time @ intrinsic_filters(lags, rate) * nan * rate,
         lags=np.arange(-lags, lags + 1) / rate,
         reflex_response=response * nan * rate,
         reflex_lags=reflex_lags,
         drive=_drive(chosen),
-        fast_response=intrinsic.fast,
+        fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
         diagnostics=Diagnostics(
-            used.found.solved.effective,
+            used.posterior.effective,
             warnings=tuple(_warnings(chosen, details, estimates)),
             details=details,
         ),
@@ -154,7 +125,7 @@ def model(method: str, chosen: Chosen) -> JointCascadeModel:
 def _drive(chosen: Chosen) -> Drive:
     if chosen.emg is not None:
         return Measured(chosen.emg)
-    return Stretch(chosen.fit.found.shape.threshold, 1 if chosen.name == "positive" else -1)
+    return Stretch(chosen.fit.shape.threshold, 1 if chosen.name == "positive" else -1)
 
 
 def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
@@ -162,7 +133,7 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     problem = chosen.fit.problem
     assert problem.reflex is not None
     basis = problem.reflex.basis(time / problem.reflex.period)
-    gain = basis @ chosen.fit.found.coefficients[problem.own :]
+    gain = basis @ chosen.fit.coefficients[problem.own :]
     return of_sign(gain, problem.positive[-1, problem.own]), basis
 
 
@@ -172,7 +143,7 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     Zero where no reflex is shown.
     """
     ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
-    shape = chosen.fit.found.shape
+    shape = chosen.fit.shape
     longest = max(round(SETTLED * rate), ensemble.context) + 1
     muscle = shape.response(4 * longest, rate)
     late = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > FADED)[-1]
@@ -187,20 +158,11 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     return gain * muscle / muscle.sum(), lags
 
 
-def _details(
-    used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
-) -> dict[str, float]:
-    shape, free = chosen.fit.found.shape, chosen.fit.problem.free
-    errors = np.sqrt(np.diag(sure.matrix)[len(sure.matrix) - len(free) :])
-    torque = used.problem.data.torque
-
-    def explained(part: Array) -> float:
-        return 100 * (1 - float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2)))
-
-    details: dict[str, float] = {
-        "reflex_shown": float(chosen.shown),
-        "constant": float(not used.problem.data.varies),
-    }
+def _details(used: Solution, chosen: Chosen, covariance: Covariance) -> dict[str, float]:
+    shape, free, torque = chosen.fit.shape, chosen.fit.problem.free, used.problem.data.torque
+    errors = np.sqrt(np.diag(covariance.matrix)[len(covariance.matrix) - len(free) :])
+    error_of = dict(zip(free, errors, strict=True))
+    details = {"reflex_shown": float(chosen.shown), "constant": float(not used.problem.data.varies)}
     if not chosen.emg:
         details["direction"] = 1.0 if chosen.name == "positive" else -1.0
     for name, value in shape._asdict().items():
@@ -208,19 +170,16 @@ def _details(
             continue
         details[name] = value
         if name in free:
-            error = float(errors[free.index(name)])
-            details[f"{name}_error"] = error * value if name in LOGARITHMIC else error
-    details["vaf"], details["vaf_intrinsic"] = (
-        explained(torques[0] + torques[1]),
-        explained(torques[0]),
-    )
-    details["vaf_reflex"] = explained(torques[1])
+            unit = value if name in LOGARITHMIC else 1.0
+            details[f"{name}_error"] = float(error_of[name]) * unit
+    intrinsic, reflex = used.torques()
+    explained = {"vaf": intrinsic + reflex, "vaf_intrinsic": intrinsic, "vaf_reflex": reflex}
+    for name, part in explained.items():
+        left = float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2))
+        details[name] = 100 * (1 - left)
     details["vaf_held_out"] = 100 * used.share()
-    for name, fit in (
-        dict(chosen.fits) | ({chosen.name: chosen.fit} if chosen.shown else {})
-    ).items():
-        details[f"evidence_{name}"] = float(fit.found.objective)
-    return details
+    fits = {**chosen.fits, **({chosen.name: chosen.fit} if chosen.shown else {})}
+    return details | {f"evidence_{name}": float(fit.objective) for name, fit in fits.items()}
 
 
 def _warnings(
@@ -233,8 +192,8 @@ def _warnings(
             "reflex_gain with its band is what the data leave room for"
         )
         return
-    shape, free = chosen.fit.found.shape, chosen.fit.problem.free
-    place = dict(zip(free, place_of(shape, free), strict=True))
+    shape, free = chosen.fit.shape, chosen.fit.problem.free
+    place = dict(zip(free, shape.place(free), strict=True))
     if "delay" in free and place["delay"] in (TERMS["delay"].low, TERMS["delay"].high):
         yield (
             f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; "
@@ -254,7 +213,7 @@ def _warnings(
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
-    yield from contradicted(chosen.fit.found.solved.lost)
+    yield from contradicted(chosen.fit.posterior.lost)
     yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
 
 

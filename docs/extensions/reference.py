@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 
 from sphinx.application import Sphinx
-from typer.cli import get_docs_for_click
-from typer.main import get_command
 
 import tvsysid as tv
 from tvsysid.cli.app import app as program
@@ -30,13 +28,9 @@ PACKAGES = (
 
 def command_line() -> str:
     """Every command with its arguments and options, as ``--help`` explains them."""
-    group = get_command(program)
-    context = group.make_context("tvsysid", [], resilient_parsing=True)
-    text = get_docs_for_click(obj=group, ctx=context, name="tvsysid")
-    text = re.sub(
-        r"\*\*Commands\*\*:.*?(?=^## )", "", text, flags=re.DOTALL | re.MULTILINE
-    )  # cut short there
-    return text.replace("# `tvsysid`", "# Command line", 1).replace("```console\n$ ", "```text\n")
+    text = program.generate_docs().replace("# tvsysid", "# Command line", 1)
+    contents = r"## Table of Contents.*?(?=\*\*Commands)"  # the same list stands below it
+    return re.sub(contents, "", text, flags=re.DOTALL).replace("```console", "```text")
 
 
 def settings() -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
+import numbers
 from collections.abc import Callable
 from typing import Any, TypeVar, get_args
 
 import attrs
-import numpy as np
 
 from tvsysid.errors import InputError
 
@@ -54,12 +54,13 @@ class Validator:
 
 def is_whole(value: object) -> bool:
     """Whether a value is a whole number; a truth value is none."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
-def is_number(value: object) -> bool:
+def is_number(value: Any) -> bool:
     """Whether a value is a finite real number; a truth value is none."""
-    return is_whole(value) or (isinstance(value, (float, np.floating)) and math.isfinite(value))
+    is_real = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    return is_real and math.isfinite(value)
 
 
 def between(low: float, high: float) -> Validator:

@@ -150,21 +150,6 @@ def test_a_diagnosis_takes_channels(tvsysid, recording):
     assert "[red]joint.npz (angle, torque): 18 realizations" in out
 
 
-@pytest.mark.parametrize(
-    ("word", "message"),
-    [
-        ("emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_SIGNAL"),
-        ("=EMG_SIGNAL", "expected NAME=CHANNEL"),
-        ("emg=EMG[0]", "no channel 'EMG[0]'; it holds"),
-    ],
-)
-def test_a_channel_has_a_name_and_is_in_the_file(tvsysid, recording, word, message):
-    code, _, err = tvsysid("identify", recording, *IDENTIFY, "--channel", word)
-    assert code == 2
-    assert message in err
-    assert err.count("\n") == 1
-
-
 @pytest.mark.usefixtures("only_identified")
 def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems

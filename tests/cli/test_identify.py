@@ -131,18 +131,6 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     assert list(dict.fromkeys(frame.method)) == list(DEFAULT_METHODS)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "only_identified")
-def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysid):
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    methods = ("--method", "sds", "--method", "birf")
-    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--torque-sign", -1, *methods)
-    assert code == 0
-    assert re.fullmatch(
-        r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err
-    )
-
-
 def told_with_period(tvsysid, period):
     tvsysid("simulate", "joint.mat", "--duration", 60)  # of 2 s
     options = [period if each == 2 else each for each in IDENTIFY]
@@ -411,7 +399,7 @@ def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
         "identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade"
     )
     assert err.startswith(
-        "warning: a reflex is taken for stiffness by sds: positive velocity predicts at least "
+        "warning: the stiffness of sds includes the torque of a reflex: positive velocity predicts "
     )
     assert (
         "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method "

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.cli.conftest import IDENTIFY
 
-from tvsysid.cli.identify import decimation
+from tvsysid.cli.options import decimation
 
 
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
@@ -51,16 +51,6 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     assert "remedy: read the file with torque_sign=-1 (--torque-sign -1)" in out
     assert "wrong-period (" in out
     assert "stiffness varies by" in out
-
-
-@pytest.mark.slow
-def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
-    (tmp_path / "joint.csv").write_text("angle,torque,cmd\n" + "0,1,2\n1,0,1\n" * 9)
-    code, out, err = tvsysid(
-        "inspect", "joint.csv", "--diagnose", *IDENTIFY, "--reference", "command"
-    )
-    assert (code, out) == (2, "")
-    assert "add --channel command=CHANNEL, one of angle, torque, cmd" in err
 
 
 @pytest.mark.slow

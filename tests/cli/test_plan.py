@@ -78,12 +78,15 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--pilot", "pilot.mat"), "--pilot needs --angle, --torque and --rate"),
-        (("--pilot", "pilot.mat", "--noise", 1), "the pilot shows what --noise would state"),
+        (("--pilot", "pilot.mat"), "angle is missing; give it (--angle)"),
+        (
+            ("--pilot", "pilot.mat", "--noise", 1),
+            "the pilot shows system, stiffness and noise; leave out",
+        ),
         (("--noise", 1, "--snr", 10), "--noise and --snr: give one of them"),
         (
             ("--rate", 100, "--context", 1),
-            "--rate, --context: said of a pilot recording; give that too (--pilot FILE)",
+            "options that describe a recording (such as --angle and --rate) need --pilot FILE",
         ),
         (("--precision", 0), "precision: expected a positive number"),
         (("--stiffness", "squared"), "unknown profile 'squared'"),

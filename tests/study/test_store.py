@@ -182,7 +182,7 @@ def test_a_report_of_a_store_that_lost_files_names_the_command_that_makes_them_a
     with pytest.raises(
         tv.InputError, match=r"zarr.json and manifest are missing or cut short; give the command"
     ):
-        report([copy.parent])
+        report(copy.parent)
     same(rerun(copy)[0], results)
 
 

@@ -58,7 +58,7 @@ def run_study(store, workers):
 
 def interruptible():
     """A shell has what it runs in the background ignore interruptions, the tests and what they start included."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Forked:
@@ -160,7 +160,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
         (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
-        errors = finished(process, 128 + number)
+        errors = finished(process, 130)
         before, _, last = errors.rstrip("\n").rpartition("\n")
         assert before == (
             "" if not already else f"resuming: {already} of {TOTAL} trials are done already"
@@ -253,7 +253,7 @@ def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, forking, uninterrupt
 
 
 def test_no_cluster_there(tvsysid, monkeypatch):
-    monkeypatch.setattr("tvsysid.cli.running.PATIENCE", "1s")
+    monkeypatch.setattr("tvsysid.cli.running.SCHEDULER_TIMEOUT", "1s")
     code, _, errors = tvsysid(*WORDS, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors

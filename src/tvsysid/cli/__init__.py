@@ -1,5 +1,5 @@
 """The command line: parses, calls, prints; no science."""
 
-from tvsysid.cli.start import main
+from tvsysid.cli.app import main
 
 __all__ = ["main"]

@@ -1,6 +1,5 @@
-"""`python -m tvsysid.cli`."""
+"""Run ``python -m tvsysid.cli``."""
 
-from tvsysid.cli.start import main
+from tvsysid.cli.app import main
 
-if __name__ == "__main__":
-    main()
+main()

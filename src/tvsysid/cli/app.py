@@ -1,15 +1,16 @@
-"""The program `tvsysid`: its commands, and what its parser says of mistakes."""
+"""The program `tvsysid`: its commands, its errors and its exit codes."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import os
+import signal
+import sys
 
-import typer
-from typer.core import TyperCommand, TyperGroup
+from cyclopts import App, CycloptsError, Parameter, default_name_transform
 
 from tvsysid.cli.benchmark import benchmark
 from tvsysid.cli.check_method import check_method
-from tvsysid.cli.console import say
+from tvsysid.cli.console import errors, output
 from tvsysid.cli.experiment import experiment
 from tvsysid.cli.explore import explore
 from tvsysid.cli.identify import identify
@@ -19,34 +20,49 @@ from tvsysid.cli.methods import methods
 from tvsysid.cli.plan import plan
 from tvsysid.cli.report import report
 from tvsysid.cli.simulate import simulate
+from tvsysid.errors import InputError, one_line
+from tvsysid.recordings.reading import OPTION_NAMES
+
+INTERRUPTED = "interrupted; the files that were written are complete"
+NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
 
 
-def _flag(option: Any) -> Any:
-    """The option ``--help``, which takes no value, though the parser's own help shows the type of one."""
-    option.metavar = ""
-    return option
+def version() -> str:
+    """Return the text of ``--version``."""
+    from tvsysid import __version__
+
+    return f"tvsysid {__version__}"
 
 
-class _Command(TyperCommand):
-    def get_help_option(self, ctx: Any) -> Any:
-        return _flag(super().get_help_option(ctx))
+def default_text(value: object) -> str | None:
+    """Return a default value as it is typed; None for one that need not be shown."""
+    if isinstance(value, list | tuple):
+        value = ", ".join(map(str, value))
+    return str(value) if value and value is not True else None
 
 
-class _Commands(TyperGroup):
-    def get_help_option(self, ctx: Any) -> Any:
-        return _flag(super().get_help_option(ctx))
+def option_name(name: str) -> str:
+    """Return the name of the option for a parameter or a setting."""
+    return OPTION_NAMES.get(name) or default_name_transform(name)
 
 
-app = typer.Typer(
+app = App(
     name="tvsysid",
-    cls=_Commands,
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
     help="Estimate how stiff a human joint is while it moves: time-varying identification of "
-    "joint impedance.\n\n"
-    "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
+    "joint impedance.\n\nAll units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
+    help_format="markdown",
+    help_flags="--help",
+    version=version,
+    console=output,
+    error_console=errors,
+    default_parameter=Parameter(
+        name_transform=option_name,
+        negative_iterable=(),
+        allow_repeating=True,  # the last one counts
+        show_default=default_text,
+    ),
+    suppress_keyboard_interrupt=False,
+    result_action="return_value",
 )
 for command in (
     benchmark,
@@ -61,48 +77,28 @@ for command in (
     simulate,
     plan,
 ):
-    app.command(cls=_Command)(command)
+    app.command(command)
 
 
-@app.callback(invoke_without_command=True)
-def tvsysid(
-    version: Annotated[
-        bool, typer.Option("--version", metavar="", help="Print the version and stop.")
-    ] = False,
-) -> None:
-    """Handle the options before the command."""
-    if version:
-        from tvsysid import __version__
-
-        say(f"tvsysid {__version__}")
-        raise typer.Exit
-
-
-def usage_error(error: Exception) -> str | None:
-    """What a mistake on the command line was.
-
-    Nothing if only the help was asked for, None if it is another error.
-    """
-    message = getattr(error, "format_message", None)  # of the parser within typer
-    if message is None:
-        return None
-    context = getattr(error, "ctx", None)
-    text = (
-        _missing(context)
-        if type(error).__name__ == "MissingParameter"
-        else message().replace("Value error, ", "")
-    )
-    return f"{text} (see {context.command_path if context else 'tvsysid'} --help)" if text else ""
-
-
-def _missing(context: Any) -> str:
-    """All that is missing.
-
-    The parser has taken in first what was given, and reports only the first that is not.
-    """
-    needed = [
-        each
-        for each in context.command.get_params(context)
-        if each.required and each.name not in context.params
-    ]
-    return "missing: " + ", ".join(each.get_error_hint().strip("'") for each in needed)
+def main() -> None:
+    """Run the command line, and exit with 2 after a mistake and 130 after an interruption."""
+    # A cluster ends a job by SIGTERM. A study is interrupted by it in order, and can be resumed.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
+        code, text = app(sys.argv[1:], print_error=False, exit_on_error=False), ""
+    except KeyboardInterrupt as interrupted:
+        code, text = 130, str(interrupted) or INTERRUPTED
+    except CycloptsError as error:
+        error.verbose = False
+        words = " ".join(["tvsysid", *(error.command_chain or ())])
+        code, text = 2, f"{str(error).rstrip('.')} (see {words} --help)"
+    except InputError as error:
+        code, text = 2, str(error)
+    except OSError as error:
+        code, text = 2, f"{error.filename or 'system'}: {error.strerror or error}"
+    except MemoryError:
+        code, text = 2, NO_MEMORY
+    if text:
+        errors.print(f"tvsysid: {one_line(text)}", soft_wrap=True)
+    sys.exit(code or 0)

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import typer
-
-from tvsysid.cli.console import duration_text, remark, say, say_written, show_table, waiting
-from tvsysid.cli.options import (
-    MethodOption,
-    OutOption,
-    SchedulerOption,
-    SeedOption,
-    WorkersOption,
-    given,
-    option,
+from tvsysid.cli.console import number, remark, say, say_written, show_table, waiting
+from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Workers, given
+from tvsysid.cli.running import (
+    STORE,
+    command_line,
+    make_folder,
+    print_problems,
+    run_in,
+    show_claims,
 )
-from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,92 +25,30 @@ if TYPE_CHECKING:
 
     from tvsysid.study import Study
 
-MOST_TABLES = 4  # scenarios whose table is printed; the report has all
-
-
-class Viscosity(StrEnum):  # typer takes no list of literals
-    """Viscosities that can be simulated."""
-
-    constant = "constant"
-    covarying = "covarying"
+MAX_TABLES = 4  # scenarios whose table is printed; the report has all
 
 
 def benchmark(
-    study_file: Annotated[
-        Path | None,
-        typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings."),
-    ] = None,
-    preset: Annotated[
-        Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None,
-        option(
-            None,
-            "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, "
-            "and their sine), `snr` "
-            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a stretch "
-            "reflex, by methods "
-            "of one pathway and of two), `closed-loop` (an actuator that gives way, by methods "
-            "with and without a "
-            "reference). The options below override its settings.",
-        ),
-    ] = None,
-    system: Annotated[
-        list[str] | None,
-        option(
-            "NAME",
-            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, "
-            "`loaded`, `scheduled` "
-            "(see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]",
-        ),
-    ] = None,
-    stiffness: Annotated[
-        list[str] | None,
-        option(
-            "NAME",
-            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as "
-            "`module:Object`; "
-            "repeatable. [square]",
-        ),
-    ] = None,
-    perturbation: Annotated[
-        list[str] | None,
-        option(
-            "NAME",
-            "Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as "
-            "`module:Object`; "
-            "repeatable. [noise and prbs]",
-        ),
-    ] = None,
-    duration: Annotated[
-        list[float] | None,
-        option("S", "Seconds of data, a whole number of realizations; repeatable. [150]"),
-    ] = None,
-    rate: Annotated[float | None, option("HZ", "Rate to which data are decimated. [100]")] = None,
-    period: Annotated[float | None, option("S", "Duration of a realization. [2]")] = None,
-    snr: Annotated[
-        list[float] | None,
-        option("DB", "Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
-    ] = None,
-    viscosity: Annotated[
-        list[Viscosity] | None,
-        option(
-            "NAME",
-            "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. "
-            "[constant]",
-        ),
-    ] = None,
-    method: MethodOption = [],
-    trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,
-    seed: SeedOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    dry_run: Annotated[
-        bool,
-        option(
-            "", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run"
-        ),
-    ] = False,
-    out: OutOption = Path("tvsysid-benchmark"),
-) -> None:
+    study_toml: Path | None = None,
+    /,
+    *,
+    preset: Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None = None,
+    system: list[str] | None = None,
+    stiffness: list[str] | None = None,
+    perturbation: list[str] | None = None,
+    duration: list[float] | None = None,
+    rate: float | None = None,
+    period: float | None = None,
+    snr: list[float] | None = None,
+    viscosity: list[Literal["constant", "covarying"]] | None = None,
+    method: Methods | None = None,
+    trials: int | None = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    dry_run: Flag = False,
+    out: Path = Path("tvsysid-benchmark"),
+) -> int:
     """Compare methods on simulated data with known stiffness.
 
     Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the
@@ -143,6 +78,41 @@ def benchmark(
     Example: `tvsysid benchmark --method sds --method sds:window=0.2 --trials 50`
 
     Example: `tvsysid benchmark --preset paper --out paper`
+
+    Parameters
+    ----------
+    study_toml
+        TOML file with the study's settings.
+    preset
+        `quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their
+        sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a
+        stretch reflex, by methods of one pathway and of two), `closed-loop` (a compliant actuator,
+        by methods with and without a reference). The options below override its settings.
+    system
+        What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `loaded`,
+        `scheduled` (see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]
+    stiffness
+        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
+        `module:Object`; repeatable. [square]
+    perturbation
+        Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as
+        `module:Object`; repeatable. [noise and prbs]
+    duration
+        Seconds of data, a whole number of realizations; repeatable. [150]
+    rate
+        Rate in Hz to which data are decimated. [100]
+    period
+        Duration of a realization in s. [2]
+    snr
+        Signal-to-noise ratio of the torque in dB; repeatable. [10]
+    viscosity
+        `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
+    trials
+        Monte-Carlo trials of each scenario. [20]
+    dry_run
+        Print what would be run, with an estimate of time and size, and stop.
+    out
+        Folder for the results.
     """
     from tvsysid.studies import PRESETS
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
@@ -154,71 +124,57 @@ def benchmark(
         perturbation=perturbation,
         duration_s=duration,
         snr_db=snr,
-    )
-    settings |= given(
-        viscosity=list(map(str, viscosity or ())),
+        viscosity=viscosity,
         rate=rate,
         period=period,
         trials=trials,
         seed=seed,
+        methods=list(dict.fromkeys(method or ())),
     )
-    settings |= given(methods=list(dict.fromkeys(method)))
-    if study_file is not None and preset is not None:
-        raise InputError(f"{study_file} and --preset {preset}: give one of them")
-    if study_file is not None:
-        study = Study.from_toml(study_file, **settings)
+    if study_toml is not None and preset is not None:
+        raise InputError(f"{study_toml} and --preset {preset}: give one of them")
+    if study_toml is not None:
+        study = Study.from_toml(study_toml, **settings)
     else:
         study = study_called(preset or "quick", PRESETS, **settings)
     if dry_run:
         _print_plan(study, workers or cores())
-        return
-    count = len(study.scenarios)
+        return 0
     title = (
-        f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x "
+        f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} methods"
     )
-    check_folder(out)
+    make_folder(out)
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
-    if not write(results, out, command_line()):
-        raise typer.Exit(1)
+    return 0 if write(results, out, command_line()) else 1
 
 
 def _print_plan(study: Study, workers: int) -> None:
+    """Print the scenarios of a study, and how long it will take."""
     from tvsysid.study import plan
 
     with waiting("timing a trial of the shortest and the longest scenario"):
         taken = plan(study)
-    rows = [
-        (
-            each.system,
-            each.stiffness,
-            each.perturbation,
-            f"{each.duration_s:g}",
-            f"{each.snr_db:g}",
-            each.viscosity,
-        )
-        for each in study.scenarios
-    ]
     headings = ["system", "stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"]
+    fields = ("system", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity")
+    rows = [[str(getattr(each, name)) for name in fields] for each in study.scenarios]
     show_table("the study", headings, rows, "llllll")
     say(
         f"methods: {', '.join(study.named_methods)}\n"
         f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: "
-        f"{taken.trials} trials, "
-        f"{taken.simulated_s:,.0f} s of data\n"
-        f"about {duration_text(taken.work_s / workers)} with {workers} "
-        f"process{'es' if workers > 1 else ''}, beside "
-        f"the start and the figures, and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was "
-        "run"
+        f"{taken.trials} trials, {taken.simulated_s:,.0f} s of data\n"
+        f"about {_duration_text(taken.work_s / workers)} with {workers} "
+        f"process{'es' if workers > 1 else ''}, beside the start and the figures, and "
+        f"{taken.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )
     for label, reason in taken.failures.items():
         remark("error", f"{label} fails: {reason}")
 
 
 def write(results: xr.Dataset, out: Path, command: str) -> bool:
-    """Write tables, figures and report, and print the essence.
+    """Write tables, figures and report, and print a summary.
 
-    Whether every method gave a result in every trial.
+    Return whether every method gave a result in every trial.
     """
     from tvsysid.report import problems
     from tvsysid.studies import published
@@ -227,42 +183,37 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     literature = published(results)
     with waiting("scoring and drawing"):
         summary, claims, files, *_ = write_study(results, out, command, literature)
-    labels = list(dict.fromkeys(summary.scenario))
-    for label in labels[:MOST_TABLES]:
+    labels = list(summary.scenario.unique())
+    for label in labels[:MAX_TABLES]:
         _show_scores(summary[summary.scenario == label])
-    if len(labels) > MOST_TABLES:
-        say(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html")
+    if len(labels) > MAX_TABLES:
+        say(f"and {len(labels) - MAX_TABLES} more scenarios in summary.csv and report.html")
     if (claims.verdict != "not studied").any():
         show_claims(
             claims, "simulations", f"other scenarios: --preset {', '.join(literature.presets)}"
         )
     _show_times(results)
-    complete = print_met(results, problems(results), "trials", "trials")
+    complete = print_problems(results, problems(results), "trials", "trials")
     say_written(out, [*files, STORE])
     return complete
 
 
 def _scenario_title(row: Any) -> str:
     profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
-    profile = (
-        row.system
-        if profile == "own"
-        else profile
-        if row.system == "joint"
-        else f"{row.system}, {profile}"
-    )
+    if row.system != "joint":
+        profile = row.system if profile == "own" else f"{row.system}, {profile}"
     perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(
         row.perturbation, row.perturbation
     )
-    repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
     covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
     return (
-        f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"
+        f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, "
+        f"{row.trials} trial{'s' if row.trials > 1 else ''}"
     )
 
 
 def _show_scores(summary: pd.DataFrame) -> None:
-    """Main metrics of one scenario."""
+    """Print the main metrics of one scenario."""
     shown = {
         "bias_error": ("bias\n(N·m/rad)", "{:.1f}"),
         "random_error": ("random\n(N·m/rad)", "{:.1f}"),
@@ -274,37 +225,41 @@ def _show_scores(summary: pd.DataFrame) -> None:
         "bandpassed_vaf": ("VAF 1-10 Hz\n(%)", "{:.1f}"),
         "seconds": ("time\n(ms)", "{:.0f}"),
     }
-    present = [name for name in shown if (summary.metric == name).any()]
-    if "reflex pathway_vaf" in present:  # for which there would be no room
+    table = summary.pivot_table("value", "method", "metric", sort=False, dropna=False)
+    present = [name for name in shown if name in table]
+    if "reflex pathway_vaf" in present:  # there is no room for all
         present = [name for name in present if name not in ("random_error", "bandpassed_vaf")]
-    most: Any = summary.iloc[int(summary.trials.argmax())]
-    rows = []
-    for method, group in summary.groupby("method", sort=False):
-        values = dict.fromkeys(present, float("nan")) | dict(
-            zip(group.metric, group.value, strict=True)
-        )
-        values["seconds"] *= 1000
-        if most.trials == 1:
-            values["random_error"] = float("nan")  # one trial has no spread
-        texts = [
-            shown[name][1].format(values[name]) if values[name] == values[name] else "-"
-            for name in present
-        ]
-        rows.append((str(method), *texts))
-    show_table(_scenario_title(most), ["method", *(shown[name][0] for name in present)], rows)
+    table["seconds"] *= 1000
+    largest: Any = summary.iloc[int(summary.trials.argmax())]
+    if largest.trials == 1 and "random_error" in table:
+        table["random_error"] = math.nan  # one trial has no spread
+    rows = [
+        [str(method), *(number(values[name], shown[name][1]) for name in present)]
+        for method, values in table.iterrows()
+    ]
+    show_table(_scenario_title(largest), ["method", *(shown[name][0] for name in present)], rows)
 
 
 def _show_times(results: xr.Dataset) -> None:
-    """Where the time of the trials went, and how much data each stage gets through."""
+    """Print how long each stage of the trials took, and how much data it got through per second."""
     from tvsysid.study import time_spent
 
-    there = results.checksums.values.any(axis=-1)
-    simulated = float((results.duration_s.values * there.sum(axis=1)).sum())
+    done = results.checksums.values.any(axis=-1)
+    simulated = float((results.duration_s.values * done.sum(axis=1)).sum())
     spent = time_spent(results)
     total = sum(spent.values())
-    rows = []
-    for name, seconds in spent.items():
-        rate = f"{simulated / seconds:,.0f}" if seconds else "-"
-        rows.append((name, f"{seconds:.1f}", f"{100 * seconds / total if total else 0:.0f}", rate))
-    title = f"computing time by stage: {duration_text(total)} in all workers"
+    rows = [
+        (name, f"{seconds:.1f}", f"{100 * seconds / total:.0f}", f"{simulated / seconds:,.0f}")
+        for name, seconds in spent.items()
+        if seconds
+    ]
+    title = f"computing time by stage: {_duration_text(total)} in all workers"
     show_table(title, ["stage", "time (s)", "share (%)", "s of data per s"], rows)
+
+
+def _duration_text(seconds: float) -> str:
+    """Return a duration in s, min or h."""
+    minutes = seconds / 60
+    if minutes < 2:
+        return f"{seconds:.0f} s"
+    return f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"

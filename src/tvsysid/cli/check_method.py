@@ -2,24 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from tvsysid.cli.console import say
 
 
-def check_method(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODULE:CLASS",
-            help="Class of the method, in a module that is in the current folder or installed; or "
-            "a key that "
-            "`tvsysid methods` lists.",
-        ),
-    ],
-) -> None:
+def check_method(method: str, /) -> int:
     """Check whether a method of your own works with the package.
 
     The method identifies simulated joints, which takes some seconds. Each check prints what was
@@ -29,27 +15,30 @@ def check_method(
     Example: `tvsysid check-method mymethod:SlidingFit`
 
     Example: `tvsysid check-method mymethod:SlidingFit:window=0.2`
+
+    Parameters
+    ----------
+    method
+        Class of the method, as `module:Class`, in a module that is in the current folder or
+        installed; or a key that `tvsysid methods` lists.
     """
     from tvsysid.check import check_method as check
     from tvsysid.methods import parse
 
-    checks = check(parse(name))
+    checks = check(parse(method))
     for item in checks:
-        sign = (
-            ("✓", "green")
-            if item.passed
-            else ("✗" if item.run else "–", "red" if item.required else "yellow")
-        )
+        sign = "✓" if item.passed else "✗" if item.run else "–"
         advice = " (recommended)" if item.run and not (item.required or item.passed) else ""
-        say(sign, " ", (item.name, "bold"), f"{advice}: {item.message}")
+        style = "" if item.passed else "red" if item.required else "yellow"
+        say(f"{sign} {item.name}{advice}: {item.message}", style)
     failed = [item for item in checks if item.run and not item.passed]
-    required, advised = (sum(item.required is kind for item in failed) for kind in (True, False))
+    required = sum(item.required for item in failed)
     not_run = sum(not item.run for item in checks)
-    recommended = f"{advised} recommended check{'s' * (advised > 1)}"
+    advised = len(failed) - required
+    also = f"; {advised} recommended check{'s' * (advised > 1)} failed" if advised else ""
     if required:
-        also = f", {recommended} too" if advised else ""
         also += f"; {not_run} of {len(checks)} were not run" if not_run else ""
-        say(f"{name} does not pass: {required} check{'s' * (required > 1)} failed{also}")
-        raise typer.Exit(1)
-    also = f"; {recommended} failed" if advised else ""
-    say(f"{name} passes{also}; use it: tvsysid benchmark --method {name}")
+        say(f"{method} does not pass: {required} check{'s' * (required > 1)} failed{also}")
+        return 1
+    say(f"{method} passes{also}; use it: tvsysid benchmark --method {method}")
+    return 0

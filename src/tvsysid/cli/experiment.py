@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tvsysid.cli.console import progress, remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import (
-    MethodOption,
-    OutOption,
-    SchedulerOption,
-    SeedOption,
-    WorkersOption,
-    given,
-    option,
+from tvsysid.cli.console import (
+    number,
+    progress,
+    remark,
+    say_written,
+    show_table,
+    shown_warnings,
+    waiting,
 )
-from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
+from tvsysid.cli.options import Methods, Scheduler, Seed, Workers, given
+from tvsysid.cli.running import (
+    STORE,
+    command_line,
+    make_folder,
+    print_problems,
+    run_in,
+    show_claims,
+)
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,37 +33,23 @@ if TYPE_CHECKING:
 
     from tvsysid.study import Experiment, Prepared
 
-MOST_RECORDINGS = 24  # whose numbers of realizations are printed
+MAX_RECORDINGS = 24  # whose numbers of realizations are printed
 
 
 def experiment(
-    study_file: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[STUDY.toml]",
-            help="TOML file with participants, files and channels; see docs/experiment.md.",
-        ),
-    ] = None,
-    virtual: Annotated[
-        list[int] | None, option("N", "Virtual participant number N; repeatable. [1 to 6]")
-    ] = None,
-    perturbation: Annotated[
-        list[str] | None, option("NAME", "Perturbation to analyse; repeatable. [all]")
-    ] = None,
-    method: MethodOption = [],
-    realizations: Annotated[
-        list[int] | None,
-        option("N", "Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]"),
-    ] = None,
-    bootstraps: Annotated[
-        int | None,
-        option("N", "Bootstrap samples for each method and number of realizations. [100]"),
-    ] = None,
-    seed: SeedOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    out: OutOption = Path("tvsysid-experiment"),
-) -> None:
+    study_toml: Path | None = None,
+    /,
+    *,
+    virtual: list[int] | None = None,
+    perturbation: list[str] | None = None,
+    method: Methods | None = None,
+    realizations: list[int] | None = None,
+    bootstraps: int | None = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Path = Path("tvsysid-experiment"),
+) -> int:
     """Identify the stiffness of several participants, with its variability over bootstraps.
 
     Reads each participant's trials, decimates them, cuts them into realizations, aligns these with
@@ -105,32 +96,49 @@ def experiment(
     Example: `tvsysid experiment`
 
     Example: `tvsysid experiment study.toml --method sds --bootstraps 50`
+
+    Parameters
+    ----------
+    study_toml
+        TOML file with participants, files and channels; see docs/experiment.md.
+    virtual
+        Virtual participant number N; repeatable. [1 to 6]
+    perturbation
+        Perturbation to analyse; repeatable. [all]
+    realizations
+        Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]
+    bootstraps
+        Bootstrap samples for each method and number of realizations. [100]
+    out
+        Folder for the results.
     """
     from tvsysid.study import Experiment, prepared_recordings, run
 
-    methods = list(dict.fromkeys(method))
     settings = given(
-        virtual=virtual, perturbation=perturbation, methods=methods, realizations=realizations
+        virtual=virtual,
+        perturbation=perturbation,
+        methods=list(dict.fromkeys(method or ())),
+        realizations=realizations,
+        bootstraps=bootstraps,
+        seed=seed,
     )
-    settings |= given(bootstraps=bootstraps, seed=seed)
-    what = Experiment.from_toml(study_file, **settings) if study_file else Experiment(**settings)
-    check_folder(out)
+    study = Experiment.from_toml(study_toml, **settings) if study_toml else Experiment(**settings)
     with progress("preparing recordings") as advance:
-        prepared = prepared_recordings(what, advance)
+        prepared = prepared_recordings(study, advance)
     for item in prepared:
         for text in item.remarks:
             remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
     if all(item.failure for item in prepared):
         raise InputError("no recording can be used; correct the errors above")
     title = (
-        f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x "
-        f"{what.bootstraps} bootstraps"
+        f"{len(study.recordings)} recordings x {len(study.analyses)} analyses x "
+        f"{study.bootstraps} bootstraps"
     )
+    make_folder(out)
     with shown_warnings():
-        study_run = partial(run, what, prepared=prepared)
+        study_run = partial(run, study, prepared=prepared)
         results = run_in(out, study_run, title, "analyses", workers, scheduler)
-    if not write(what, results, prepared, out, command_line()):
-        raise typer.Exit(1)
+    return 0 if write(study, results, prepared, out, command_line()) else 1
 
 
 def write(
@@ -140,9 +148,9 @@ def write(
     out: Path,
     command: str,
 ) -> bool:
-    """Write tables, ensembles, figures and report, and print the essence.
+    """Write tables, ensembles, figures and report, and print a summary.
 
-    Whether every analysis gave a result.
+    Return whether every analysis gave a result.
     """
     from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
@@ -156,11 +164,9 @@ def write(
     _show_realizations(results)
     if claims.verdict.isin(["holds", "does not hold"]).any():
         show_claims(claims, "experiment", "what the report says")
-    labels = set(
-        results.recording.values.tolist()
-    )  # recordings that cannot be used were reported before
+    labels = set(results.recording.values.tolist())  # unusable recordings were reported before
     met = [problem for problem in problems(results) if problem["method"] not in labels]
-    complete = print_met(results, met, "analyses", "recordings") and not any(
+    complete = print_problems(results, met, "analyses", "recordings") and not any(
         item.failure for item in prepared
     )
     for label, diagnosis in diagnoses.items():
@@ -178,7 +184,7 @@ def write(
 
 
 def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
-    """Main figures under one perturbation, mean and standard deviation over participants."""
+    """Print the main results of one perturbation, mean and standard deviation over participants."""
     shown = {
         "mean_stiffness": "stiffness\n(N·m/rad)",
         "random_error": "random\n(N·m/rad)",
@@ -192,18 +198,18 @@ def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
     present = [name for name in shown if (summary.metric == name).any()]
     rows = []
     for (method, count), group in summary.groupby(["method", "realizations"], sort=False):
-        texts = []
-        for name in present:
-            values = group.value[group.metric == name].dropna()
-            deviation = f"±{values.std():.1f}" if len(values) > 1 else ""
-            texts.append(f"{values.mean():.1f}{deviation}" if len(values) else "-")
+        values = group.groupby("metric").value.agg(["mean", "std"])
+        texts = [
+            number(values["mean"][name]) + number(values["std"][name], "±{:.1f}").removesuffix("-")
+            for name in present
+        ]
         rows.append((str(method), str(count), *texts))
     title = f"{perturbation}: {people} participant{'' if people == 1 else 's'}{spread}"
     show_table(title, ["method", "drawn", *(shown[name] for name in present)], rows)
 
 
 def _show_realizations(results: xr.Dataset) -> None:
-    """What became of the realizations of each recording."""
+    """Print how many realizations of each recording each step excluded."""
     names = {
         "recorded": "recorded",
         "excluded_alignment": "shifted\ntoo far",
@@ -214,8 +220,8 @@ def _show_realizations(results: xr.Dataset) -> None:
     }
     rows = [
         (str(label), *(str(int(results[name].values[number])) for name in names))
-        for number, label in enumerate(results.recording.values[:MOST_RECORDINGS])
+        for number, label in enumerate(results.recording.values[:MAX_RECORDINGS])
     ]
-    more = results.sizes["recording"] - MOST_RECORDINGS
+    more = results.sizes["recording"] - MAX_RECORDINGS
     caption = f"and {more} more in report.html" if more > 0 else None
     show_table("realizations", ["recording", *names.values()], rows, caption=caption)

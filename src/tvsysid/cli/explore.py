@@ -5,47 +5,25 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
-from typing import Annotated
+from pathlib import Path
 
-import typer
+import attrs
 
-from tvsysid.cli import options
 from tvsysid.cli.console import say
+from tvsysid.cli.options import Cutting, ReadingOptions, given
+from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
 
 def explore(
-    file: options.FileArgument,
-    angle: Annotated[str | None, options.ANGLE] = None,
-    torque: Annotated[str | None, options.TORQUE] = None,
-    rate: Annotated[float | None, options.RATE] = None,
-    period: Annotated[float | None, options.PERIOD] = None,
-    decimate: Annotated[
-        float,
-        options.option(
-            "HZ", "Low-pass filter and decimate to this rate first; can be changed on the page."
-        ),
-    ] = 100.0,
-    channel: options.ChannelOption = [],
-    columns: options.ColumnsOption = "contiguous",
-    torque_sign: options.TorqueSignOption = 1,
-    angle_unit: options.AngleUnitOption = "rad",
-    torque_unit: options.TorqueUnitOption = "Nm",
-    header: options.HeaderOption = True,
-    start: options.StartOption = 0.0,
-    context: options.ContextOption = 0.5,
-    method: Annotated[
-        str, options.option("KEY[:SETTING=VALUE,…]", "Method to begin with.", "--method", "-m")
-    ] = "adaptive",
-    align_channels: Annotated[
-        bool, options.option("", "Begin with a delay between angle and torque corrected.")
-    ] = True,
-    port: Annotated[int, options.option("N", "Port of the page; 0 for any that is free.")] = 0,
-    browser: Annotated[
-        bool,
-        typer.Option(
-            "--browser/--no-browser", metavar="", help="Whether to open the page in a browser."
-        ),
-    ] = True,
+    file: Path,
+    /,
+    *,
+    reading: ReadingOptions = Reading(),
+    segmentation: Cutting = Segmentation(),
+    method: str = "adaptive",
+    align_channels: bool = True,
+    port: int = 0,
+    browser: bool = True,
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.
 
@@ -62,25 +40,37 @@ def explore(
 
     Example: `tvsysid explore ankle.mat --angle pos --torque tq --rate 1000 --period 2
     --torque-sign -1`
-    """
-    given = {
-        name: value for name, value in locals().items() if name not in ("file", "port", "browser")
-    }
-    from tvsysid.explorer import explore as opened
 
-    running = opened(file, port=port, **given)
-    say(f"{file.name} is explored at {running.url} (Ctrl-C ends it)")
+    Parameters
+    ----------
+    file
+        MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file.
+    method
+        Method to begin with, with settings after a colon if you wish.
+    align_channels
+        Begin with a delay between angle and torque corrected.
+    port
+        Port of the page; 0 for any that is free.
+    browser
+        Whether to open the page in a browser.
+    """
+    from tvsysid.explorer import explore as open_page
+
+    options = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
+    named = {OPTION_NAMES.get(name, name): value for name, value in options.items()}
+    page = open_page(file, port=port, method=method, align_channels=align_channels, **named)
+    say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
     if browser and _has_screen():
-        webbrowser.open(running.url)
+        webbrowser.open(page.url)
     try:
-        running.wait()
+        page.wait()
     except KeyboardInterrupt:
-        running.close()
-        sys.exit("interrupted; the page is closed")
+        page.close()
+        raise KeyboardInterrupt("interrupted; the page is closed") from None
 
 
 def _has_screen() -> bool:
-    """Whether a browser would show: without a screen, a text browser would take over the terminal."""
+    """Return whether a browser has a screen; a text browser would take over the terminal."""
     if "SSH_CONNECTION" in os.environ:
         return False
     return sys.platform in ("win32", "darwin") or bool(

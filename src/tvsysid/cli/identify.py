@@ -2,92 +2,50 @@
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
-from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import attrs
-import typer
 
-from tvsysid.cli import options
-from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
+from tvsysid.cli.console import (
+    number,
+    progress,
+    remark,
+    say,
+    say_written,
+    show_table,
+    shown_warnings,
+)
 from tvsysid.cli.identified import write_account, write_results, write_tuning
+from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, decimation
 from tvsysid.cli.references import unnamed_references
-from tvsysid.cli.running import check_folder
+from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
+from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from tvsysid.comparison import Comparison
-    from tvsysid.preprocess import Gap
-    from tvsysid.quality import Finding
+    from tvsysid.comparison import Comparison, PreparedRecording
     from tvsysid.report import Account
-    from tvsysid.signals import Ensemble, Recording
 
-DEFAULT_METHODS = [
-    "adaptive",
-    "eirf",
-    "sds",
-    "birf",
-    "esm",
-    "kbr",
-]  # of tvsysid.methods, which takes long to import
+DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
-SHOWN = 7  # values of a variable at which estimates are printed
-# seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
-PIECES = 2.0
-USUAL_RATE = 100.0  # Hz
-SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
+MAX_ROWS = 7  # values of a variable at which estimates are printed
 
 
 def identify(
-    file: options.FileArgument,
-    angle: Annotated[str, options.ANGLE],
-    torque: Annotated[str, options.TORQUE],
-    rate: Annotated[float, options.RATE],
-    period: Annotated[float | None, options.PERIOD] = None,
-    scheduling: Annotated[
-        str | None,
-        options.option(
-            "CHANNEL",
-            "Channel with a variable that the joint follows; the methods are then lpv and lpvkbi "
-            "unless given. Without "
-            "--period, all of the record is one realization.",
-        ),
-    ] = None,
-    decimate: options.DecimateOption = None,
-    channel: options.ChannelOption = [],
-    columns: options.ColumnsOption = "contiguous",
-    torque_sign: options.TorqueSignOption = 1,
-    angle_unit: options.AngleUnitOption = "rad",
-    torque_unit: options.TorqueUnitOption = "Nm",
-    header: options.HeaderOption = True,
-    start: options.StartOption = 0.0,
-    context: options.ContextOption = 0.5,
-    method: options.MethodOption = DEFAULT_METHODS,
-    align_channels: Annotated[
-        bool,
-        options.option("", "Correct a delay of the torque, unless that lowers the held-out VAF."),
-    ] = True,
-    remove_mains: Annotated[
-        bool, options.option("", "Subtract mains hum (50 or 60 Hz) that shows in the angle.")
-    ] = True,
-    tune: Annotated[
-        bool, options.option("", "Choose each method's settings from the data.", "--tune")
-    ] = False,
-    sheet: Annotated[
-        bool,
-        options.option(
-            "",
-            "Also write `sheet.html`, one page of A4 to print, for research use only.",
-            "--sheet",
-        ),
-    ] = False,
-    out: options.OutOption = Path("tvsysid-identify"),
-) -> None:
+    file: Path,
+    /,
+    *,
+    reading: ReadingOptions = Reading(),
+    segmentation: Cutting = Segmentation(),
+    scheduling: str | None = None,
+    method: Methods = DEFAULT_METHODS,
+    align_channels: bool = True,
+    remove_mains: bool = True,
+    tune: Flag = False,
+    sheet: Flag = False,
+    out: Path = Path("tvsysid-identify"),
+) -> int:
     """Identify stiffness over time from a recording.
 
     Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts
@@ -165,145 +123,112 @@ def identify(
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100
     --scheduling ankle_angle`
+
+    Parameters
+    ----------
+    file
+        MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file.
+    scheduling
+        Channel with a variable that the joint follows; the methods are then lpv and lpvkbi unless
+        given. Without --period, all of the record is one realization.
+    align_channels
+        Correct a delay of the torque, unless that lowers the held-out VAF.
+    remove_mains
+        Subtract mains hum (50 or 60 Hz) that shows in the angle.
+    tune
+        Choose each method's settings from the data.
+    sheet
+        Also write `sheet.html`, one page of A4 to print, for research use only.
+    out
+        Folder for the results.
     """
-    from tvsysid import preprocess
-    from tvsysid.comparison import compare
+    from tvsysid.comparison import compare, prepare_recording
     from tvsysid.methods import deviating_channels, parse
 
-    if period is None and scheduling is None:
+    if scheduling is not None:
+        channels = {**reading.channels, "scheduling": scheduling}
+        reading = attrs.evolve(reading, channels=channels)
+        method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
+    elif segmentation.period is None:
         raise InputError(
             "--period is missing: the duration of one repetition of the behaviour (s); for a "
-            "joint that is held still, "
-            "any will do (--period 2); where nothing repeats, give the channel with a variable "
-            "that the joint follows "
-            "(--scheduling)"
+            "joint that is held still, any will do (--period 2); where nothing repeats, give the "
+            "channel with a variable that the joint follows (--scheduling)"
         )
-    if scheduling is not None:
-        channel = [*channel, f"scheduling={scheduling}"]
-        method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
-    chosen = [parse(label) for label in method]
-    check_folder(out)
-    as_read = (rate, columns, torque_sign, angle_unit, start, header, torque_unit)
-    read = partial(options.read, file, angle, torque, *as_read)
+    deviating = deviating_channels(map(parse, method))
     with shown_warnings():
-        recorded, gaps, faults, done = _cleaned(read(channel), remove_mains, period, context)
-        deviating = [name for name in deviating_channels(chosen) if name in recorded.channels]
-
-        @cache
-        def prepared(delay: float) -> tuple[Recording, Ensemble]:
-            recording = preprocess.align_channels(recorded, delay) if delay else recorded
-            if decimate is not None:
-                recording = preprocess.decimate(recording, decimate, sharp=period is None)
-            ensemble = preprocess.segment(recording, period, context, gaps)
-            several = len(ensemble) > 1 or period is not None
-            return recording, preprocess.subtract_mean(ensemble, deviating) if several else ensemble
-
-        if decimate is None:
-            _remark_on(recorded.sampling_rate)
-        delay = _delay(prepared, context, deviating, method[0]) if align_channels else 0.0
-        recording, ensemble = prepared(delay)
-        say(f"{file.name}: {ensemble!r}")
+        recording = reading.read(file)
+        make_folder(out)
+        rate = recording.sampling_rate
+        if segmentation.decimate is None and rate > SLOW_RATE:
+            remark(
+                "note",
+                f"identifying at {rate:g} Hz takes minutes, where seconds do; {decimation(rate)} is "
+                "usual, and enough for a joint (Ctrl-C, and give it)",
+            )
+        prepared = prepare_recording(
+            recording,
+            segmentation,
+            deviating,
+            method=method[0],
+            align_channels=align_channels,
+            remove_mains=remove_mains,
+        )
+        for note in prepared.notes:
+            say(note)
+        say(f"{file.name}: {prepared.ensemble!r}")
         with progress("identifying") as advance:
-            found = compare(ensemble, method, tune=tune, progress=advance)
+            found = compare(prepared.ensemble, method, tune=tune, progress=advance)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = f"in {torque_unit.replace('N', 'N·')}" + (
-        ", with its sign reversed" if torque_sign == -1 else ""
-    )
-    source = {
-        "file": file.name,
-        "angle": f"channel {angle}, in {angle_unit}",
-        "torque": f"channel {torque}, {turned}",
-    }
-    known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    as_typed = {
-        "the torque's sign was reversed": torque_sign == -1,
-        "degrees became radians": angle_unit == "deg",
-    }
-    as_typed["N·mm became N·m"] = torque_unit == "Nmm"
-    write_results(found, out)  # what is found is kept if holding out is interrupted
-    account = _account(found, source, _judged(ensemble, recording, context, deviating), faults)
-    unnamed = tuple(unnamed_references(found, file, header, known, read))
-    account = attrs.evolve(
-        account,
-        turned=[*done, *(words for words, was in as_typed.items() if was)],
-        unnamed_references=unnamed,
-    )
+    write_results(found, out)  # kept if what follows is interrupted
+    account = _account(found, prepared, file, reading)
+    unnamed = unnamed_references(found, recording, file, reading)
+    account = attrs.evolve(account, unnamed_references=tuple(unnamed))
     written = write_account(account, out, file.name, sheet)
     _show_impedance(account)
+    _show_over_variables(found)
     _show_further(found)
     _show_reflex(account)
     _show_diagnosis(account)
-    _show_recommendation(account)
     say_written(out, [*written, *write_tuning(found, out)])
-    if found.failed:
-        raise typer.Exit(1)
+    return 1 if found.failed else 0
 
 
-def decimation(rate: float) -> str:
-    """Option that makes a recording at a rate in Hz quick to identify; empty where it is."""
-    from tvsysid.preprocess.decimate import fitting_rates
+def _account(
+    found: Comparison, prepared: PreparedRecording, file: Path, reading: Reading
+) -> Account:
+    """Predict held-out realizations and diagnose the data; return all that is known."""
+    from tvsysid.quality import diagnose
+    from tvsysid.report import Account
 
-    return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""
-
-
-def _remark_on(rate: float) -> None:
-    """Say that identifying at a high rate takes long."""
-    if rate > SLOW_RATE:
-        slow = f"identifying at {rate:g} Hz takes minutes, where seconds do"
-        remark(
-            "note",
-            f"{slow}; {decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)",
+    with shown_warnings(), progress("predicting realizations held out") as advance:
+        held_out = found.held_out_vaf(progress=advance)
+    reversed_sign = ", with its sign reversed" if reading.torque_sign == -1 else ""
+    source = {
+        "file": file.name,
+        "angle": f"channel {reading.angle}, in {reading.angle_unit}",
+        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}"
+        + reversed_sign,
+    }
+    changed = {
+        "the torque's sign was reversed": reading.torque_sign == -1,
+        "degrees became radians": reading.angle_unit == "deg",
+        "N·mm became N·m": reading.torque_unit == "Nmm",
+    }
+    corrections = [*prepared.corrections, *(text for text, done in changed.items() if done)]
+    try:
+        repeats = prepared.diagnosed is found.ensemble
+        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
+            prepared.diagnosed, repeats=repeats
         )
-
-
-def _cleaned(
-    recording: Recording, remove_mains: bool, period: float | None, context: float
-) -> tuple[Recording, tuple[Gap, ...], list[Finding], list[str]]:
-    """Recording less mains hum; gaps to leave out; faults that stay.
-
-    What was done, which is printed.
-    """
-    from tvsysid import preprocess
-    from tvsysid.figures.words import count
-    from tvsysid.quality import diagnose_recording
-
-    found, done = diagnose_recording(recording), []
-    gaps = preprocess.find_gaps(recording) if period else ()
-    if gaps:
-        every, kept = (
-            len(preprocess.segment(recording, period, context, each)) for each in ((), gaps)
-        )
-        lost = (
-            f"{count(every - kept, 'realization')} with gaps "
-            f"{'was' if every - kept == 1 else 'were'} left out"
-        )
-        done += [lost] * (every > kept)
-        say(f"{found.pop('gaps').what}; {lost}")
-    if remove_mains and found["mains"].found:
-        done.append("mains hum was subtracted from all channels")
-        say(f"{found.pop('mains').what}; {done[-1]}")
-        recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
-    return recording, gaps, list(found.values()), done
-
-
-def _delay(
-    prepared: Callable[[float], tuple[Recording, Ensemble]],
-    context: float,
-    deviating: Iterable[str],
-    method: str,
-) -> float:
-    """How much of a delay between the channels to correct, in s; says so if there is one."""
-    from tvsysid.comparison import delay_to_correct
-
-    recording, ensemble = prepared(0.0)
-    judged = _judged(ensemble, recording, context, deviating)
-    delay, text = delay_to_correct(lambda each: prepared(each)[1], judged, method)
-    if text:
-        say(text)
-    return delay
+    except InputError as error:
+        reason = str(error).removeprefix("diagnose: ")
+        return Account(found, held_out, undiagnosed=reason, source=source, turned=corrections)
+    diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *prepared.findings))
+    return Account(found, held_out, diagnosis, source=source, turned=corrections)
 
 
 def _show_impedance(account: Account) -> None:
@@ -311,9 +236,8 @@ def _show_impedance(account: Account) -> None:
     from tvsysid.figures.words import count
     from tvsysid.report.answer import answer
 
-    found = account.found
-    withdrawn = account.trust.level == "none"
-    if len(lines := answer(account)) > 1 or withdrawn:  # more than the table says
+    found, is_valid = account.found, account.trust.level != "none"
+    if len(lines := answer(account)) > 1 or not is_valid:
         say("\n  ".join(lines))
     headings = [
         "method",
@@ -325,52 +249,28 @@ def _show_impedance(account: Account) -> None:
         "VAF",
         "VAF\nheld\nout",
     ]
-    rows = [
-        (
-            row["method"],
-            _number(row["stiffness (N·m/rad)"]),
-            _number(row["half_band (N·m/rad)"], "± {:.1f}"),
-            *(
-                f"{_number(row[f'{end} (N·m/rad)'])}, {_number(row[f'{end} at (s)'], '{:.2f}')}"
-                for end in ("lowest", "highest")
-            ),
-            _number(row["inertia (kg·m²)"], "{:.4f}"),
-            _number(row["VAF (%)"]),
-            _number(account.held_out_mean(row["method"])),
+    rows = []
+    for row in found.rows():
+        extremes = (
+            f"{number(row[f'{end} (N·m/rad)'])}, {number(row[f'{end} at (s)'], '{:.2f}')}"
+            for end in ("lowest", "highest")
         )
-        for row in found.rows()
-    ]
-    cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
+        rows.append(
+            (
+                row["method"],
+                number(row["stiffness (N·m/rad)"]),
+                number(row["half_band (N·m/rad)"], "± {:.1f}"),
+                *extremes,
+                number(row["inertia (kg·m²)"], "{:.4f}"),
+                number(row["VAF (%)"]),
+                number(account.held_out_mean(row["method"])),
+            )
+        )
     title = (
         "stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) "
-        f"and VAF (%): {cut}"
+        f"and VAF (%): {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     )
-    show_table(f"{'not valid: ' if withdrawn else ''}{title}", headings, rows)
-
-
-def _show_further(found: Comparison) -> None:
-    """Print what the methods estimate beside stiffness, viscosity and inertia over time, and the reflex's shape."""
-    import numpy as np
-
-    from tvsysid.report.answer import further, reflex_shape
-
-    _show_over_variables(found)
-    rows = []
-    for each in further(found):
-        if each.quantity.startswith("scheduled "):  # is shown at values of the variable
-            continue
-        numbers = [
-            f"{end(each.values):.4g}" if each.values.size else "-"
-            for end in (np.mean, np.min, np.max)
-        ]
-        numbers.insert(1, _number(each.half_band, "± {:.3g}"))
-        rows.append((each.method, each.quantity, each.unit, each.over, *numbers))
-    if rows:
-        headings = ["method", "quantity", "unit", "over", "mean", "95 % band", "lowest", "highest"]
-        show_table("further estimates", headings, rows, "llll")
-    for label, model in found.models.items():
-        if shape := reflex_shape(model.diagnostics.details):
-            say(f"{label}: {shape}")
+    show_table(title if is_valid else f"not valid: {title}", headings, rows)
 
 
 def _show_over_variables(found: Comparison) -> None:
@@ -382,109 +282,73 @@ def _show_over_variables(found: Comparison) -> None:
     if not found.rows_over_variables():
         return
     table = found.over_variables()
+    bands = ((table.upper - table.lower) / 2).map(lambda half: number(half, " ± {:.2g}"))
+    table["text"] = table.estimate.map("{:.3g}".format) + bands.str.removesuffix("-")
+    names = table.quantity.str.removeprefix("scheduled_").str.replace("_", " ")
+    table["heading"] = names + "\n(" + table.unit.map(unit_name) + ")"
     for (label, variable), own in table.groupby(["method", "variable"], sort=False):
-        units = own.drop_duplicates("quantity").set_index("quantity").unit
-        headings = [
-            f"{name.removeprefix('scheduled_').replace('_', ' ')}\n({unit_name(units[name])})"
-            for name in units.index
-        ]
-        values = own.value.unique()
-        rows = [
-            (
-                f"{value:.3g}",
-                *(
-                    _with_band(*own[(own.value == value) & (own.quantity == name)].iloc[0, -3:])
-                    for name in units.index
-                ),
-            )
-            for value in values[
-                np.linspace(0, len(values) - 1, min(len(values), SHOWN)).round().astype(int)
-            ]
-        ]
-        show_table(f"{label} over {variable}, ± 95 % band", [str(variable), *headings], rows, "r")
+        texts = own.pivot_table("text", "value", "heading", aggfunc="first", sort=False)
+        places = np.linspace(0, len(texts) - 1, min(len(texts), MAX_ROWS)).round().astype(int)
+        rows = [(f"{value:.3g}", *cells) for value, *cells in texts.iloc[places].itertuples()]
+        headings = [str(variable), *map(str, texts.columns)]
+        show_table(f"{label} over {variable}, ± 95 % band", headings, rows, "r")
 
 
-def _with_band(value: float, lower: float, upper: float) -> str:
-    return f"{value:.3g}" + _number((upper - lower) / 2, " ± {:.2g}").removesuffix("-")
+def _show_further(found: Comparison) -> None:
+    """Print further estimates of the methods, and the shape of a reflex."""
+    import numpy as np
 
+    from tvsysid.report.answer import further, reflex_shape
 
-def _judged(
-    ensemble: Ensemble, recording: Recording, context: float, deviating: Iterable[str]
-) -> Ensemble:
-    """What to diagnose: the ensemble, or pieces of a record that does not repeat."""
-    from tvsysid.preprocess import segment, subtract_mean
-
-    with suppress(InputError):  # it is too short for two of them
-        if not ensemble.mean_subtracted:
-            return subtract_mean(segment(recording, PIECES, context), deviating)
-    return ensemble
-
-
-def _account(
-    found: Comparison, source: dict[str, str], judged: Ensemble, faults: list[Finding]
-) -> Account:
-    """What was found, with held-out VAF and a diagnosis, which gets the faults of the recording."""
-    from tvsysid.quality import diagnose
-    from tvsysid.report import Account
-
-    with shown_warnings(), progress("predicting realizations held out") as advance:
-        held_out = found.held_out_vaf(progress=advance)
-    try:
-        repeats = judged is found.ensemble
-        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
-            judged, repeats=repeats
-        )
-        diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *faults))
-        return Account(found, held_out, diagnosis, source=source)
-    except InputError as error:
-        return Account(
-            found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source
-        )
-
-
-def _show_diagnosis(account: Account) -> None:
-    """Say what a diagnosis of the ensemble found, in a line, and what could be better."""
-    if account.diagnosis is not None:
-        for text in account.diagnosis.remarks:
-            remark("note", text)
-        names = ", ".join(each.name for each in account.diagnosis.findings)
-        say(
-            "diagnosis: "
-            f"{account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}"
-        )
-    else:
-        say(f"diagnosis: none: {account.undiagnosed}")
-
-
-def _show_recommendation(account: Account) -> None:
-    """Say which method suits the data, unless it is the leading one, or no stiffness is stated."""
-    best = account.found.recommendation
-    if account.found.leading not in best.suited[:1] and account.trust.level != "none":
-        say(f"method for these data: {best.sentence}")
+    rows = []
+    for each in further(found):
+        if not each.quantity.startswith("scheduled "):  # is shown at values of the variable
+            values = each.values if each.values.size else np.array([np.nan])
+            mean, *extremes = (number(end(values), "{:.4g}") for end in (np.mean, np.min, np.max))
+            band = number(each.half_band, "± {:.3g}")
+            rows.append((each.method, each.quantity, each.unit, each.over, mean, band, *extremes))
+    if rows:
+        headings = ["method", "quantity", "unit", "over", "mean", "95 % band", "lowest", "highest"]
+        show_table("further estimates", headings, rows, "llll")
+    for label, model in found.models.items():
+        if shape := reflex_shape(model.diagnostics.details):
+            say(f"{label}: {shape}")
 
 
 def _show_reflex(account: Account) -> None:
-    """Say whether the data show a reflex that some of the methods take for stiffness."""
+    """Warn of a reflex that some of the methods include in the stiffness."""
     from tvsysid.quality import find_reflex
     from tvsysid.report.answer import one_pathway, reflex_found
 
-    found, one_path = account.found, one_pathway(account.found)
-    told = found.leading in one_path and bool(reflex_found(account))
-    if not one_path or told or account.trust.level == "none":
+    found, labels = account.found, one_pathway(account.found)
+    is_known = found.leading in labels and bool(reflex_found(account))
+    if not labels or is_known or account.trust.level == "none":
         return
-    names, reflex = ", ".join(one_path), find_reflex(found.ensemble)
+    names, reflex = ", ".join(labels), find_reflex(found.ensemble)
     if reflex.found:
         remark(
             "warning",
-            f"a reflex is taken for stiffness by {names}: {reflex.what}; {reflex.fault.remedy}",
+            f"the stiffness of {names} includes the torque of a reflex: {reflex.what}; "
+            f"{reflex.fault.remedy}",
         )
     elif "reflex_gain" in found.models[found.leading].estimates:
         remark(
             "note",
-            f"{found.leading} estimates a reflex beside the stiffness, which {names} take for "
-            "stiffness",
+            f"{found.leading} estimates a reflex beside the stiffness; that of {names} includes "
+            "its torque",
         )
 
 
-def _number(value: float, text: str = "{:.1f}") -> str:
-    return text.format(value) if math.isfinite(value) else "-"
+def _show_diagnosis(account: Account) -> None:
+    """Print what a diagnosis found, and which method suits the data if another one leads."""
+    diagnosis, found = account.diagnosis, account.found
+    if diagnosis is None:
+        say(f"diagnosis: none: {account.undiagnosed}")
+    else:
+        for text in diagnosis.remarks:
+            remark("note", text)
+        names = ", ".join(each.name for each in diagnosis.findings)
+        advice = f": {names} (report.html says what to do)" if names else ""
+        say(f"diagnosis: {diagnosis.verdict}{advice}")
+    if found.leading not in found.recommendation.suited[:1] and account.trust.level != "none":
+        say(f"method for these data: {found.recommendation.sentence}")

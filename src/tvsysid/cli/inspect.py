@@ -5,78 +5,33 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from tvsysid.cli import options
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
-from tvsysid.cli.identify import PIECES, USUAL_RATE, decimation
+from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, ReadingOptions, decimation
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
+from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
     from tvsysid.quality import Diagnosis
+    from tvsysid.recommendation import Recommendation
     from tvsysid.recordings import Channel
 
-MOST_DRAWN, MOST_COLUMNS = (
-    12,
-    20,
-)  # channels of a file, and columns of a matrix, that are drawn at most
+MAX_SIGNALS = 12  # of a file, that are drawn
+MAX_COLUMNS = 20  # of a matrix, that are drawn
+PICTURES = (".png", ".pdf", ".svg")
 
 
 def inspect(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, "
-            "HDF5, NetCDF, NWB, "
-            "Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF "
-            "(`tvsysid[edf]`).",
-        ),
-    ],
-    plot: Annotated[
-        Path | None,
-        options.option(
-            "FILE.png", "Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"
-        ),
-    ] = None,
-    diagnose: Annotated[
-        bool,
-        typer.Option(
-            "--diagnose",
-            metavar="",
-            help="Also read the recording and cut it into realizations as `tvsysid identify` "
-            "does, and report what is "
-            "wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour "
-            "repeats.",
-        ),
-    ] = False,
-    angle: Annotated[str | None, options.ANGLE] = None,
-    torque: Annotated[str | None, options.TORQUE] = None,
-    rate: Annotated[float | None, options.RATE] = None,
-    period: Annotated[float | None, options.PERIOD] = None,
-    decimate: Annotated[
-        float | None,
-        options.option("HZ", "Rate to which `tvsysid identify` will decimate; only checked here."),
-    ] = None,
-    channel: options.ChannelOption = [],
-    reference: Annotated[
-        str | None,
-        options.option(
-            "NAME",
-            "Channel (of --channel) with the disturbance that was applied, to look for a closed "
-            "loop.",
-        ),
-    ] = None,
-    columns: options.ColumnsOption = "contiguous",
-    torque_sign: options.TorqueSignOption = 1,
-    angle_unit: options.AngleUnitOption = "rad",
-    torque_unit: options.TorqueUnitOption = "Nm",
-    header: options.HeaderOption = True,
-    start: options.StartOption = 0.0,
-    context: options.ContextOption = 0.5,
+    file: Path,
+    /,
+    *,
+    reading: ReadingOptions = Reading(),
+    segmentation: Cutting = Segmentation(),
+    plot: Path | None = None,
+    diagnose: Flag = False,
+    reference: str | None = None,
 ) -> None:
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
@@ -101,92 +56,93 @@ def inspect(
 
     Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2
     --channel command=CMD --reference command`
+
+    Parameters
+    ----------
+    file
+        MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, HDF5, NetCDF,
+        NWB, Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF
+        (`tvsysid[edf]`).
+    plot
+        Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]
+    diagnose
+        Also read the recording and cut it into realizations as `tvsysid identify` does, and report
+        what is wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour
+        repeats.
+    reference
+        Channel (of --channel) with the disturbance that was applied, to look for a closed loop.
     """
-    from tvsysid import preprocess
     from tvsysid.figures import recorded_channels, save
-    from tvsysid.quality import diagnose as diagnosis_of
-    from tvsysid.quality.resampling import lowered
-    from tvsysid.recommendation import recommend
     from tvsysid.recordings import describe_file
-    from tvsysid.report import write_diagnosis
 
     picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
-    if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+    if picture.suffix.lower() not in PICTURES:
         raise InputError(
-            f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg"
+            f"{picture}: unknown ending {picture.suffix!r}; give one of {', '.join(PICTURES)}"
         )
-    needed = {"--angle": angle, "--torque": torque, "--rate": rate}
-    missing = [name for name, value in needed.items() if value is None]
-    if diagnose and missing:
-        raise InputError(f"--diagnose needs {', '.join(missing)}, as for tvsysid identify")
-    used = [name for name, value in {**needed, "--period": period}.items() if value is not None]
-    if not diagnose and used:
-        raise InputError(f"{used[0]}: is used with --diagnose only; add --diagnose")
-    channels = describe_file(file, header)
-    if reference is not None and reference not in {text.partition("=")[0] for text in channel}:
+    channels = describe_file(file, reading.header)
+    if reference is not None and reference not in reading.channels:
         raise InputError(
             f"--reference {reference}: no --channel is read under this name; add --channel "
-            f"{reference}=CHANNEL, one of "
-            f"{', '.join(channels)}"
+            f"{reference}=CHANNEL, one of {', '.join(channels)}"
         )
     _show_channels(file.name, channels)
-    drawn = _outlines(channels)
-    if drawn:
-        save(recorded_channels(drawn, file.name), picture)
+    if outlines := _outlines(channels):
+        save(recorded_channels(outlines, file.name), picture)
         say(f"wrote {picture}")
     else:
         say("no signals to draw")
-    if angle is None or torque is None or rate is None:
+    if not diagnose:
         _show_next(file, channels)
         return
-    if period is None:
-        remark(
-            "note",
-            f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to "
-            "repeat",
-        )
-    with shown_warnings():
-        recording = options.read(
-            file,
-            angle,
-            torque,
-            rate,
-            columns,
-            torque_sign,
-            angle_unit,
-            start,
-            header,
-            torque_unit,
-            channel,
-        )
-        if decimate is not None:
-            preprocess.decimate(recording, decimate)  # reports a rate that is impossible
-        # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates
-        # by itself.
-        known = [] if reference is None else [reference]
-        cut = preprocess.segment(
-            recording, period or PIECES, context, preprocess.find_gaps(recording)
-        )
-        ensemble = preprocess.subtract_mean(cut, known)
-    with waiting("diagnosing"):
-        diagnosis = diagnosis_of(
-            ensemble, reference, repeats=period is not None, recording=recording
-        )
-        suited = (
-            recommend(lowered(ensemble), reference, diagnosis=diagnosis)
-            if period is not None
-            else None
-        )
+    from tvsysid.report import write_diagnosis
+
+    name = f"{file.name} ({reading.angle}, {reading.torque})"
+    diagnosis, suited = _diagnose(file, reading, segmentation, reference)
     # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(
-        re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html")
+        re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}.diagnosis.html")
     )
-    name = f"{file.name} ({angle}, {torque})"
     write_diagnosis(page, {name: diagnosis}, command_line())
     _print_diagnosis(diagnosis, name)
     if suited is not None:
         say(f"method for these data: {suited.sentence}")
     say(f"wrote {page}")
+
+
+def _diagnose(
+    file: Path, reading: Reading, segmentation: Segmentation, reference: str | None
+) -> tuple[Diagnosis, Recommendation | None]:
+    """Diagnose a recording, and recommend a method if its behaviour repeats.
+
+    It is not decimated, which would hide a clipped signal. Checks that need a low rate decimate
+    themselves.
+    """
+    from tvsysid import preprocess
+    from tvsysid.comparison.preparation import PIECE_S
+    from tvsysid.quality import diagnose
+    from tvsysid.quality.resampling import lowered
+    from tvsysid.recommendation import recommend
+
+    period = segmentation.period
+    if period is None:
+        remark(
+            "note",
+            f"no --period: the record is cut into pieces of {PIECE_S:g} s, which are not taken to "
+            "repeat",
+        )
+    with shown_warnings():
+        recording = reading.read(file)
+        if segmentation.decimate is not None:
+            preprocess.decimate(recording, segmentation.decimate)  # refuses an impossible rate
+        gaps = preprocess.find_gaps(recording)
+        cut = preprocess.segment(recording, period or PIECE_S, segmentation.context, gaps)
+        ensemble = preprocess.subtract_mean(cut, () if reference is None else [reference])
+    with waiting("diagnosing"):
+        diagnosis = diagnose(ensemble, reference, repeats=period is not None, recording=recording)
+        if period is None:
+            return diagnosis, None
+        return diagnosis, recommend(lowered(ensemble), reference, diagnosis=diagnosis)
 
 
 def _show_channels(name: str, channels: dict[str, Channel]) -> None:
@@ -205,55 +161,52 @@ def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
             f"  seen:   {check.what}\n  effect: {check.fault.effect}\n  remedy: "
             f"{check.fault.remedy}"
         )
-        say((check.name, "bold"), f" ({check.strength})\n{lines}")
+        say(f"{check.name} ({check.strength})", "bold")
+        say(lines)
     for line in diagnosis.notes:
         say(line)
 
 
 def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
-    """Outlines of the first signals of a file that fit in memory, and of the first columns of each."""
+    """Return outlines of the first signals of a file that fit in memory."""
     import numpy as np
 
     from tvsysid.recordings import outline
 
-    drawn: dict[str, Any] = {}
-    signals = [
-        name
+    outlines: dict[str, Any] = {}
+    signals = {
+        name: channel
         for name, channel in channels.items()
         if channel.values is not None
         and len(channel.shape) in (1, 2)
         and max(channel.shape) > 1
-        and all(channel.shape)
-    ]
-    for name in signals:
-        if len(drawn) == MOST_DRAWN:
-            remark("note", f"{len(signals) - MOST_DRAWN} more channels are not drawn")
+        and min(channel.shape) > 0
+    }
+    for name, channel in signals.items():
+        if len(outlines) == MAX_SIGNALS:
+            remark("note", f"{len(signals) - MAX_SIGNALS} more channels are not drawn")
             break
         try:
-            values = channels[name].read(name)
+            values = channel.read(name)
         except InputError as error:
             remark("note", f"not drawn: {error}")
             continue
         if not np.iscomplexobj(values):
-            columns = (
-                [values.ravel()]
-                if min(values.shape) == 1 or values.ndim == 1
-                else list(values.T[:MOST_COLUMNS])
-            )
-            drawn[name] = (
-                channels[name],
-                [outline(np.asarray(column, dtype=float)) for column in columns],
-            )
-    return drawn
+            is_vector = values.ndim == 1 or min(values.shape) == 1
+            columns = [values.ravel()] if is_vector else values.T[:MAX_COLUMNS]
+            lines = [outline(np.asarray(column, dtype=float)) for column in columns]
+            outlines[name] = channel, lines
+    return outlines
 
 
 def _show_next(file: Path, channels: dict[str, Channel]) -> None:
-    """Print how the file is identified, at the rate that it states, decimated where that is usual."""
-    stated = {each.sampling_rate for each in channels.values() if each.sampling_rate}
-    rate = stated.pop() if len(stated) == 1 else None
-    at = (
-        f"HZ --decimate {USUAL_RATE:g}" if rate is None else f"{rate:g} {decimation(rate)}".rstrip()
-    )
+    """Print the command that identifies the file."""
+    rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
+    if len(rates) == 1:
+        rate = rates.pop()
+        at = f"{rate:g} {decimation(rate)}".rstrip()
+    else:
+        at = f"HZ --decimate {USUAL_RATE:g}"
     words = f"--angle CHANNEL --torque CHANNEL --rate {at} --period SECONDS"
     say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {words}")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):

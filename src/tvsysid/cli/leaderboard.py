@@ -4,51 +4,22 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from tvsysid.cli.console import remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import (
-    MethodOption,
-    OutOption,
-    SchedulerOption,
-    WorkersOption,
-    given,
-    option,
-)
-from tvsysid.cli.running import STORE, check_folder, print_met, run_in
-
-if TYPE_CHECKING:
-    import pandas as pd
+from tvsysid.cli.console import number, remark, say_written, show_table, shown_warnings, waiting
+from tvsysid.cli.options import Methods, Scheduler, Workers, given
+from tvsysid.cli.running import STORE, make_folder, print_problems, run_in
 
 
 def leaderboard(
-    method: MethodOption = [],
-    scenario: Annotated[
-        list[str] | None,
-        option(
-            "NAME",
-            "Further scenario, of an installed package or as `module:name`; repeatable. The table "
-            "is then not that of "
-            "the version.",
-        ),
-    ] = None,
-    trials: Annotated[
-        int | None,
-        option("N", "Trials of each scenario, fewer to try it out. [10, which the version has]"),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        option(
-            "N",
-            "Seed that is kept secret; the page has its hash only. [the public one of the version]",
-        ),
-    ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    out: OutOption = Path("tvsysid-leaderboard"),
-) -> None:
+    *,
+    method: Methods | None = None,
+    scenario: list[str] | None = None,
+    trials: int | None = None,
+    seed: int | None = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Path = Path("tvsysid-leaderboard"),
+) -> int:
     """Rank methods by one score, on simulated joints that are the same for everybody.
 
     Entries are the package's methods, those of installed packages, and those given with `--method`.
@@ -68,19 +39,31 @@ def leaderboard(
     If the command is interrupted or killed, the same command resumes.
 
     Example: `tvsysid leaderboard --method mymodule:MyMethod`
+
+    Parameters
+    ----------
+    scenario
+        Further scenario, of an installed package or as `module:name`; repeatable. The table is then
+        not that of the version.
+    trials
+        Trials of each scenario, fewer to try it out. [10, which the version has]
+    seed
+        Seed that is kept secret; the page has its hash only. [the public one of the version]
+    out
+        Folder for the results.
     """
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, SECRET, SEED, study_of, write_leaderboard
     from tvsysid.study import run
 
     with shown_warnings():
-        study = study_of(method, scenario or (), **given(trials=trials, seed=seed))
+        study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
     if SEED != study.seed < SECRET:
         remark(
             "warning",
             "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
         )
-    check_folder(out)
+    make_folder(out)
     title = (
         f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} entries"
@@ -88,34 +71,25 @@ def leaderboard(
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
-    _show(table)
+    rows = [
+        (
+            str(row["rank"]),
+            str(row["entry"]),
+            number(row["score"], "{:.2f}"),
+            number(row["score_error"], "{:.2f}"),
+            number(row["coverage"]),
+        )
+        for row in table.to_dict("records")
+    ]
+    show_table(
+        "leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl"
+    )
     if study.trials == 1:
         remark(
             "warning",
             "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
         )
-    failed = [
-        each for each in problems(results) if each["kind"] == "failed"
-    ]  # the page has all else
-    complete = print_met(results, failed, "trials", "trials")
+    failed = [each for each in problems(results) if each["kind"] == "failed"]
+    complete = print_problems(results, failed, "trials", "trials")
     say_written(out, [*FILES, STORE])
-    if not complete:
-        raise typer.Exit(1)
-
-
-def _show(table: pd.DataFrame) -> None:
-    numbers = table[["score", "score_error", "coverage"]].to_numpy()
-    texts = [
-        [
-            f"{each:.{places}f}".replace("nan", "-")
-            for each, places in zip(row, (2, 2, 1), strict=True)
-        ]
-        for row in numbers
-    ]
-    rows = [
-        (str(rank), entry, *row)
-        for rank, entry, row in zip(table["rank"], table.entry, texts, strict=True)
-    ]
-    show_table(
-        "leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl"
-    )
+    return 0 if complete else 1

@@ -4,93 +4,40 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli import options
-from tvsysid.cli.console import progress, say, say_written, show_table, shown_warnings
-from tvsysid.cli.options import option
-from tvsysid.cli.running import check_folder
+from tvsysid.cli.console import number, progress, say, say_written, show_table, shown_warnings
+from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, Methods, ReadingOptions, given
+from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
+from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tvsysid.planning import Plan, Protocol
+    from tvsysid.planning import Plan
     from tvsysid.planning.setups import Setup
-    from tvsysid.signals import Ensemble, Recording
 
-METHODS = ["adaptive", "sds", "birf", "kbr"]  # of tvsysid.planning, which takes long to import
-TRUSTED = 20  # realizations from which on plans and bands are no best case
-TOLD = 1.1  # times as much scatter as simulated, from which on it is said
+MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
+LARGE_EXCESS = 1.1  # ratio of pilot and simulated scatter that is printed
+PERIOD_S = 2.0
 
 
 def plan(
-    precision: Annotated[
-        float, option("N·M/RAD", "Stiffness is to be known to ± this at 95 %, bias included.")
-    ] = 5.0,
-    resolution: Annotated[
-        float | None, option("S", "A step is to be followed within this time (10 to 90 %). [any]")
-    ] = None,
-    method: options.MethodOption = METHODS,
-    perturbation: Annotated[
-        list[str],
-        option(
-            "NAME",
-            "Perturbation, as of `tvsysid simulate`; repeatable, to compare. [noise; with --pilot "
-            "that of the pilot]",
-        ),
-    ] = [],
-    amplitude: Annotated[
-        list[float],
-        option(
-            "RAD",
-            "RMS of the angle; repeatable, to compare. [0.0087, half a degree; with --pilot the "
-            "pilot's]",
-        ),
-    ] = [],
-    system: Annotated[
-        str | None, option("NAME", "What is recorded, as of `tvsysid simulate`. [joint]")
-    ] = None,
-    stiffness: Annotated[
-        str | None, option("NAME", "Its stiffness over a realization. [sine]")
-    ] = None,
-    noise: Annotated[
-        float | None, option("N·M", "RMS of the torque's noise, whatever the amplitude.")
-    ] = None,
-    snr: Annotated[
-        float | None,
-        option(
-            "DB", "In place of --noise: signal-to-noise ratio at an amplitude of 0.0087 rad. [10]"
-        ),
-    ] = None,
-    pilot: Annotated[
-        Path | None,
-        option(
-            "FILE",
-            "Recording to take joint, noise and perturbation from. Needs --angle, --torque, "
-            "--rate.",
-        ),
-    ] = None,
-    angle: Annotated[str | None, options.ANGLE] = None,
-    torque: Annotated[str | None, options.TORQUE] = None,
-    rate: Annotated[float | None, options.RATE] = None,
-    period: Annotated[float, options.PERIOD] = 2.0,
-    decimate: options.DecimateOption = None,
-    columns: options.ColumnsOption = "contiguous",
-    torque_sign: options.TorqueSignOption = 1,
-    angle_unit: options.AngleUnitOption = "rad",
-    start: options.StartOption = 0.0,
-    context: options.ContextOption = 0.5,
-    verify: Annotated[
-        bool,
-        option(
-            "",
-            "Simulate each answer anew, 40 times, and print predicted and reached error.",
-            "--verify",
-        ),
-    ] = False,
-    seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
-    out: options.OutOption = Path("tvsysid-plan"),
+    *,
+    precision: float = 5.0,
+    resolution: float | None = None,
+    method: Methods = ["adaptive", "sds", "birf", "kbr"],
+    perturbation: list[str] | None = None,
+    amplitude: list[float] | None = None,
+    system: str | None = None,
+    stiffness: str | None = None,
+    noise: float | None = None,
+    snr: float | None = None,
+    pilot: Path | None = None,
+    reading: ReadingOptions = Reading(),
+    segmentation: Cutting = Segmentation(),
+    verify: Flag = False,
+    seed: int = 0,
+    out: Path = Path("tvsysid-plan"),
 ) -> None:
     """Say how much to record for stiffness of a wished precision.
 
@@ -109,60 +56,60 @@ def plan(
 
     Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle pos --torque
     tq --rate 1000 --decimate 100 --period 2`
+
+    Parameters
+    ----------
+    precision
+        Stiffness is to be known to ± this at 95 % in N·m/rad, bias included.
+    resolution
+        A step is to be followed within this time in s (10 to 90 %). [any]
+    perturbation
+        Perturbation, as of `tvsysid simulate`; repeatable, to compare. [noise; with --pilot that of
+        the pilot]
+    amplitude
+        RMS of the angle in rad; repeatable, to compare. [0.0087, half a degree; with --pilot the
+        pilot's]
+    system
+        What is recorded, as of `tvsysid simulate`. [joint]
+    stiffness
+        Its stiffness over a realization. [sine]
+    noise
+        RMS of the torque's noise in N·m, whatever the amplitude.
+    snr
+        In place of --noise: signal-to-noise ratio in dB at an amplitude of 0.0087 rad. [10]
+    pilot
+        Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.
+    verify
+        Simulate each answer anew, 40 times, and print predicted and reached error.
+    seed
+        Seed of the random numbers.
+    out
+        Folder for the results.
     """
     import tvsysid
     from tvsysid.figures import save
-    from tvsysid.planning import Pilot
-    from tvsysid.planning.setups import CONTEXT
     from tvsysid.recordings import whole_file
-    from tvsysid.validators import with_settings
 
-    if not out.is_dir():
-        check_folder(out)
-    stated = options.given(system=system, stiffness=stiffness, noise=noise, snr=snr)
+    joint = given(system=system, stiffness=stiffness, noise=noise, snr_db=snr)
     if pilot is None:
-        of_pilot = {
-            "angle": angle is None,
-            "torque": torque is None,
-            "rate": rate is None,
-            "start": start == 0,
-        }
-        of_pilot |= {"columns": columns == "contiguous", "torque-sign": torque_sign == 1}
-        of_pilot |= {"angle-unit": angle_unit == "rad", "context": context == CONTEXT}
-        if said := [f"--{name}" for name, usual in of_pilot.items() if not usual]:
+        if reading != Reading():
             raise InputError(
-                f"{', '.join(said)}: said of a pilot recording; give that too (--pilot FILE)"
+                "options that describe a recording (such as --angle and --rate) need --pilot FILE"
             )
         if noise is not None and snr is not None:
             raise InputError("--noise and --snr: give one of them")
-        own: dict[str, Any] = {
-            "snr_db" if name == "snr" else name: value for name, value in stated.items()
-        }
-        own |= {"period": period, "rate": decimate or 100.0}
-        setups: Sequence[Setup] = _stated(perturbation or ["noise"], amplitude, own)
+        setups = _stated_setups(perturbation or ["noise"], amplitude, segmentation, joint)
     else:
-        if stated:
+        if joint:
             raise InputError(
-                f"--pilot {pilot}: the pilot shows what --{' and --'.join(stated)} would state; "
-                "leave it out"
+                f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out "
+                "--system, --stiffness, --noise and --snr"
             )
-        if angle is None or torque is None or rate is None:
-            raise InputError("--pilot needs --angle, --torque and --rate, as `tvsysid identify`")
-        with shown_warnings():
-            recording = options.read(
-                pilot, angle, torque, rate, columns, torque_sign, angle_unit, start
-            )
-            first = Pilot.of(_cut(recording, decimate, period, context))
-        say(f"pilot: {first.described()}")
-        setups = [
-            with_settings(first, perturbation=name, amplitude=size)
-            for name in (perturbation or (first.perturbation,))
-            for size in amplitude or [first.amplitude]
-        ]
+        setups = _setups_like(pilot, reading, segmentation, perturbation, amplitude)
+    make_folder(out)
     with progress("planning") as advance:
         found = tvsysid.plan(setups, precision, resolution, method, seed=seed, progress=advance)
     _show(found)
-    out.mkdir(parents=True, exist_ok=True)
     with whole_file(out / "plan.csv") as file:
         found.table().to_csv(file, index=False, float_format="%.6g")
     save(found.plot(), out / "plan.png")
@@ -171,32 +118,61 @@ def plan(
         _verify(found)
 
 
-def _stated(
-    perturbations: list[str], amplitudes: list[float], stated: dict[str, Any]
-) -> list[Protocol]:
-
+def _stated_setups(
+    perturbations: list[str],
+    amplitudes: list[float] | None,
+    segmentation: Segmentation,
+    joint: dict[str, Any],
+) -> list[Setup]:
+    """Return a protocol for each perturbation and amplitude."""
     from tvsysid.planning import Protocol
 
-    sizes = amplitudes or [Protocol().amplitude]
     return [
-        Protocol(perturbation=name, amplitude=size, **stated)
+        Protocol(
+            perturbation=name,
+            amplitude=size,
+            period=segmentation.period or PERIOD_S,
+            rate=segmentation.decimate or USUAL_RATE,
+            **joint,
+        )
         for name in perturbations
-        for size in sizes
+        for size in amplitudes or [Protocol().amplitude]
     ]
 
 
-def _cut(recording: Recording, decimate: float | None, period: float, context: float) -> Ensemble:
+def _setups_like(
+    pilot: Path,
+    reading: Reading,
+    segmentation: Segmentation,
+    perturbations: list[str] | None,
+    amplitudes: list[float] | None,
+) -> list[Setup]:
+    """Return the setup of a pilot recording for each perturbation and amplitude."""
     from tvsysid import preprocess
+    from tvsysid.planning import Pilot
+    from tvsysid.validators import with_settings
 
-    recording = preprocess.decimate(recording, decimate) if decimate is not None else recording
-    return preprocess.subtract_mean(preprocess.segment(recording, period, context))
+    with shown_warnings():
+        recording = reading.read(pilot)
+        if segmentation.decimate is not None:
+            recording = preprocess.decimate(recording, segmentation.decimate)
+        cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
+        first = Pilot.of(preprocess.subtract_mean(cut))
+    say(f"pilot: {first.described()}")
+    return [
+        with_settings(first, perturbation=name, amplitude=size)
+        for name in perturbations or (first.perturbation,)
+        for size in amplitudes or (first.amplitude,)
+    ]
 
 
 def _show(found: Plan) -> None:
     """Print the answer, for each setup a row for each method, and why some do not suffice."""
-    say((str(found), "bold"))
-    if found.best and (found.best.realizations or 0) < TRUSTED:
-        say(f"with fewer than {TRUSTED} realizations this is the best case: record {TRUSTED}")
+    say(str(found), "bold")
+    if found.best and (found.best.realizations or 0) < MIN_REALIZATIONS:
+        say(
+            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record {MIN_REALIZATIONS}"
+        )
     headings = ["method", "realizations", "record", "± reached", "bias", "follows a\nstep in"]
     for setup in found.setups:
         answers = [each for each in found.answers if each.setup == setup]
@@ -205,9 +181,9 @@ def _show(found: Plan) -> None:
                 each.method,
                 f"{each.realizations or 'none'}{' *' if each.why else ''}",
                 "-" if each.realizations is None else each.duration,
-                _number(each.half_width),
-                _number(each.bias),
-                _number(each.rise_time, "{:.2f} s"),
+                number(each.half_width),
+                number(each.bias),
+                number(each.rise_time, "{:.2f} s"),
             )
             for each in answers
         ]
@@ -215,7 +191,7 @@ def _show(found: Plan) -> None:
         for each in answers:
             if each.why:
                 say(f"  * {each.method} does not suffice: {each.why}")
-            if each.excess > TOLD:
+            if each.excess > LARGE_EXCESS:
                 say(
                     f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as "
                     "simulated: counted"
@@ -243,7 +219,3 @@ def _verify(found: Plan) -> None:
     if rows:
         show_table(f"random error (N·m/rad), {verified[0].trials} trials", headings, rows)
         say("\n".join(["difference: predicted over reached, less 1", *missed]))
-
-
-def _number(value: float, text: str = "{:.1f}") -> str:
-    return text.format(value) if math.isfinite(value) else "-"

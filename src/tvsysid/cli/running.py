@@ -1,4 +1,4 @@
-"""How a long study is run from the command line: its folder, its workers, and what happens when it is interrupted."""
+"""Run a long study from the command line, and print how its tasks ended."""
 
 from __future__ import annotations
 
@@ -22,24 +22,22 @@ if TYPE_CHECKING:
     from tvsysid.report.sections import Problem
 
 STORE = "results.zarr"  # where a study keeps its results, in its folder
-PATIENCE = "10s"  # how long a Dask scheduler may take to answer
+SCHEDULER_TIMEOUT = "10s"
 
 
-def check_folder(out: Path) -> None:
-    """Report a folder that cannot be made or written to before the work, not after it."""
-    there = next(each for each in (out, *out.resolve().parents) if each.exists())
-    if not there.is_dir():
-        raise InputError(f"{there}: expected a folder, this is a file; give a folder with --out")
+def make_folder(out: Path) -> None:
+    """Make a folder for results, and check before the work that it can be written to."""
     try:
-        tempfile.TemporaryFile(dir=there).close()
+        out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out).close()
     except OSError as error:
         raise InputError(
-            f"{there}: cannot write to this folder: {error.strerror}; give another with --out"
+            f"{out}: cannot write to this folder: {error.strerror}; give another with --out"
         ) from error
 
 
 def command_line() -> str:
-    """The command as it can be typed again."""
+    """Return the command as it was typed."""
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
@@ -51,52 +49,63 @@ def run_in(
     workers: int | None,
     scheduler: str | None,
 ) -> xr.Dataset:
-    """Results of a run with store, workers, executor and progress.
+    """Run what is missing of a study in a folder, with progress.
 
-    If it ends early, the message says how to resume.
+    Parameters
+    ----------
+    out
+        Folder of the study.
+    study_run
+        Function that runs it, of store, workers, executor and progress.
+    title, units
+        Name of the study, and of its tasks, for the progress.
+    workers, scheduler
+        As of the options.
     """
-    kept = [0, 0]
+    counts: tuple[int, int] | None = None
 
-    def count() -> str:
-        return f"{kept[0]} of {kept[1]} {units} are" if kept[1] else "what was done is"
+    def kept() -> str:
+        return f"{counts[0]} of {counts[1]} {units} are" if counts else "finished tasks are"
 
     try:
         with progress(title) as advance, _executor(scheduler) as (executor, threads):
 
-            def count_kept(done: int, total: int) -> None:
-                if done and not kept[1]:
+            def count(done: int, total: int) -> None:
+                nonlocal counts
+                if done and counts is None:
                     errors.print(f"resuming: {done} of {total} {units} are done already")
-                kept[:] = done, total
+                counts = done, total
                 advance(done, total)
 
-            at_a_time = threads if workers is None else workers
             return study_run(
-                store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept
+                store=out / STORE,
+                workers=threads if workers is None else workers,
+                executor=executor,
+                progress=count,
             )
     except KeyboardInterrupt:
-        sys.exit(f"interrupted; {count()} in {out / STORE}; the same command resumes")
+        raise KeyboardInterrupt(
+            f"interrupted; {kept()} in {out / STORE}; the same command resumes"
+        ) from None
     except OSError as error:
         raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {count()} kept; "
-            "solve this, and the same command resumes from there"
+            f"{error.filename or out}: {error.strerror or error}; {kept()} kept; solve this, and "
+            "the same command resumes"
         ) from error
 
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | None]]:
-    """Executor of a Dask cluster and the number of its threads.
-
-    Without a scheduler, None for both.
-    """
+    """Connect to a Dask cluster; yield its executor and its number of threads, or None for both."""
     if scheduler is None:
         yield None, None
         return
     try:
         from distributed import Client
+
+        client: Any = Client(scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
     except ImportError as error:
         raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
-    try:
-        client: Any = Client(scheduler, timeout=PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); check the address"
@@ -111,30 +120,27 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | No
         yield client.get_executor(pure=False), threads
 
 
-def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str) -> bool:
-    """Print failures, warnings and what is missing; return whether no method failed."""
-    there = results.checksums.values.any(axis=-1)
-    if not there.all():
-        text = (
-            f"{there.sum()} of {there.size} {units} are done so far; the command that started "
-            "them resumes"
+def print_problems(results: xr.Dataset, problems: list[Problem], units: str, counted: str) -> bool:
+    """Print failures, warnings and how much is missing; return whether no method failed."""
+    done = results.checksums.values.any(axis=-1)
+    if not done.all():
+        remark(
+            "warning",
+            f"{done.sum()} of {done.size} {units} are done so far; the command that started them "
+            "resumes",
         )
-        remark("warning", text)
-    for problem in met:
+    for problem in problems:
         failed = problem["kind"] == "failed"
         what = {"failed": "failed and are left out", "skipped": "were skipped"}.get(
             problem["kind"], "gave warnings"
         )
         text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
         remark("error" if failed else "warning", text.format(what=what, counted=counted, **problem))
-    return not any(problem["kind"] == "failed" for problem in met)
+    return not any(problem["kind"] == "failed" for problem in problems)
 
 
 def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
-    """Print the verdicts on the paper's claims.
-
-    `need` says what the claims without a verdict need.
-    """
+    """Print the verdicts on the paper's claims; ``need`` says what the other claims need."""
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
     studied = claims[claims.verdict != "not studied"]
     rows = [

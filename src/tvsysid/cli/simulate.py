@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say
-from tvsysid.cli.identify import decimation
-from tvsysid.cli.options import option
+from tvsysid.cli.options import Flag, decimation
 from tvsysid.errors import InputError, describe_error
-from tvsysid.validators import with_settings
 
 if TYPE_CHECKING:
     from tvsysid.signals import Array
@@ -20,66 +16,18 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File to write: .mat, .csv or .tsv.")
-    ],
-    system: Annotated[
-        str,
-        option(
-            "NAME",
-            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant "
-            "gain; `reflex-sine`, "
-            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: "
-            "closed loop; `loaded`: "
-            "moved by a torque), `scheduled` (stiffness follows EMG), or your own as "
-            "`module:Object`. Settings may "
-            "follow: `reflex:reflex_gain=4,noise_bandwidth=1`.",
-        ),
-    ] = "joint",
-    stiffness: Annotated[
-        str | None,
-        option(
-            "NAME",
-            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as "
-            "`module:Object`. "
-            "[that of the system: sine for scheduled, else square]",
-        ),
-    ] = None,
-    perturbation: Annotated[
-        str,
-        option(
-            "NAME",
-            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary "
-            "sequence), "
-            "`pulses` (to either side, with rests), `multisine` (sines at a few frequencies), or "
-            "your own as "
-            "`module:Object`.",
-        ),
-    ] = "noise",
-    duration: Annotated[float, option("S", "Seconds of data.")] = 150.0,
-    snr: Annotated[
-        float, option("DB", "Signal-to-noise ratio of the torque in dB; inf for no noise.")
-    ] = 10.0,
-    seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
-    rate: Annotated[
-        float,
-        option(
-            "HZ",
-            "Sampling rate. Nothing is filtered: at low rates, what is faster is folded into the "
-            "torque (at 100 Hz "
-            "inertia is found 44 % low). Simulate at 1000 Hz, and decimate.",
-        ),
-    ] = 1000.0,
-    overwrite: Annotated[bool, option("", "Replace FILE if it exists.", "--overwrite")] = False,
-    participant: Annotated[
-        int | None,
-        option(
-            "N",
-            "Write the ten trials of virtual participant number N instead, to a .mat file that "
-            "`tvsysid experiment` "
-            "reads; only --perturbation applies to it.",
-        ),
-    ] = None,
+    file: Path,
+    /,
+    *,
+    system: str = "joint",
+    stiffness: str | None = None,
+    perturbation: str = "noise",
+    duration: float = 150.0,
+    snr: float = 10.0,
+    seed: int = 0,
+    rate: float = 1000.0,
+    overwrite: Flag = False,
+    participant: int | None = None,
 ) -> None:
     """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
@@ -97,11 +45,44 @@ def simulate(
     pulses`
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
+
+    Parameters
+    ----------
+    file
+        File to write: .mat, .csv or .tsv.
+    system
+        What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain;
+        `reflex-sine`, `reflex-square`: of varying gain), `compliant` (a joint on a compliant
+        actuator: closed loop; `loaded`: moved by a torque), `scheduled` (stiffness follows EMG), or
+        your own as `module:Object`. Settings may follow:
+        `reflex:reflex_gain=4,noise_bandwidth=1`.
+    stiffness
+        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
+        `module:Object`. [that of the system: sine for scheduled, else square]
+    perturbation
+        Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary
+        sequence), `pulses` (to either side, with rests), `multisine` (sines at a few frequencies),
+        or your own as `module:Object`.
+    duration
+        Seconds of data.
+    snr
+        Signal-to-noise ratio of the torque in dB; inf for no noise.
+    seed
+        Seed of the random numbers.
+    rate
+        Sampling rate in Hz. Nothing is filtered: at a low rate, faster components alias into the
+        torque (at 100 Hz inertia is found 44 % low). Simulate at 1000 Hz, and decimate.
+    overwrite
+        Replace FILE if it exists.
+    participant
+        Write the ten trials of virtual participant number N instead, to a .mat file that `tvsysid
+        experiment` reads; only --perturbation applies to it.
     """
     from tvsysid.methods import resolve
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
     from tvsysid.simulate.simulation import checked_simulation
+    from tvsysid.validators import with_settings
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
@@ -113,14 +94,12 @@ def simulate(
     period = 2.0
     if stiffness is not None:
         profile = resolve(stiffness, PROFILES, "profile")
-        settings: Any = simulated
         try:
-            simulated = with_settings(settings, stiffness=profile)
+            simulated = with_settings(simulated, stiffness=profile)
         except TypeError as error:
             raise InputError(
-                f"--stiffness: {system} is not a dataclass with a field stiffness; leave out "
-                "--stiffness, and set it "
-                f"in {system}"
+                f"--stiffness: {system} has no setting stiffness; leave out --stiffness, and set "
+                f"it in {system}"
             ) from error
         period = period if stiffness in PROFILES else getattr(profile, "period", period)
     try:
@@ -130,47 +109,47 @@ def simulate(
         simulation = checked_simulation(made, system)
     except InputError:
         raise
-    except Exception as error:
+    except Exception as error:  # a system of one's own may raise anything
         raise InputError(f"system {system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)
     inner = slice(first, first + round(duration * rate))
-    write_simulation(
-        file, {name: values[inner] for name, values in _columns(simulation).items()}, rate
-    )
+    signals = {name: values[inner] for name, values in _signals(simulation).items()}
+    write_simulation(file, signals, rate)
     at = f"{rate:g} {decimation(rate)}".rstrip()
     channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} "
-        "--angle angle "
-        f"--torque torque --rate {at} --period {period:g}{channels}"
+        f"--angle angle --torque torque --rate {at} --period {period:g}"
+        f"{channels}"
     )
     if "disturbance" in simulation.recording.channels:
         say(
             "in closed loop with its reference: add --method "
             "kbr:reference=disturbance,weighting=residual"
         )
-    if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
+    if (variable := getattr(simulated, "variable", None)) in simulation.recording.channels:
         say(
-            f"or over {followed}, which the joint follows: --scheduling {followed} in place of "
-            f"--channel {followed}={followed}"
+            f"or over {variable}, which the joint follows: --scheduling {variable} in place of "
+            f"--channel {variable}={variable}"
         )
 
 
-def _columns(simulation: Simulation) -> dict[str, Array]:
-    """Signals and truth, by their names in the file."""
+def _signals(simulation: Simulation) -> dict[str, Array]:
+    """Return recorded signals and truth, by their names in the file."""
     recording = simulation.recording
-    several = simulation.pathways if len(simulation.pathways) > 1 else {}
+    pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
     return {
         "angle": recording.angle,
         "torque": recording.torque,
         **recording.channels,
         "noiseless_torque": simulation.noiseless.torque,
-        **{f"torque_{name}": torque for name, torque in several.items()},
+        **{f"torque_{name}": torque for name, torque in pathways.items()},
         **simulation.truth,
     }
 
 
 def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:
+    """Write the trials of a virtual participant, and print how a study reads them."""
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import Participant
 
@@ -195,6 +174,5 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
         f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; to "
         "analyse it, put this into study.toml:\n"
         f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = '
-        f'"torque"\n'
-        f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
+        f'"torque"\nsampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
     )

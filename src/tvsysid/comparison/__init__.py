@@ -2,5 +2,12 @@
 
 from tvsysid.comparison.comparison import Comparison, compare
 from tvsysid.comparison.delay import delay_to_correct
+from tvsysid.comparison.preparation import PreparedRecording, prepare_recording
 
-__all__ = ["Comparison", "compare", "delay_to_correct"]
+__all__ = [
+    "Comparison",
+    "PreparedRecording",
+    "compare",
+    "delay_to_correct",
+    "prepare_recording",
+]

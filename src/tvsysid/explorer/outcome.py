@@ -8,29 +8,20 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import Callable
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from threading import Lock
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import attrs
 
-from tvsysid.comparison import Comparison, compare, delay_to_correct
+from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare_recording
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Settings, SourceFile, command, python
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import deviating_channels, parse
-from tvsysid.preprocess import (
-    align_channels,
-    decimate,
-    find_gaps,
-    find_mains,
-    remove_mains,
-    segment,
-    subtract_mean,
-)
-from tvsysid.quality import Diagnosis, diagnose, diagnose_recording
+from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.report.answer import Account, answer
-from tvsysid.signals import Ensemble, Recording
+from tvsysid.signals import Recording
 
 T = TypeVar("T")
 TURN_S = 0.02  # between two looks whether it is one's turn
@@ -38,21 +29,12 @@ Noted = tuple[T, tuple[str, ...]]  # what a step made, and what it warned of
 ONE_AT_A_TIME = Lock()  # warnings and the figures' look are those of all threads
 
 
-class Cut(NamedTuple):
-    """Realizations, the delay (s) and mains hum (Hz) that were removed, and channels that lost their mean."""
-
-    ensemble: Ensemble
-    delay: float
-    mains: float
-    deviating: tuple[str, ...]
-
-
 @attrs.frozen(eq=False)
 class Outcome:
     """What was found with some settings, and the package's warnings."""
 
     settings: Settings
-    cut: Cut
+    cut: PreparedRecording
     found: Comparison
     notes: tuple[str, ...]
 
@@ -70,7 +52,8 @@ class Outcome:
     @property
     def python(self) -> str:
         """The same in Python."""
-        return python(self.settings, self.cut.delay, self.cut.mains, self.cut.deviating)
+        delay = float(self.cut.ensemble.delay_removed)
+        return python(self.settings, delay, self.cut.mains, self.cut.deviating)
 
     @cached_property
     def diagnosis(self) -> Diagnosis | str:
@@ -123,7 +106,7 @@ def outcome(settings: Settings) -> Outcome:
 @lru_cache(maxsize=16)
 def _found(
     source: SourceFile | Recording, changed: int, how: Cutting, method: str
-) -> Noted[tuple[Cut, Comparison]]:
+) -> Noted[tuple[PreparedRecording, Comparison]]:
     cut, before = _cut(source, changed, how, tuple(deviating_channels([parse(method)])))
     found, notes = _noted(lambda: compare(cut.ensemble, [method]))
     return (cut, found), (*before, *notes)
@@ -132,31 +115,12 @@ def _found(
 @lru_cache(maxsize=8)
 def _cut(
     source: SourceFile | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]
-) -> Noted[Cut]:
+) -> Noted[PreparedRecording]:
     recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
-    names = tuple(name for name in deviating if name in recording.channels)
-    faults = {
-        name: check.what for name, check in diagnose_recording(recording).items() if check.found
-    }
-    gaps, mains = find_gaps(recording), find_mains(recording)[0] if "mains" in faults else 0.0
-    recording = remove_mains(recording, mains) if mains else recording
-
-    @cache
-    def ensemble(delay: float) -> Ensemble:
-        aligned = align_channels(recording, delay) if delay else recording
-        lowered = aligned if how.decimate is None else decimate(aligned, how.decimate)
-        return subtract_mean(segment(lowered, how.period, how.context, gaps), names)
-
-    def made() -> Cut:
-        delay, _ = (
-            delay_to_correct(ensemble, ensemble(0.0), "adaptive")
-            if how.align_channels
-            else (0.0, "")
-        )
-        return Cut(ensemble(delay), delay, mains, names)
-
-    cut, notes = _noted(made)
-    return cut, (*before, *(f"{what}; it is taken out" for what in faults.values()), *notes)
+    prepared, notes = _noted(
+        lambda: prepare_recording(recording, how, deviating, align_channels=how.align_channels)
+    )
+    return prepared, (*before, *prepared.notes, *notes)
 
 
 @lru_cache(maxsize=4)

@@ -131,11 +131,13 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
     InputError
         For a channel that is not in the file, a word that is no choice, or what should be a number.
     """
-    further = (given["channel"],) if isinstance(given["channel"], str) else tuple(given["channel"])
+    further = named_channels(
+        [given["channel"]] if isinstance(given["channel"], str) else given["channel"]
+    )
     for name, in_file in {
         "angle": given["angle"],
         "torque": given["torque"],
-        **named_channels(further),
+        **further,
     }.items():
         if in_file is not None and in_file not in channels:
             raise InputError(

@@ -6,18 +6,16 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
 
-from tvsysid.checked import checked_array
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import Channel
-from tvsysid.recordings.limits import check_fits
-from tvsysid.recordings.plausible import contradictions, implausible
-from tvsysid.recordings.process import describe_file
-from tvsysid.signals import Array, Recording
 from tvsysid.validators import boolean, finite, not_negative, one_of, optional, positive
+
+if TYPE_CHECKING:  # the command line imports this module for its options, and must start quickly
+    from tvsysid.recordings.channel import Channel
+    from tvsysid.signals import Array, Recording
 
 AngleUnit = Literal["rad", "deg"]
 TorqueUnit = Literal["Nm", "Nmm"]
@@ -30,7 +28,7 @@ OPTION_NAMES = {"sampling_rate": "rate", "channels": "channel"}
 """Names of command-line options that differ from the names of the settings."""
 
 
-def named_channels(channels: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
+def named_channels(channels: Iterable[str]) -> dict[str, str]:
     """Return names in the file by names in the recording, from a mapping or NAME=CHANNEL texts.
 
     Examples
@@ -138,6 +136,8 @@ class Reading:
             states another unit or sampling rate; if angle or torque stand still while the joint
             moves, or a channel does throughout.
         """
+        from tvsysid.checked import checked_array  # noqa: PLC0415
+
         file = Path(path)
         content = self.signals(file)
         signals = {
@@ -168,6 +168,10 @@ class Reading:
 
     def signals(self, file: Path) -> Signals:
         """Read the signals that a recording is made of, each of one shape (time, trial)."""
+        from tvsysid.checked import checked_array  # noqa: PLC0415
+        from tvsysid.recordings.limits import check_fits  # noqa: PLC0415
+        from tvsysid.recordings.process import describe_file  # noqa: PLC0415
+
         names = self.names
         found = describe_file(file, self.header)
         for name in names:
@@ -220,6 +224,8 @@ class Reading:
         self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
     ) -> Recording:
         """Return the recording of signals of shape (time,), by their names in the file."""
+        from tvsysid.signals import Recording  # noqa: PLC0415
+
         angle, torque = self.names[:2]
         return Recording(
             angle=_scaled(signals[angle], RAD_PER_UNIT[self.angle_unit]),
@@ -232,6 +238,8 @@ class Reading:
 
     def warnings(self, channels: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
         """Yield a sentence for all that the file states otherwise, or that looks wrong."""
+        from tvsysid.recordings.plausible import contradictions, implausible  # noqa: PLC0415
+
         angle, torque = self.names[:2]
         units = {angle: self.angle_unit, torque: self.torque_unit}
         yield from contradictions(channels, recording.sampling_rate, units)

@@ -76,17 +76,9 @@ def test_kept_realizations_are_untouched_and_limits_are_those_of_all(name, seed,
 
 
 @steps
-@pytest.mark.parametrize(
-    ("realizations", "settings", "message"),
-    [
-        (9, {"limit": 0.0}, "limit must be a positive number"),
-        (9, {"limit": 1e-6}, "every realization leaves the mean by 1e-06 SD"),
-        (1, {}, "expected at least two realizations"),
-    ],
-)
-def test_impossible_limits_are_refused(name, realizations, settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        STEPS[name](clean(0, realizations), **settings)
+def test_limits_that_are_not_positive_are_refused(name):
+    with pytest.raises(tv.InputError, match="limit must be a positive number"):
+        STEPS[name](clean(0), limit=0.0)
 
 
 def test_a_cutoff_above_half_the_rate_is_refused():

@@ -35,7 +35,8 @@ def vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math::
 
-        \max\left(0, 1 - \frac{\sum_i (y_r(i) - \hat y_r(i))^2}{\sum_i y_r(i)^2}\right) \cdot 100\,\%
+        \max\left(0, 1 - \frac{\sum_i (y_r(i) - \hat y_r(i))^2}{\sum_i y_r(i)^2}\right)
+        \cdot 100\,\%
 
     Equation 25 of van de Ruit et al. 2021. The sums are not centred: subtract the mean over
     realizations before.
@@ -57,7 +58,8 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math::
 
-        \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right) \cdot 100\,\%
+        \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right)
+        \cdot 100\,\%
 
     Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction.
     Torques are those of :func:`vaf`.

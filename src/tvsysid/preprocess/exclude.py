@@ -50,7 +50,8 @@ class Step:
 def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: float = 0.25) -> Step:
     r"""Shift each realization to where its torque is nearest to a target. Exclude large shifts.
 
-    .. math:: \tau_r = \arg\min_{|\tau| \le \text{search}} \sum_t (y_r(t + \tau) - y_\text{ref}(t))^2
+    .. math:: \tau_r = \arg\min_{|\tau| \le \text{search}}
+              \sum_t (y_r(t + \tau) - y_\text{ref}(t))^2
 
     (equation 27 of van de Ruit et al. 2021). Angle, torque and channels move together by whole
     samples; the reference stays. The samples that move in come from the context, which is shorter
@@ -190,15 +191,8 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
 def _exclude(step: str, ensemble: Ensemble, judged: Array, limit: float) -> Step:
     """Exclude realizations that leave mean ± limit · SD over realizations at any time."""
     positive.check(step, "limit", limit)
-    if len(judged) < 2:
-        raise InputError(f"{step}: expected at least two realizations to compare, got one")
     mean, sd = judged.mean(axis=0), judged.std(axis=0, ddof=1)
     distance = np.abs(judged - mean)
     reached = np.divide(distance, sd, out=np.zeros_like(distance), where=sd > 0).max(axis=1)
     kept = reached <= limit
-    if not kept.any():
-        raise InputError(
-            f"{step}: every realization leaves the mean by {limit:g} SD somewhere; give a higher "
-            "limit"
-        )
     return Step(ensemble.select(kept), kept, reached, limit, judged, mean, limit * sd)

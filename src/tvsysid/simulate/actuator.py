@@ -44,7 +44,7 @@ def impose(
     noise_bandwidth: float = BANDWIDTH,
 ) -> Imposed:
     """Impose the perturbation on a joint of this stiffness, viscosity and inertia over time."""
-    samples, recorded = len(conditions.whole_time), slice(conditions.run_in, None)
+    samples, recorded = len(conditions.whole_time), slice(conditions.second, None)
     drive = generate(conditions.perturbation, samples, conditions.rate, generators[0])
     motion = actuate(drive, conditions.rate)
     angle, velocity, acceleration = motion[:, recorded]

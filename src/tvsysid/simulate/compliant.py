@@ -116,7 +116,7 @@ class CompliantActuator(Joint):
             force = np.einsum("qt,qt->t", load, reference)
             motion = move(self.actuator_stiffness * applied - share * force)
             motion[:, 0] += share * reference
-        recorded = slice(conditions.run_in, None)
+        recorded = slice(conditions.second, None)
         motion, joint, noise = (each[..., recorded] for each in (motion, joint, noise))
         scale = conditions.angle_scale(motion[0, 0])
         imposed = scale * np.einsum("qt,qt->t", joint, motion[:, 0])

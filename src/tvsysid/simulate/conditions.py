@@ -17,8 +17,6 @@ from tvsysid.validators import Validator, at_least, is_number, positive
 
 RMS_ANGLE = math.radians(0.5)
 BANDWIDTH = 40.0  # Hz, of the actuator's Bessel filter and the noise's Butterworth filter
-MARGIN_S = 1.0  # recorded before time 0 and after the duration, as context
-RUN_IN_S = 1.0  # simulated before the record, so that the filters' start from rest is forgotten
 
 RULES = {
     "duration": positive,
@@ -46,7 +44,11 @@ RULES = {
 
 @attrs.frozen(eq=False)
 class Conditions:
-    """Conditions under which a system is simulated. Its name is for error messages."""
+    """Conditions under which a system is simulated. Its name is for error messages.
+
+    A second before time 0 and after the duration is recorded too, as context. Before, another
+    second is simulated as run-in, so that the filters' start from rest is forgotten.
+    """
 
     system: str
     duration: float
@@ -58,41 +60,35 @@ class Conditions:
     def __attrs_post_init__(self) -> None:
         for name, rule in RULES.items():
             rule.check(self.system, name, getattr(self, name))
-        if self._inside < 1:
+        if self._duration < 1:
             raise InputError(
                 f"{self.system}: a duration of {self.duration:g} s is shorter than a sample at "
                 f"{self.rate:g} Hz"
             )
 
     @property
-    def _inside(self) -> int:
-        """Number of samples from time 0 to the duration."""
-        return round(self.duration * self.rate)
-
-    @property
-    def run_in(self) -> int:
-        """Number of samples before the record."""
-        return round(RUN_IN_S * self.rate)
-
-    @property
-    def first(self) -> int:
-        """Number of the first simulated sample. The sample at time 0 has number 0."""
-        return -round(MARGIN_S * self.rate) - self.run_in
+    def second(self) -> int:
+        """Number of samples of the run-in, which is not recorded, and of either margin."""
+        return round(self.rate)
 
     @property
     def whole_time(self) -> Array:
-        """Time of each simulated sample in s, those before the record included."""
-        return np.arange(self.first, self._inside + round(MARGIN_S * self.rate)) / self.rate
+        """Time of each simulated sample in s, those of the run-in included."""
+        return np.arange(-2 * self.second, self._duration + self.second) / self.rate
 
     @property
     def time(self) -> Array:
         """Time of each recorded sample in s."""
-        return self.whole_time[self.run_in :]
+        return self.whole_time[self.second :]
+
+    @property
+    def _duration(self) -> int:
+        """Number of samples from time 0 to the duration."""
+        return round(self.duration * self.rate)
 
     def _inner(self, values: Array) -> Array:
         """Return recorded values from time 0 to the duration, over which sizes are measured."""
-        margin = round(MARGIN_S * self.rate)
-        return values[margin : margin + self._inside]
+        return values[self.second : self.second + self._duration]
 
     def generators(self, count: int = 2) -> list[np.random.Generator]:
         """Return independent random generators, the first two for perturbation and noise."""
@@ -115,7 +111,7 @@ class Conditions:
         size = float(np.dot(inner, inner))
         if size == 0:
             raise InputError(f"{self.system}: {self.perturbation!r} gave a signal without movement")
-        return RMS_ANGLE / math.sqrt(size / self._inside)
+        return RMS_ANGLE / math.sqrt(size / self._duration)
 
     def noise_scale(self, torque: Array, noise: Array) -> float:
         """Return the factor that gives noise its signal-to-noise ratio to a torque."""

@@ -203,9 +203,11 @@ class ScheduledJoint(Joint):
             gain = impedance["reflex_gain"] = self._over_time("gain_relation", variable)
             # The gain is that at the time of the stretch; before the record, its first value.
             delay, whole = round(self.reflex.delay * conditions.rate), len(imposed.velocity)
-            late = np.pad(gain, (conditions.run_in + delay, 0), "edge")[:whole]
-            torque = self.reflex.torque(imposed.velocity, late, conditions.rate, conditions.first)
-            pathways["reflex"] = torque[conditions.run_in :]
+            late = np.pad(gain, (conditions.second + delay, 0), "edge")[:whole]
+            torque = self.reflex.torque(
+                imposed.velocity, late, conditions.rate, -2 * conditions.second
+            )
+            pathways["reflex"] = torque[conditions.second :]
         return conditions.simulation(
             imposed.angle, imposed.noise, pathways, impedance, {self.variable: variable}
         )

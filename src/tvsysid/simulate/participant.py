@@ -35,20 +35,36 @@ DRIFT_CORRELATION = 0.9  # of the amplitude's drift, from period to period
 
 @attrs.frozen
 class Traits:
-    """What makes one person differ from another.
+    """Traits of one person.
 
-    Maximal voluntary torque in N·m; ``inertia`` of foot and footplate together in kg·m²; stiffness
-    without voluntary torque in N·m/rad, and its rise with that torque in 1/rad; ``damping_ratio``,
-    the share of critical damping: the viscosity is 2 · damping ratio · √(stiffness · inertia);
-    ``reflex_gain``, torque per velocity of stretch in N·m·s/rad, 0 for no stretch reflex; ``delay``
-    in s by which the voluntary torque follows the target on average.
-
-    Jitters are standard deviations from period to period, of the delay in s, of the amplitude as
-    a share of it, and of the mean torque (offset) as a share of the amplitude, which also drifts
-    slowly. ``fluctuation`` is the standard deviation of the torque's fluctuations up to some 3
-    Hz as a share of the torque, ``sensor_noise`` in N·m. The last four are shares of the
-    periods: in which the rhythm is lost (under either perturbation), the amplitude lapses
-    (``weak``), and the foot twitches.
+    Parameters
+    ----------
+    maximal_torque
+        Maximal voluntary torque in N·m.
+    inertia
+        Inertia of foot and footplate together in kg·m².
+    passive_stiffness, stiffness_per_torque
+        Stiffness without voluntary torque in N·m/rad, and its rise with that torque in 1/rad.
+    damping_ratio
+        Ratio to the critical viscosity, 2 √(stiffness · inertia).
+    reflex_gain
+        Torque per velocity of stretch in N·m·s/rad; 0 for no stretch reflex.
+    delay, delay_jitter
+        Mean delay of the voluntary torque behind the target, and its standard deviation from period
+        to period, in s.
+    amplitude_jitter, amplitude_drift
+        Standard deviations of the amplitude from period to period and of its slow drift, as shares
+        of it.
+    offset_jitter
+        Standard deviation of the mean torque from period to period, as a share of the amplitude.
+    fluctuation
+        Standard deviation of the torque's fluctuations up to some 3 Hz, as a share of the torque.
+    sensor_noise
+        Standard deviation in N·m.
+    late_noise, late_prbs
+        Shares of periods in which the rhythm is lost: under noise, and under a PRBS.
+    weak, twitches
+        Shares of periods in which the amplitude lapses, and in which the foot twitches.
     """
 
     maximal_torque: float
@@ -76,13 +92,13 @@ class Traits:
 
     @classmethod
     def of(cls, number: int) -> Traits:
-        """Traits of the participant with this number; without a stretch reflex.
+        """Return the traits of a participant by number; without a stretch reflex.
 
         Notes
         -----
-        Stiffness rises by some 4 N·m/rad with each N·m, and the damping ratio does not depend on it, as is usually
-        found at the ankle under small perturbations; with the target's range, that gives the 50 to 150 N·m/rad of
-        the paper's simulations. The imperfections are set such that the paper's exclusions and VAFs come out.
+        Stiffness rises by some 4 N·m/rad with each N·m, and the damping ratio does not depend on
+        it, as is usual at the ankle under small perturbations. This gives the 50 to 150 N·m/rad of
+        the paper's simulations. The imperfections give exclusions and VAFs like the paper's.
         """
         random = _generators(number)[0]
         clumsiness = math.exp(0.15 * random.standard_normal())
@@ -115,27 +131,27 @@ def _generators(number: int) -> list[np.random.Generator]:
 
 @attrs.frozen
 class Participant:
-    r"""A virtual person who follows a target torque while the ankle is perturbed.
+    r"""Virtual person who follows a target torque while the ankle is perturbed.
 
-    .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(t)\,\theta(t) + r(t) + v(t) + n(t), \qquad
-              k(t) = k_0 + s\,v(t), \quad b(t) = 2 \zeta \sqrt{k(t)\, I}
+    .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(t)\,\theta(t) + r(t) + v(t) + n(t),
+              \qquad k(t) = k_0 + s\,v(t), \quad b(t) = 2 \zeta \sqrt{k(t)\, I}
 
     The voluntary torque v follows a 0.5-Hz sinusoid between 5 and 50 % of the maximal voluntary
-    torque, as people do: late by a delay that varies, with an amplitude that drifts and jitters,
-    with fluctuations in proportion to the torque, and at times not at all. Stiffness follows what
-    the person does, not the target. The stretch reflex r, if any, is that of :class:`ReflexJoint`;
-    actuator and size of the angle (0.5 degrees RMS) are those of :class:`Joint`.
+    torque, as people do. It is late by a delay that varies, with an amplitude that drifts and
+    jitters and with fluctuations in proportion to the torque. At times the person loses the rhythm.
+    Stiffness follows the person's torque, not the target. The stretch reflex r, if any, is that of
+    :class:`ReflexJoint`; actuator and size of the angle are those of :class:`Joint`.
 
     Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``,
-    ``reflex`` and ``voluntary``. Channel: ``target``, the torque to be followed in N·m.
+    ``reflex`` and ``voluntary``. Channel: ``target``, the target torque in N·m.
 
-    The ``number``, 0 or more, says which person: the same one gives the same numbers. ``traits``
-    take the place of the person's own, for instance ``replace(Traits.of(1), reflex_gain=5.0)``.
-
-    Raises
-    ------
-    InputError
-        For a number that is not whole or negative.
+    Parameters
+    ----------
+    number
+        Number of the person, 0 or more. The same number gives the same random numbers.
+    traits
+        Traits in place of the person's own, such as
+        ``attrs.evolve(Traits.of(1), reflex_gain=5.0)``.
 
     References
     ----------
@@ -158,16 +174,14 @@ class Participant:
         return Traits.of(self.number)
 
     def simulate(self, *, perturbation: Perturbation = PERTURBATIONS["noise"]) -> Simulation:
-        """Record ten trials of 70 s at 1024 Hz, each with 5 s of rest before time 0 and 5 s of rest at its end.
+        """Record ten trials of 70 s at 1024 Hz, each with 5 s of rest at both ends.
 
-        The protocol and the person's noise are fixed, so that nothing else can be chosen; the
-        random numbers follow from the person's number.
-
-        The trials come one after the other; rests let actuator and reflex settle between them.
+        Time 0 is where the perturbation begins. The protocol and the person's noise are fixed. The
+        trials follow each other; rests let actuator and reflex settle between them.
 
         The perturbation is :class:`FilteredNoise`, :class:`PRBS`, or anything with their
-        ``generate``. A PRBS has random numbers of its own and loses the person's rhythm more
-        often (``late_prbs``) than anything else does (``late_noise``).
+        ``generate``. A PRBS has random numbers of its own. Under it the person loses the rhythm more
+        often (``late_prbs``) than under anything else (``late_noise``).
         """
         traits, prbs = self.traits, isinstance(perturbation, PRBS)
         for_angle, for_person, for_sensor = _generators(self.number)[2 if prbs else 1].spawn(3)
@@ -218,10 +232,10 @@ def _target(traits: Traits) -> SineWave:
 def _voluntary_torque(
     traits: Traits, time: Array, late: float, random: np.random.Generator
 ) -> Array:
-    """Voluntary torque in N·m over one trial, shape (time,).
+    """Return the voluntary torque in N·m over one trial, shape (time,).
 
-    Delay, amplitude and mean are drawn for the middle of each period, and change linearly from
-    one to the next.
+    Delay, amplitude and mean are drawn for the middle of each period, and change linearly in
+    between.
     """
     target = _target(traits)
     middles = np.arange(time[0] - PERIOD_S / 2, time[-1] + PERIOD_S, PERIOD_S)
@@ -260,8 +274,7 @@ def _voluntary_torque(
 
 def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> Array:
     """Return low-passed noise of unit variance, shape (samples,)."""
-    impulse = np.zeros(round(4 * RATE_HZ / bandwidth))
-    impulse[0] = 1.0
+    impulse = scipy.signal.unit_impulse(round(4 * RATE_HZ / bandwidth))
     response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE_HZ), impulse)
     run_in = round(RATE_HZ / bandwidth)
     noise = low_passed_noise(random, bandwidth, RATE_HZ, run_in + samples, "noise")[run_in:]

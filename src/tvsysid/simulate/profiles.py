@@ -104,6 +104,6 @@ def over_time(name: str, profile: float | Profile, time: Array) -> Array:
     if values.shape != time.shape or not np.isfinite(values).all():
         raise InputError(
             f"{name} must give one finite number for each of {len(time)} values, got shape "
-            f"{values.shape}{' with values that are not finite' if values.shape == time.shape else ''}"
+            f"{values.shape}{', not all finite' if values.shape == time.shape else ''}"
         )
     return values

@@ -64,10 +64,10 @@ class ReflexJoint(Joint):
         impedance = self._impedance(conditions.time)
         imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
         gain = self._over_time("reflex_gain", conditions.whole_time)
-        torque = self.reflex.torque(imposed.velocity, gain, rate, conditions.first)
+        torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
         stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
         emg = np.abs(stretch * generators[2].standard_normal(len(gain))) / math.sqrt(2 / math.pi)
-        recorded = slice(conditions.run_in, None)
+        recorded = slice(conditions.second, None)
         return conditions.simulation(
             imposed.angle,
             imposed.noise,

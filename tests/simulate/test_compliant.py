@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from scipy.signal import lsim
 
 import tvsysid as tv
 from tvsysid.simulate import (
@@ -47,21 +46,6 @@ def test_motion_equals_the_differential_equation(random):
     np.testing.assert_allclose(
         motion[2, 0], force - damping * motion[1, 0] - stiffness * motion[0, 0]
     )
-
-
-@pytest.mark.parametrize(("stiffness", "damping"), [(1500.0, 30.0), (900.0, 60.0), (100.0, 90.0)])
-def test_constant_motion_equals_scipy(
-    random, stiffness, damping
-):  # under-, critically and overdamped
-    force = np.cumsum(random.standard_normal(1200))
-    force[0] = 0.0
-    time = np.arange(1200) / 1000
-    full = np.ones(1200)
-    _, _, states = lsim(
-        ([[0, 1], [-stiffness, -damping]], [[0], [1]], np.eye(2), np.zeros((2, 1))), force, time
-    )
-    motion = driven_motion(stiffness * full, damping * full, force[None], 1000.0)
-    np.testing.assert_allclose(motion[:2, 0], states.T, rtol=1e-7, atol=1e-9 * np.abs(states).max())
 
 
 @perturbed
@@ -112,10 +96,9 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
 
     inside, angle = slice(1000, 3001), recording.angle
     velocity = (angle[998] - 8 * angle[999] + 8 * angle[1001] - angle[1002]) / 12e-3
-    # As it steps from sample to sample, it needs no finer tolerance.
-    found = solve_ivp(
-        slope, (0, 2), [angle[1000], velocity], t_eval=time[inside], rtol=1e-6, max_step=1e-3
-    ).y[0]
+    state = [angle[1000], velocity]
+    # It steps from sample to sample, so that no finer tolerance is needed.
+    found = solve_ivp(slope, (0, 2), state, t_eval=time[inside], rtol=1e-6, max_step=1e-3).y[0]
     assert np.std(found - angle[inside]) < 1e-3 * np.std(angle)
 
 
@@ -134,53 +117,34 @@ def test_torque_and_angle_belong_together_however_soft_the_actuator(actuator, pe
     assert np.std((recording.torque - answer)[10:-10]) < 0.01 * np.std(recording.torque)
 
 
-def test_the_reference_alone_moves_the_angle_by_half_a_degree():
-    quiet = simulate(CompliantActuator(), 40.0, snr_db=np.inf)
+def test_the_disturbance_alone_moves_the_angle_by_half_a_degree():
+    quiet, loud = (simulate(CompliantActuator(), 40.0, snr_db=snr_db) for snr_db in (np.inf, 0.0))
     inside = slice(1000, 41_000)
     assert np.sqrt(np.mean(quiet.recording.angle[inside] ** 2)) == pytest.approx(math.radians(0.5))
-    loud = simulate(CompliantActuator(), 40.0, snr_db=0.0)
-    np.testing.assert_array_equal(
-        loud.recording.channels["disturbance"], quiet.recording.channels["disturbance"]
-    )
     noise = loud.recording.torque - loud.noiseless.torque
     assert np.std(noise[inside]) == pytest.approx(np.std(quiet.recording.torque[inside]))
 
 
-# Shares of the angle's power that the noise makes, measured with an independent simulator.
-@pytest.mark.parametrize(
-    ("actuator", "bandwidth", "snr_db", "share"),
-    [
-        (30.0, 40.0, 10.0, 0.014),
-        (100.0, 40.0, 10.0, 0.008),
-        (30.0, 5.0, 5.0, 0.20),
-        (100.0, 5.0, 5.0, 0.11),
-    ],
-)
-def test_noise_moves_soft_actuators_most(actuator, bandwidth, snr_db, share):
-    system = CompliantActuator(SineWave(), actuator_stiffness=actuator, noise_bandwidth=bandwidth)
+def test_noise_moves_the_angle_of_a_soft_actuator():
+    system = CompliantActuator(SineWave(), actuator_stiffness=30.0, noise_bandwidth=5.0)
     settings = {"perturbation": FilteredNoise(20.0), "seed": 3}
-    angle = simulate(system, 40.0, snr_db=snr_db, **settings).recording.angle
-    imposed = simulate(system, 40.0, snr_db=np.inf, **settings).recording.angle
-    assert np.var(angle - imposed) / np.var(angle) == pytest.approx(share, rel=0.25)
+    angle, imposed = (
+        simulate(system, 40.0, snr_db=snr_db, **settings).recording.angle
+        for snr_db in (5.0, np.inf)
+    )
+    # An independent simulator gave 20 % of the angle's power.
+    assert np.var(angle - imposed) / np.var(angle) == pytest.approx(0.20, rel=0.25)
 
 
 @perturbed
 def test_a_stiff_actuator_imposes_the_angle(perturbation):
     settings = {"perturbation": PERTURBATIONS[perturbation]}
     plain = simulate(Joint(SineWave()), **settings).recording
-    errors = []
-    for stiffness in (1e7, 1e9):
-        stiff = simulate(
-            CompliantActuator(SineWave(), actuator_stiffness=stiffness), **settings
-        ).recording
-        errors.append(
-            [
-                np.std(a - b) / np.std(b)
-                for a, b in ((stiff.angle, plain.angle), (stiff.torque, plain.torque))
-            ]
-        )
-    assert np.max(errors[0]) < 0.02
-    assert np.max(errors[1]) < 0.002
+    for stiffness, limit in ((1e7, 0.02), (1e9, 0.002)):
+        system = CompliantActuator(SineWave(), actuator_stiffness=stiffness)
+        stiff = simulate(system, **settings).recording
+        assert np.std(stiff.angle - plain.angle) < limit * np.std(plain.angle)
+        assert np.std(stiff.torque - plain.torque) < limit * np.std(plain.torque)
     np.testing.assert_allclose(
         stiff.channels["disturbance"], stiff.angle, atol=0.01 * np.std(plain.angle)
     )
@@ -190,14 +154,12 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
     ("settings", "message"),
     [
         ({"actuator_stiffness": 0.0}, "actuator_stiffness must be a positive number"),
-        ({"actuator_inertia": -1.0}, "actuator_inertia must be a positive number"),
         ({"actuator_viscosity": 0.0}, "actuator_viscosity must be a positive number"),
         (
             {"actuator_inertia": -1.0, "disturbance": "torque"},
             "actuator_inertia must be a number of zero or more",
         ),
         ({"disturbance": "force"}, "disturbance must be one of 'angle', 'torque', got 'force'"),
-        ({"noise_bandwidth": math.inf}, "noise_bandwidth must be a positive number"),
         (
             {"noise_bandwidth": 600.0},
             "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz",

@@ -4,8 +4,16 @@ from scipy.integrate import solve_ivp
 from scipy.signal import bessel, welch
 
 import tvsysid as tv
-from tvsysid.numerics.differentiation import differentiate
-from tvsysid.simulate import PRBS, Constant, FilteredNoise, Joint, SineWave, SquareWave
+from tvsysid.simulate import (
+    PRBS,
+    Constant,
+    FilteredNoise,
+    Joint,
+    Multisine,
+    Pulses,
+    SineWave,
+    SquareWave,
+)
 from tvsysid.simulate.actuator import actuate
 
 PERTURBATIONS = [FilteredNoise(), PRBS()]
@@ -18,22 +26,12 @@ def simulate(duration=20.0, **settings):
     return Joint(**settings).simulate(duration, **asked)
 
 
-def inner(simulation, duration):
-    time = simulation.recording.time
-    return (time >= -1e-9) & (time < duration - 1e-9)
-
-
 @perturbed
-def test_sizes_are_those_asked_for(perturbation):
-    simulation = simulate(60.0, perturbation=perturbation, snr_db=7.0)
-    recording, inside = simulation.recording, inner(simulation, 60.0)
-    assert inside.sum() == 60_000
-    assert recording.start == -1.0
-    assert len(recording) == 62_000
+def test_the_angle_has_an_rms_of_half_a_degree(perturbation):
+    recording = simulate(60.0, perturbation=perturbation).recording
+    inside = (recording.time >= -1e-9) & (recording.time < 60.0 - 1e-9)
+    assert (inside.sum(), len(recording), recording.start) == (60_000, 62_000, -1.0)
     assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(np.radians(0.5))
-    noise = recording.torque - simulation.pathways["intrinsic"]
-    ratio = np.var(simulation.pathways["intrinsic"][inside]) / np.var(noise[inside])
-    assert 10 * np.log10(ratio) == pytest.approx(7.0)
 
 
 @pytest.mark.parametrize(
@@ -42,28 +40,6 @@ def test_sizes_are_those_asked_for(perturbation):
 def test_mean_speed_is_the_published_one(perturbation, speed):
     recording = simulate(300.0, perturbation=perturbation).recording
     assert np.abs(np.diff(recording.angle) * 1000).mean() == pytest.approx(speed, rel=0.03)
-
-
-@perturbed
-@pytest.mark.parametrize("viscosity", [2.2, SineWave(2.0, 1.0)])
-def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
-    # Nothing is known to the test but angle, torque and truth: the derivatives are taken anew.
-    simulation = simulate(
-        30.0, perturbation=perturbation, stiffness=SineWave(), viscosity=viscosity, snr_db=np.inf
-    )
-    angle = differentiate(simulation.recording.angle, 1000.0, 40)
-    middle = slice(40, -40)
-    parts = (
-        simulation.truth["stiffness"][middle] * angle[0],
-        simulation.truth["viscosity"][middle] * angle[1],
-        simulation.truth["inertia"][middle] * angle[2],
-    )
-    rest = simulation.pathways["intrinsic"][middle] - sum(parts)
-    limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
-    assert np.std(rest) < limit * np.std(simulation.pathways["intrinsic"])
-    torque = simulation.pathways["intrinsic"][middle]
-    fit = np.linalg.lstsq(np.stack(parts, axis=1), torque, rcond=None)[0]
-    np.testing.assert_allclose(fit, 1.0, rtol=0.06)
 
 
 def test_actuator_equals_the_differential_equation():
@@ -88,13 +64,14 @@ def test_actuator_equals_the_differential_equation():
     )
 
 
-def test_noise_is_limited_to_40_hz():
-    simulation = simulate(200.0, snr_db=0.0)
+def test_noise_and_perturbation_have_their_cutoff():
+    simulation = simulate(400.0, perturbation=FilteredNoise(8.0), snr_db=0.0)
     noise = simulation.recording.torque - simulation.pathways["intrinsic"]
-    frequencies, power = welch(noise, 1000.0, nperseg=2000)
-    low = power[(frequencies > 1) & (frequencies < 10)].mean()
-    at_cutoff = power[np.abs(frequencies - 40) < 2].mean()
-    assert at_cutoff / low == pytest.approx(0.5, abs=0.08)
+    for signal, cutoff, top in ((noise, 40, 10), (simulation.recording.angle, 8, 3)):
+        frequencies, power = welch(signal, 1000.0, nperseg=4000)
+        low = power[(frequencies > 0.5) & (frequencies < top)].mean()
+        at_cutoff = power[np.abs(frequencies - cutoff) < 0.05 * cutoff].mean()
+        assert at_cutoff / low == pytest.approx(0.5, abs=0.08)
     assert power[frequencies > 200].mean() / low < 1e-2
 
 
@@ -109,9 +86,8 @@ def test_other_rates(rate):
     simulation = simulate(10.0, rate=rate)
     assert simulation.recording.sampling_rate == rate
     assert len(simulation.recording) == 12 * rate
-    np.testing.assert_array_equal(
-        simulation.truth["stiffness"], SquareWave()(simulation.recording.time)
-    )
+    truth = simulation.truth["stiffness"]
+    np.testing.assert_array_equal(truth, SquareWave()(simulation.recording.time))
 
 
 def test_any_callable_is_a_profile():
@@ -119,26 +95,14 @@ def test_any_callable_is_a_profile():
     np.testing.assert_allclose(simulation.truth["stiffness"], 100 + 3 * simulation.recording.time)
 
 
-@pytest.mark.parametrize("interval", [0.147, 0.1003, 0.05])
-def test_prbs_switches_on_its_clock(interval):
-    samples = PRBS(interval).generate(20_000, 1000.0, np.random.default_rng(2))
+def test_prbs_switches_on_its_clock():
+    samples = PRBS(0.1003).generate(20_000, 1000.0, np.random.default_rng(2))
     assert set(samples) == {-1.0, 1.0}
     switches = np.flatnonzero(np.diff(samples)) + 1
-    phases = (switches / 1000 / interval) % 1.0
-    turned = np.exp(2j * np.pi * phases)
-    assert np.abs(np.angle(turned / turned.mean())).max() <= 2 * np.pi * 0.0011 / interval
-    assert len(switches) == pytest.approx(20 / interval / 2, rel=0.25)
+    turned = np.exp(2j * np.pi * switches / 100.3)
+    assert np.abs(np.angle(turned / turned.mean())).max() <= 2 * np.pi * 0.0011 / 0.1003
+    assert len(switches) == pytest.approx(20 / 0.1003 / 2, rel=0.25)
     assert abs(samples.mean()) < 0.35
-
-
-def test_filtered_noise_has_its_cutoff():
-    samples = FilteredNoise(8.0).generate(400_000, 1000.0, np.random.default_rng(2))
-    frequencies, power = welch(samples, 1000.0, nperseg=4000)
-    at_cutoff = (
-        power[np.abs(frequencies - 8) < 0.5].mean()
-        / power[(frequencies > 0.5) & (frequencies < 3)].mean()
-    )
-    assert at_cutoff == pytest.approx(0.5, abs=0.06)
 
 
 @pytest.mark.parametrize(
@@ -161,6 +125,7 @@ def test_filtered_noise_has_its_cutoff():
         ({"stiffness": lambda time: 100.0}, r"got shape \(\)"),
         ({"perturbation": FilteredNoise(600.0)}, "must be below half the sampling rate"),
         ({"perturbation": PRBS(1e-5)}, "shorter than a sample"),
+        ({"perturbation": Pulses(1e-4, 0.5)}, "shorter than a sample"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(change, message):
@@ -175,7 +140,8 @@ def test_what_cannot_be_simulated_is_refused(change, message):
         (lambda: SineWave(mean=float("nan")), "mean must be a finite number"),
         (lambda: Constant("stiff"), "value must be a finite number"),
         (lambda: PRBS(switch_interval=-0.1), "switch_interval must be a positive"),
-        (lambda: FilteredNoise(cutoff=0), "cutoff must be a positive"),
+        (lambda: Pulses(duration=0.5), "expected a duration below the interval"),
+        (lambda: Multisine(()), "frequencies must be different positive numbers of hertz"),
     ],
 )
 def test_settings_out_of_range_are_refused(create, message):

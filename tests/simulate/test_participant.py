@@ -1,8 +1,6 @@
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from tests.virtual import perfect, prepared, simulated
 
 import tvsysid as tv
@@ -31,7 +29,7 @@ def test_the_papers_protocol():
 
 def test_the_torque_is_the_sum_of_its_parts():
     simulation = tv.simulate.Participant(2, perfect(2, reflex_gain=5.0, inertia=0.03)).simulate()
-    recording = simulation.recording  # smooth enough, and the inertia small enough, for differences
+    recording = simulation.recording
     truth, pathways = simulation.truth, simulation.pathways
     np.testing.assert_allclose(pathways["voluntary"], recording.channels["target"], atol=1e-9)
     rate, angle = recording.sampling_rate, recording.angle
@@ -63,23 +61,6 @@ def test_stiffness_and_viscosity_follow_the_voluntary_torque_not_the_target():
 
 
 @pytest.mark.slow
-def test_a_reflex_comes_40_ms_after_a_stretch_and_never_pulls():
-    calm, lively = (
-        tv.simulate.Participant(4, perfect(4, reflex_gain=gain)).simulate() for gain in (0.0, 5.0)
-    )
-    assert not calm.pathways["reflex"].any()
-    reflex = lively.pathways["reflex"]
-    np.testing.assert_allclose(
-        lively.recording.torque - calm.recording.torque, reflex, atol=1e-9
-    )  # same perturbation
-    moved = np.flatnonzero(np.diff(lively.recording.angle) > 0)[0]
-    answered = np.flatnonzero(reflex > 0)[0]
-    assert 0.039 < (answered - moved) / 1024 < 0.060
-    assert reflex.max() > 0.1
-    assert reflex.min() > -0.1 * reflex.max()
-
-
-@pytest.mark.slow
 def test_six_people_differ_and_each_stays_the_same():
     everybody = [tv.simulate.Traits.of(number) for number in range(1, 7)]
     assert len({traits.maximal_torque for traits in everybody}) == 6
@@ -108,18 +89,6 @@ def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
         np.testing.assert_allclose(truth["stiffness"][number], stiffness, rtol=1e-9)
 
 
-@given(st.integers(0, 2**31))
-def test_anybody_is_plausible(number):
-    traits = tv.simulate.Traits.of(number)
-    assert 40 < traits.maximal_torque < 80
-    lowest, highest = (
-        traits.passive_stiffness + traits.stiffness_per_torque * share * traits.maximal_torque
-        for share in (0.05, 0.5)
-    )
-    assert 30 < lowest < 70
-    assert 90 < highest < 200
-
-
 @pytest.mark.parametrize("number", [-1, "one", 1.5])
 def test_numbers_that_are_none_are_refused(number):
     with pytest.raises(tv.InputError, match="number must be a whole number from 0 on"):
@@ -127,7 +96,5 @@ def test_numbers_that_are_none_are_refused(number):
 
 
 def test_impossible_traits_are_refused():
-    with pytest.raises(tv.InputError, match="inertia must be a positive number"):
-        attrs.evolve(perfect(), inertia=0.0)
     with pytest.raises(tv.InputError, match="delay_jitter must be a number of zero or more"):
         attrs.evolve(perfect(), delay_jitter=-0.1)

@@ -5,7 +5,6 @@ import pytest
 
 import tvsysid as tv
 from tvsysid.simulate import (
-    Constant,
     FilteredNoise,
     Joint,
     Pulses,
@@ -65,15 +64,6 @@ def test_reflex_torque_equals_a_plain_loop(random, reflex):
     )
 
 
-def test_a_muscle_of_constant_frequency_is_the_same_however_it_is_given(random):
-    velocity = np.convolve(random.standard_normal(3000), np.ones(20) / 20, "same")
-    constant, varying = (
-        StretchReflex(frequency=each).torque(velocity, 8.0, 1e3, -70)
-        for each in (15.6, Constant(15.6))
-    )
-    np.testing.assert_allclose(varying, constant, atol=1e-4 * constant.max())
-
-
 @pytest.mark.parametrize(("direction", "threshold"), [(1, 0.0), (-1, 0.1)])
 def test_the_emg_is_what_arrives_at_the_muscle_10_ms_before_it_pulls(direction, threshold):
     reflex = StretchReflex(direction=direction, threshold=threshold)
@@ -108,21 +98,8 @@ def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
         assert np.abs(own - mean).max() <= pulses.variation * mean + 0.0011
         assert own.mean() == pytest.approx(mean, rel=0.03)
     assert abs(samples.sum()) < 0.2 * np.abs(samples).sum()
-    assert (
-        len(
-            {
-                pulses.generate(2000, 1000.0, np.random.default_rng(seed)).tobytes()
-                for seed in range(5)
-            }
-        )
-        == 5
-    )
-
-
-def test_the_gain_is_that_of_steady_stretch():
-    torque = StretchReflex(threshold=0.1).torque(np.full(5000, 0.5), 8.0, 1000.0)
-    assert torque[-1] == pytest.approx(8.0 * 0.4)
-    assert not torque[:40].any()
+    starts = [pulses.generate(2000, 1000.0, np.random.default_rng(seed)) for seed in range(5)]
+    assert len({start.tobytes() for start in starts}) == 5
 
 
 def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
@@ -144,31 +121,18 @@ def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
     assert np.abs(found[:100]).max() > 0.05 * found.max()  # it does not start from rest
 
 
-def test_without_gain_all_is_as_without_a_reflex():
-    none = simulate(ReflexJoint(reflex_gain=0.0))
-    assert not none.pathways["reflex"].any()
-    np.testing.assert_array_equal(none.recording.torque, simulate(Joint()).recording.torque)
-
-
 @pytest.mark.parametrize(
     ("create", "message"),
     [
         (lambda: StretchReflex(delay=-0.01), "delay must be a number of zero or more, got -0.01"),
-        (lambda: StretchReflex(threshold=np.nan), "threshold must be a number of zero or more"),
         (lambda: StretchReflex(frequency=0.0), "frequency must be a positive number"),
         (
             lambda: StretchReflex(frequency=lambda time: -time).torque(np.ones(9), 1.0, 1e3),
             "positive at all times",
         ),
-        (lambda: ReflexJoint(noise_bandwidth=0.0), "noise_bandwidth must be a positive number"),
         (
             lambda: simulate(ReflexJoint(noise_bandwidth=600.0)),
             "ReflexJoint: noise_bandwidth must be below half",
-        ),
-        (lambda: Pulses(duration=0.5), "expected a duration below the interval"),
-        (
-            lambda: Pulses(1e-4, 0.5).generate(10, 1e3, np.random.default_rng()),
-            "shorter than a sample",
         ),
         (lambda: StretchReflex(direction=2), "direction must be 1 or -1, got 2"),
         (

@@ -52,7 +52,6 @@ def test_without_variation_it_is_a_joint():
         ({"relation": 3.0}, "relation must be a callable of the variable, got 3.0"),
         ({"relation": lambda activity: 100 - activity}, "relation must rise from 0 to 1"),
         ({"relation": lambda activity: 100.0}, "relation must give one finite number"),
-        ({"variation": -0.1}, "variation must be a number of zero or more"),
         ({"interval": -1.0}, "interval must be a positive number"),
         (
             {"stiffness": Constant(500.0)},

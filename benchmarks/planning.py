@@ -17,7 +17,7 @@ from rich.table import Table
 
 import tvsysid as tv
 from tvsysid.planning.answers import METHODS
-from tvsysid.planning.curves import identified, scatter
+from tvsysid.planning.curves import identify_each, scatter
 
 DURATIONS = (40.0, 80.0, 150.0)
 NOISES = (10.0, 0.0)  # dB
@@ -68,7 +68,7 @@ def main() -> None:
                 for trial in range(chosen.trials)
             ]
             for label in chosen.methods:
-                reached = scatter(identified(tv.methods.parse(label), label, parts, {}))
+                reached = scatter(identify_each(tv.methods.parse(label), parts)[0])
                 every = [random_error(each, label, count) for each in (stated, *piloted)]
                 differ = [100 * (each / reached - 1) for each in every]
                 off.append(differ)

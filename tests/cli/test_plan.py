@@ -13,7 +13,7 @@ CHANNELS = ("--angle", "angle", "--torque", "torque", "--rate", 100)
 
 
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
-    monkeypatch.setattr("tvsysid.planning.answers.MOST", 40)
+    monkeypatch.setattr("tvsysid.planning.answers.MAX_REALIZATIONS", 40)
     ensemble = ensemble_of(40.0, "sine", "noise")
     signals = {
         name: ensemble.signal(name)[:, ensemble.core].ravel() for name in ("angle", "torque")
@@ -88,7 +88,7 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
             ("--rate", 100, "--context", 1),
             "options that describe a recording (such as --angle and --rate) need --pilot FILE",
         ),
-        (("--precision", 0), "precision: expected a positive number"),
+        (("--precision", 0), "precision must be a positive number"),
         (("--stiffness", "squared"), "unknown profile 'squared'"),
     ],
 )

@@ -12,8 +12,8 @@ from tests.drawing import draw
 import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.planning import Answer, Curve, Pilot, Plan, Protocol
-from tvsysid.planning.answers import HALF
-from tvsysid.planning.curves import Errors, excesses, sizes, uncertainty
+from tvsysid.planning.answers import HALF_BAND
+from tvsysid.planning.curves import Errors, measure_excess, sizes, uncertainty
 from tvsysid.planning.setups import seconds_of
 
 COUNTS = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
@@ -29,7 +29,7 @@ def curve(random, bias=0.0, draws=18.0):
 @pytest.fixture(autouse=True, scope="module")
 def _few():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tvsysid.planning.answers.MOST", 80)
+        patch.setattr("tvsysid.planning.answers.MAX_REALIZATIONS", 80)
         yield
 
 
@@ -50,8 +50,8 @@ def test_law_of_many_realizations_is_found_and_goes_on():
     for count in (5, 30, 320, 2000):
         assert falls.at(count).random == pytest.approx(30 / np.sqrt(count), rel=1e-6)
     # 1.96 * 30 / sqrt(n) <= 6
-    assert falls.needed(6 / HALF, 1000) == 97
-    assert falls.needed(6 / HALF, 96) is None
+    assert falls.needed(6 / HALF_BAND, 1000) == 97
+    assert falls.needed(6 / HALF_BAND, 96) is None
 
 
 def test_law_of_few_realizations():
@@ -72,11 +72,9 @@ def test_bias_counts_and_may_exceed_the_wish():
 
 
 def test_sizes_where_a_method_breaks_down_are_left_out():
-    from tvsysid.planning.curves import _curve
-
     rows = [(5.0, 1e5, 3.0, 18.0), (10.0, 9.0, 0.1, 18.0), (20.0, 6.0, 0.1, 18.0)]
-    assert _curve(rows, "").realizations.tolist() == [10.0, 20.0]
-    assert _curve([], "why").needed(1.0, 10) is None
+    assert Curve.of(rows).realizations.tolist() == [10.0, 20.0]
+    assert Curve.of([], "why").needed(1.0, 10) is None
 
 
 def test_sizes_double():
@@ -90,7 +88,7 @@ def test_amplitude_and_noise_are_a_signal_to_noise_ratio():
     loud = Protocol(noise=0.4)
     made = loud.simulated(20, 3)
     clean = tv.preprocess.segment(
-        tv.preprocess.decimate(loud._made(40.0, loud._snr_db, 3).noiseless, 100), 2.0
+        tv.preprocess.decimate(loud._simulate(40.0, loud._snr_db, 3).noiseless, 100), 2.0
     )
     noise = made.ensemble.torque - clean.torque
     assert np.std(noise) == pytest.approx(0.4, rel=0.05)
@@ -155,7 +153,9 @@ def test_realizations_that_differ_need_more_of_them():
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = attrs.evolve(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
     methods = {"birf": tv.BasisIRF()}
-    same, differs = (excesses(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other))
+    same, differs = (
+        measure_excess(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other)
+    )
     assert same < 1.25
     law = attrs.evolve(curve(30 / np.sqrt(COUNTS)), excess=differs)
     assert law.at(20).random == pytest.approx(differs * 30 / np.sqrt(20), rel=1e-6)
@@ -234,7 +234,7 @@ def test_picture(planned):
 
 
 def test_code_of_the_page_runs(capsys, monkeypatch):
-    monkeypatch.setattr("tvsysid.planning.answers.MOST", 40)
+    monkeypatch.setattr("tvsysid.planning.answers.MAX_REALIZATIONS", 40)
     page = (Path(__file__).parents[2] / "docs" / "planning.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.+?)\n```$", page, re.MULTILINE | re.DOTALL)
     exec(code, {})
@@ -249,18 +249,18 @@ def test_verified():
     (found,) = plan.verify(30)
     (law,) = plan.curves.values()
     assert found.predicted == law.at(found.realizations).random
-    assert law.at(found.realizations).total <= 8 / HALF
-    assert not law.at(found.realizations - 1).total <= 8 / HALF
+    assert law.at(found.realizations).total <= 8 / HALF_BAND
+    assert not law.at(found.realizations - 1).total <= 8 / HALF_BAND
     assert found.reached == pytest.approx(found.predicted, rel=0.15)
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({"precision": -1}, "precision: expected a positive number, got -1"),
-        ({"resolution": 0}, "resolution: expected a positive number, got 0"),
+        ({"precision": -1}, "precision must be a positive number, got -1"),
+        ({"resolution": 0}, "resolution must be a positive number, or None, got 0"),
         ({"draws": 2}, "draws must be a whole number from 6 on, got 2"),
-        ({"methods": []}, "expected a method at least"),
+        ({"methods": []}, "expected at least one method"),
         ({"setup": [Protocol(), Protocol()]}, "setups that differ"),
         ({"setup": "joint"}, "expected a pilot's Ensemble, a Protocol or a Pilot, got str"),
         ({"setup": Protocol(period=300.0)}, "realizations of 300 s are too long"),
@@ -274,5 +274,5 @@ def test_wishes_that_are_none(words, message):
 def test_protocols_that_are_none():
     with pytest.raises(InputError, match="unknown perturbation 'nose'"):
         Protocol(perturbation="nose")
-    with pytest.raises(InputError, match="noise: expected a positive number, got 0"):
+    with pytest.raises(InputError, match="noise must be a positive number, or None, got 0"):
         Protocol(noise=0)

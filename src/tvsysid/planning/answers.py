@@ -1,4 +1,4 @@
-"""What an experiment takes: the question, and the answer of each method."""
+"""Plan a recording: the question, and the answer of each method."""
 
 from __future__ import annotations
 
@@ -9,45 +9,57 @@ from typing import TYPE_CHECKING, NamedTuple
 import attrs
 import numpy as np
 
-from tvsysid.checked import Frozen
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of, parse
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import (
     RECORDS,
     Curve,
-    answered,
-    curves_of,
-    excesses,
-    identified,
-    rises,
+    identify_each,
+    measure_curve,
+    measure_excess,
+    measure_rise,
     scatter,
-    sizes,
+    successful,
 )
-from tvsysid.planning.setups import Pilot, Setup, positive, seconds_of
+from tvsysid.planning.setups import Pilot, Setup, seconds_of
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Ensemble
+from tvsysid.validators import at_least, optional, positive
 
 if TYPE_CHECKING:
     import pandas as pd
 
-METHODS = ("adaptive", "sds", "birf", "kbr")  # that a plan is made for, unless others are named
-LONGEST, MOST = 2400.0, 320  # seconds and realizations of the largest ensemble that is simulated
-BEYOND = 10  # times as many are reached by the law that was found
-DRAWS, STEPS = 18, 4  # ensembles of each size, and with a step
-HALF = float(critical_value(0.95, np.array([np.inf]))[0])  # standard errors in half a band of 95 %
-TRIALS = 40  # by which a plan is verified
+METHODS = ("adaptive", "sds", "birf", "kbr")
+MAX_DURATION_S, MAX_REALIZATIONS = 2400.0, 320  # of the largest ensemble that is simulated
+EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
+DRAWS, STEP_DRAWS = 18, 4  # ensembles of each size, and with a step
+HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
+TRIALS = 40
 
 
 class Answer(NamedTuple):
-    """What one method needs in one setup, or why no number of realizations suffices.
+    """Recording that one method needs in one setup, or why no number of realizations suffices.
 
-    ``seconds`` are to be recorded for ``realizations``, with those at both ends that lack
-    context. ``half_width`` is half of the 95 % band (N·m/rad) that ``realizations`` give, and
-    ``bias`` (N·m/rad) the root mean square over time of what no band counts; where none suffice,
-    those of the most that were simulated. ``rise_time`` is the time in s from 10 to 90 % of a
-    step. In the pilot, the method scatters ``excess`` times as much as in simulated
-    realizations, which is counted.
+    Parameters
+    ----------
+    setup, method
+        Labels.
+    realizations
+        Number of realizations that suffices, or None.
+    seconds
+        Duration to record, with the realizations at both ends that lack context.
+    half_width
+        Half of the 95 % band in N·m/rad with these realizations; with the most that were
+        simulated if none suffice.
+    bias
+        Root mean square over time of the bias in N·m/rad, which no band counts.
+    rise_time
+        Time in s from 10 to 90 % of a step.
+    excess
+        Scatter of the method in the pilot over that in simulated realizations, which is counted.
+    why
+        Why the method does not suffice; empty if it does.
     """
 
     setup: str
@@ -79,13 +91,11 @@ class Verified(NamedTuple):
 
 
 @attrs.frozen(eq=False, repr=False)
-class Plan(Shown, Frozen):
-    """How much must be recorded, in one or several setups, by one or several methods.
+class Plan(Shown):
+    """How much to record, in one or several setups, by one or several methods.
 
-    Made by :func:`tvsysid.plan`.
-
-    ``curves`` are errors against realizations, by (setup, method); ``answers`` has one for each
-    of these.
+    Made by :func:`tvsysid.plan`. ``curves`` are errors against realizations, by (setup, method).
+    ``answers`` has one for each of these.
     """
 
     precision: float
@@ -98,30 +108,24 @@ class Plan(Shown, Frozen):
     @property
     def multiple(self) -> float:
         """Standard errors in half a band of 95 %."""
-        return HALF
+        return HALF_BAND
 
     @property
     def best(self) -> Answer | None:
-        """Answer with the least recording; None if nothing suffices."""
-        enough = [each for each in self.answers if each.realizations is not None and not each.why]
+        """Answer with the shortest recording; None if nothing suffices."""
+        enough = (each for each in self.answers if not each.why)
         return min(enough, key=lambda each: each.seconds, default=None)
 
     def __str__(self) -> str:
         """Answer in a sentence."""
         wish = f"To know stiffness to ± {self.precision:g} N·m/rad at 95 %"
         wish += f" and follow a change within {self.resolution:g} s" if self.resolution else ""
-        if self.best is None:
+        if (best := self.best) is None:
             return f"{wish}: no method suffices, of those tried; see why in the table."
-        best, period = self.best, self.setups[self.best.setup].period
-        assert best.realizations is not None
-        more = (
-            ", as those at both ends lack context"
-            if best.seconds > best.realizations * period
-            else ""
-        )
+        period, count = self.setups[best.setup].period, best.realizations or 0
+        more = ", as those at both ends lack context" if best.seconds > count * period else ""
         return (
-            f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of "
-            f"{period:g} s; "
+            f"{wish}, with {best.method} and {best.setup}: {count} realizations of {period:g} s; "
             f"record {best.duration}{more}."
         )
 
@@ -130,74 +134,54 @@ class Plan(Shown, Frozen):
 
     def _repr_html_(self) -> str:
         table = self.table()
-        return summary_html(
-            "Plan", str(self), list(map(str, table.columns)), table.itertuples(index=False)
-        )
+        return summary_html("Plan", str(self), list(map(str, table)), table.itertuples(index=False))
 
     def table(self) -> pd.DataFrame:
-        """A row for each setup and method, with units in the names: the fields of its ``answers``."""
+        """Return a table of the ``answers``, with units in the names."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        rows = [
-            {
-                "setup": each.setup,
-                "method": each.method,
-                "realizations": each.realizations,
-                "minutes": each.seconds / 60,
-                "± reached (N·m/rad)": each.half_width,
-                "bias (N·m/rad)": each.bias,
-                "rise time (s)": each.rise_time,
-                "pilot / simulated": each.excess,
-                "why not": each.why,
-            }
-            for each in self.answers
-        ]
-        return pd.DataFrame(rows).astype({"realizations": "Int64"})
+        names = ["setup", "method", "realizations", "minutes", "± reached (N·m/rad)"]
+        names += ["bias (N·m/rad)", "rise time (s)", "pilot / simulated", "why not"]
+        table = pd.DataFrame(self.answers).set_axis(names, axis=1)
+        return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
 
     def verify(
         self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress | None = None
     ) -> list[Verified]:
-        """Simulate each answer anew, so many times: random error of the stiffness as predicted, and as reached.
+        """Simulate each answer again, and return its random error as predicted and as reached.
 
-        Of what was planned from a pilot, more of the same is simulated, so that this verifies the
-        law and not what was taken from the pilot (the simulated scatter is multiplied by the same
-        excess). Answers without a number of realizations are left out.
+        For a plan from a pilot, more of the same is simulated. This verifies the law, and not
+        what was taken from the pilot: the simulated scatter is multiplied by the same excess.
+        Answers without a number of realizations are left out.
 
         Raises
         ------
         InputError
             For fewer than two trials.
         """
-        if trials < 2:
-            raise InputError(f"verify: trials must be 2 or more, got {trials}")
-        planned = [each for each in self.answers if each.realizations is not None]
-        found, done = [], 0
-        with reported(progress, "verifying") as told:
-            for each in planned:
-                assert each.realizations is not None
-                values = []
-                for trial in range(trials):
-                    told(done, len(planned) * trials)
-                    part = self.setups[each.setup].simulated(each.realizations, seed + trial)
-                    values += list(
-                        identified(self.methods[each.method], each.method, [part.ensemble], {})
-                    )
-                    done += 1
-                known, curve = answered(np.array(values)), self.curves[each.setup, each.method]
-                predicted, reached = (
-                    curve.at(each.realizations).random,
-                    curve.excess * scatter(known),
+        at_least(2).check("verify", "trials", trials)
+        planned = [
+            (each, each.realizations) for each in self.answers if each.realizations is not None
+        ]
+        found = []
+        with reported(progress, "verifying") as advance:
+            for done, (each, count) in enumerate(planned):
+                advance(done, len(planned))
+                setup, curve = self.setups[each.setup], self.curves[each.setup, each.method]
+                made = (setup.simulated(count, seed + trial) for trial in range(trials))
+                values, _ = identify_each(
+                    self.methods[each.method], (part.ensemble for part in made)
                 )
+                known, predicted = successful(values), curve.at(count).random
+                reached = curve.excess * scatter(known)
                 found.append(
-                    Verified(
-                        each.setup, each.method, each.realizations, predicted, reached, len(known)
-                    )
+                    Verified(each.setup, each.method, count, predicted, reached, len(known))
                 )
         return found
 
 
 def plan(
-    setup: Ensemble | Setup | Sequence[Setup],
+    setup: Ensemble | Setup | Sequence[Ensemble | Setup],
     precision: float = 5.0,
     resolution: float | None = None,
     methods: Iterable[str | Method] = METHODS,
@@ -206,11 +190,11 @@ def plan(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Plan:
-    r"""How many realizations it takes to know stiffness to ± ``precision`` N·m/rad at 95 %.
+    r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
-    Ensembles of 5, 10, 20, … realizations are simulated, some of each size, and identified by each
-    method. The random error of its stiffness, and its bias, then follow for any number of
-    realizations; what is needed is where
+    Ensembles of 5, 10, 20, … realizations are simulated, several of each size, and identified by
+    each method. They give the random error and the bias of its stiffness for any number of
+    realizations. A number suffices where
 
     .. math:: 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
 
@@ -218,33 +202,34 @@ def plan(
     ----------
     setup
         A pilot's ensemble (:class:`tvsysid.planning.Pilot`), a stated
-        :class:`tvsysid.planning.Protocol`, or several setups to be compared, as with other
+        :class:`tvsysid.planning.Protocol`, or several setups to compare, as with other
         perturbations and amplitudes.
     precision
-        In N·m/rad; the bias counts with the random error.
+        Half of the 95 % band in N·m/rad. The bias counts with the random error.
     resolution
-        Time in s in which an estimate may rise from 10 to 90 % of a step, at most; None if it does
-        not matter.
+        Longest time in s in which an estimate may rise from 10 to 90 % of a step; None for any.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), or methods.
     draws
-        Ensembles of each size, 6 at least; fewer of the largest sizes.
+        Ensembles of each size, at least 6; fewer of the largest sizes.
     seed
-        Of the simulations.
+        Random seed of the simulations.
     progress
-        Called with the number of identifications done and of all; None shows a bar in a notebook.
+        Function that is called with the number of curves done and of all. None shows a bar in a
+        notebook.
 
     Raises
     ------
     InputError
-        For a wish that is not positive, too few draws, unknown methods, or a period that is too
-        long to simulate.
+        For a precision or resolution that is not positive, too few draws, unknown methods, or a
+        period that is too long to simulate.
 
     Notes
     -----
-    Beyond the largest number that is simulated (320 realizations or 40 minutes) variance is taken to go on falling as
-    it did, up to ten times as many. Random error is that of :func:`tvsysid.metrics.random_error`. A joint that differs
-    from realization to realization, or tires, is not in it.
+    Beyond the largest number that is simulated (320 realizations or 40 minutes), variance goes on
+    falling as it did, up to ten times as many. Random error is that of
+    :func:`tvsysid.metrics.random_error`. The plan does not know of a joint that differs from
+    realization to realization, or tires.
 
     Examples
     --------
@@ -254,83 +239,80 @@ def plan(
     To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of
     2 s; record ...
     """
-    positive("precision", precision)
-    if resolution is not None:
-        positive("resolution", resolution)
-    if isinstance(draws, bool) or not isinstance(draws, int) or draws < RECORDS:
-        raise InputError(f"plan: draws must be a whole number from {RECORDS} on, got {draws!r}")
-    setups = _setups(setup)
+    positive.check("plan", "precision", precision)
+    optional(positive).check("plan", "resolution", resolution)
+    at_least(RECORDS).check("plan", "draws", draws)
+    setups = _by_label(setup)
     named = [methods] if isinstance(methods, str) else list(methods)
     chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
     if not chosen:
-        raise InputError("plan: expected a method at least, got none")
-    most = {label: _most(each) for label, each in setups.items()}
-    answers, done = list[Answer](), 0
-    pilots = {id(each.recorded): each for each in setups.values() if isinstance(each, Pilot)}
+        raise InputError("plan: expected at least one method, got none")
     curves: dict[tuple[str, str], Curve] = {}
-    total = sum(len(chosen) * (draws * len(sizes(count)) + STEPS) for count in most.values())
-    with reported(progress, "planning") as told:
-
-        def advance(count: int) -> None:
-            nonlocal done
-            done += count
-            told(done, total)
-
-        told(0, total)
-        excess = {which: excesses(pilot, chosen, draws, seed) for which, pilot in pilots.items()}
+    answers: list[Answer] = []
+    excesses: dict[int, dict[str, float]] = {}
+    with reported(progress, "planning") as advance:
         for label, each in setups.items():
-            found = curves_of(each, chosen, most[label], draws, seed, advance)
+            most, excess = _most(each), dict.fromkeys(chosen, 1.0)
             if isinstance(each, Pilot):
-                own = excess[id(each.recorded)]  # whatever is planned from a pilot
-                found = {
-                    name: attrs.evolve(curve, excess=own[name]) for name, curve in found.items()
-                }
-            curves |= {(label, method): curve for method, curve in found.items()}
-            needed = {
-                name: curve.needed(precision / HALF, BEYOND * most[label])
-                for name, curve in found.items()
-            }
-            counts = {
-                name: min(number or most[label], most[label]) for name, number in needed.items()
-            }
-            risen = rises(each, chosen, counts, STEPS, seed + RECORDS, advance)
-            answers += [
-                _answer(
-                    each,
-                    name,
-                    curve,
-                    needed[name],
-                    counts[name],
-                    risen[name],
-                    precision,
-                    resolution,
+                which = id(each.recorded)  # all setups of a pilot have the same
+                excesses[which] = excesses.get(which) or measure_excess(each, chosen, draws, seed)
+                excess = excesses[which]
+            records = [each.simulated(most, seed + number) for number in range(RECORDS)]
+            needed = {}
+            for name, method in chosen.items():
+                advance(len(curves), len(setups) * len(chosen))
+                curve = measure_curve(method, records, most, draws)
+                curves[label, name] = curve = attrs.evolve(curve, excess=excess[name])
+                needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
+            counts = {name: min(number or most, most) for name, number in needed.items()}
+            stepped = each.stepped()
+            record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
+            for name, method in chosen.items():
+                rise = math.nan
+                if record:
+                    rise = measure_rise(method, record, counts[name], STEP_DRAWS)
+                curve, count = curves[label, name], needed[name] or most
+                why = [] if needed[name] else [_why_not(curve, most, precision)]
+                if resolution is not None and not rise <= resolution:
+                    takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
+                    why.append(f"it {takes} to follow a step")
+                random, bias = curve.at(count)
+                answers.append(
+                    Answer(
+                        label,
+                        name,
+                        needed[name],
+                        seconds_of(each, count),
+                        HALF_BAND * random,
+                        bias,
+                        rise,
+                        curve.excess,
+                        "; ".join(why),
+                    )
                 )
-                for name, curve in found.items()
-            ]
-        told(total, total)
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 
-def _setups(given: Ensemble | Setup | Sequence[Setup]) -> dict[str, Setup]:
-    """What is planned, by label; a pilot's ensemble as what it shows."""
-    several: Sequence[object] = given if isinstance(given, Sequence) else [given]
-    found: dict[str, Setup] = {}
+def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str, Setup]:
+    """Return the setups by label; of a pilot's ensemble, what it shows."""
+    several = given if isinstance(given, Sequence) else [given]
+    setups: dict[str, Setup] = {}
     for each in several:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
                 "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
-                f"{type(each).__name__}; segment a "
-                "Recording first"
+                f"{type(each).__name__}; segment a Recording first"
             )
-        made = Pilot.of(each) if isinstance(each, Ensemble) else each
-        found[str(made)] = made
-    if not found or len(found) < len(several):
+        setup = Pilot.of(each) if isinstance(each, Ensemble) else each
+        setups[str(setup)] = setup
+    if not setups or len(setups) < len(several):
         raise InputError("plan: expected setups that differ in perturbation or amplitude")
-    return found
+    return setups
 
 
 def _most(setup: Setup) -> int:
-    most = min(MOST, int(LONGEST / setup.period))
+    """Return the number of realizations in the largest ensemble that is simulated."""
+    most = min(MAX_REALIZATIONS, int(MAX_DURATION_S / setup.period))
     if most < 10:
         raise InputError(
             f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the "
@@ -339,33 +321,11 @@ def _most(setup: Setup) -> int:
     return most
 
 
-def _answer(
-    setup: Setup, method: str, curve: Curve, needed: int | None, tried: int, rise: float,
-    precision: float, resolution: float | None,
-) -> Answer:  # fmt: skip
-    """What a curve says of the wish."""
-    errors, why = curve.at(needed or tried), []
+def _why_not(curve: Curve, most: int, precision: float) -> str:
+    """Return why no number of realizations suffices."""
     if not curve.realizations.size:
-        why = [curve.why or "it gives no stiffness"]
-    elif needed is None and errors.bias * HALF > precision:
-        why = [f"its bias alone is ± {HALF * errors.bias:.2g} N·m/rad, however much is recorded"]
-    elif needed is None:
-        why = [f"{BEYOND * tried} realizations are too few"]
-    if resolution is not None and not rise <= resolution:
-        why += [
-            f"it takes {rise:.2g} s to follow a step"
-            if math.isfinite(rise)
-            else "it does not follow a step"
-        ]
-    seconds = seconds_of(setup, needed or tried)
-    return Answer(
-        str(setup),
-        method,
-        needed,
-        seconds,
-        HALF * errors.random,
-        errors.bias,
-        rise,
-        curve.excess,
-        "; ".join(why),
-    )
+        return curve.why or "it gives no stiffness"
+    half_width = HALF_BAND * curve.at(most).bias
+    if half_width > precision:
+        return f"its bias alone is ± {half_width:.2g} N·m/rad, however much is recorded"
+    return f"{EXTRAPOLATION * most} realizations are too few"

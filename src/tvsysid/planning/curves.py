@@ -1,11 +1,11 @@
-"""Random error and bias against the number of realizations, from simulated ensembles of some sizes."""
+"""Measure how error depends on the number of realizations, in simulated ensembles."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,25 +14,22 @@ import numpy as np
 import scipy
 
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods.base import Method
+from tvsysid.methods import Method
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
-from tvsysid.planning.setups import Pilot, Setup, Simulated
+from tvsysid.planning.setups import Pilot, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-LEAST, RECORDS = (
-    5,
-    6,
-)  # realizations of the smallest ensembles; records from which ensembles are cut
-# relative standard error of a random error, with which no more ensembles of that size are simulated
-SURE = 0.1
-NEAR = 2.5  # octaves of realizations over which a bias is averaged
-POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
-STEEP = (
-    4.0  # times the random error of twice as many realizations: with so few, a method breaks down
-)
-ROUNDS = 10  # in which weights are found from what was fitted
-WITHIN = 0.4  # s about a step, at most, in which an estimate rises
+MIN_REALIZATIONS = 5  # of the smallest ensembles
+RECORDS = 6  # simulated recordings from which ensembles are cut
+# Relative standard error of a random error below which no more ensembles are identified.
+MAX_UNCERTAINTY = 0.1
+BIAS_OCTAVES = 2.5  # of realizations over which a bias is averaged
+POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n, whose sum is the variance
+# Random error over that of twice as many realizations from which on a method breaks down.
+BREAKDOWN_RATIO = 4.0
+ROUNDS = 10  # of reweighted least squares
+MAX_RISE_S = 0.4  # on either side of a step
 
 
 class Errors(NamedTuple):
@@ -49,11 +46,21 @@ class Errors(NamedTuple):
 
 @attrs.frozen(eq=False)
 class Curve:
-    """Errors of one method in ensembles of some numbers of ``realizations``, from so many ``draws`` of each.
+    """Errors of one method against the number of realizations.
 
-    All of shape (size,); sizes at which the method cannot identify, or breaks down, are left
-    out. ``why`` it cannot. A pilot's realizations scatter ``excess`` times as much as simulated
-    ones, which :meth:`at` counts.
+    Parameters
+    ----------
+    realizations
+        Numbers of realizations, shape (size,). Sizes at which the method fails or breaks down are
+        left out.
+    random, bias
+        Random error and bias in N·m/rad, shape (size,).
+    draws
+        Number of ensembles of each size, shape (size,).
+    why
+        Why the method fails, if it does.
+    excess
+        Random error in a pilot over that in simulated realizations. :meth:`at` multiplies by it.
     """
 
     realizations: Array
@@ -63,13 +70,26 @@ class Curve:
     why: str = ""
     excess: float = 1.0
 
+    @classmethod
+    def of(cls, rows: Sequence[Sequence[float]], why: str = "") -> Curve:
+        """Return the curve of rows (realizations, random, bias, draws).
+
+        It begins where the method does not break down.
+        """
+        random = [row[1] for row in rows]
+        ratios = np.divide(random[:-1], random[1:])
+        broken = np.flatnonzero(ratios > BREAKDOWN_RATIO)
+        first = max(broken, default=-1) + 1
+        realizations, errors, bias, draws = np.array(rows).reshape(-1, 4)[first:].T
+        return cls(realizations, errors, bias, draws, why)
+
     @cached_property
     def powers(self) -> Array:
-        """Variance as a sum of powers of 1/n, none of them negative; (power,).
+        """Variance as a sum of powers of 1/n, none of them negative, shape (power,).
 
-        Least squares of relative errors, weighted by the number of draws. Few realizations take
-        high powers, where a method nears what it cannot do without; smoothers that become finer
-        with more data take one below 1.
+        The fit minimises relative errors, weighted by the number of draws. Few realizations take
+        high powers, where a method nears the fewest that it needs. Smoothers that become finer
+        with more data take a power below 1.
         """
         columns, variance = self.realizations[:, None] ** -POWERS, self.random**2
         fitted, found = variance, np.zeros(len(POWERS))
@@ -80,23 +100,20 @@ class Curve:
         return found
 
     def at(self, count: float) -> Errors:
-        """Errors with so many realizations; NaN for fewer than were simulated.
+        """Return the errors with this number of realizations. NaN for fewer than were simulated.
 
-        The bias is a mean over sizes near; beyond the largest, bias stays and variance falls as
-        it did.
+        The bias is a mean over nearby sizes. Beyond the largest size, the bias stays and the
+        variance goes on falling.
         """
         if not self.realizations.size or count < self.realizations[0]:
             return Errors(math.nan, math.nan)
-        away = np.log2(self.realizations / min(count, self.realizations[-1]))
-        weight = (1 - np.minimum(np.abs(away) / NEAR, 1.0) ** 3) ** 3 * (self.draws - 1)
+        octaves = np.log2(self.realizations / min(count, self.realizations[-1]))
+        weight = (1 - np.minimum(np.abs(octaves) / BIAS_OCTAVES, 1.0) ** 3) ** 3 * (self.draws - 1)
         bias = math.sqrt(float(weight @ self.bias**2 / weight.sum()))
         return Errors(self.excess * math.sqrt(float(count**-POWERS @ self.powers)), bias)
 
     def needed(self, error: float, most: int) -> int | None:
-        """Fewest realizations, up to a number, whose total error is no larger.
-
-        None if there are none.
-        """
+        """Return the fewest realizations, up to ``most``, whose total error is no larger, or None."""
         if not self.realizations.size:
             return None
         counts = range(int(self.realizations[0]), most + 1)
@@ -105,167 +122,123 @@ class Curve:
 
 
 def sizes(most: int) -> list[int]:
-    """Numbers of realizations that are simulated: each twice the one before."""
-    return [round(most / 2**step) for step in range(int(math.log2(most / LEAST)), -1, -1)]
+    """Return the numbers of realizations that are simulated, each twice the one before."""
+    octaves = int(math.log2(most / MIN_REALIZATIONS))
+    return [round(most / 2**step) for step in range(octaves, -1, -1)]
 
 
-def curves_of(
-    setup: Setup,
-    methods: Mapping[str, Method],
-    most: int,
-    draws: int,
-    seed: int,
-    advance: Callable[[int], object],
-) -> dict[str, Curve]:
-    """Curve of each method.
-
-    ``advance`` is called with the number of ensembles that are done or not needed.
-    """
-    rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
-    why: dict[str, str] = {}
-    records = [setup.simulated(most, seed + number) for number in range(RECORDS)]
+def measure_curve(method: Method, records: Sequence[Simulated], most: int, draws: int) -> Curve:
+    """Return the curve of a method from ensembles of simulated records of ``most`` realizations."""
+    rows, why = [], ""
     for count in sizes(most):
-        parts = list(_cut(records, count, draws))
+        parts = list(cut(records, count, draws))
         truth = np.mean([part.stiffness for part in parts], axis=(0, 1))
-        for label, method in methods.items():
-            known = _answers(method, label, [part.ensemble for part in parts], why)
-            advance(draws)
-            if len(known) > 1 and np.isfinite(known).all(axis=0).any():
-                rows[label].append(
-                    (count, scatter(known), debiased_bias_error(known, truth), len(known))
-                )
-    return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
+        known, reason = _identify_some(method, [part.ensemble for part in parts])
+        if len(known) > 1 and np.isfinite(known).all(axis=0).any():
+            rows.append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
+        why = reason or why
+    return Curve.of(rows, why)
 
 
-def excesses(
+def measure_excess(
     pilot: Pilot, methods: Mapping[str, Method], draws: int, seed: int
 ) -> dict[str, float]:
-    """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
+    """Return how many times as much each method's stiffness scatters in the pilot as simulated.
 
-    The root mean square over time, of the median of random halves and of simulated pairs; 1 at
-    least, since a pilot that scatters less by chance promises nothing. What differs between
-    realizations, a reflex, and noise that is neither Gaussian nor stationary are in it.
+    Random halves of the pilot are compared with simulated ensembles as large: root mean square
+    over time, median of pairs. The result is 1 at least, since a pilot that scatters less by
+    chance promises nothing. It counts differences between realizations, a reflex, and noise that
+    is neither Gaussian nor stationary.
     """
     recorded = pilot.recorded
     half = 0 if recorded is None else len(recorded) // 2
-    if recorded is None or half < LEAST:
+    if recorded is None or half < MIN_REALIZATIONS:
         return dict.fromkeys(methods, 1.0)
-    own, random, found = pilot.as_recorded(), np.random.default_rng(seed), {}
-    records = [
-        own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)
-    ]
-    parts = [each.ensemble for each in _cut(records, half, draws)]
-    orders = [random.permutation(len(recorded)) for _ in parts]
+    own, random, excess = pilot.as_recorded(), np.random.default_rng(seed), {}
+    size = half * -(-draws // RECORDS)
+    records = [own.simulated(size, seed + number) for number in range(RECORDS)]
+    simulated = [each.ensemble for each in cut(records, half, draws)]
+    orders = [random.permutation(len(recorded)) for _ in simulated]
     halves = [
         recorded.select(np.sort(order[at : at + half])) for order in orders for at in (0, half)
     ]
     for label, method in methods.items():
-        made = _answers(method, label, parts, {}, SURE / 2)
-        pairs = identified(method, label, halves[: 2 * len(made)], {}).reshape(
-            -1, 2, recorded.samples
-        )
-        drawn = answered(pairs[:, 0] - pairs[:, 1])
-        if len(made) > 1 and len(drawn):
-            apart = [made[i] - made[j] for i in range(len(made)) for j in range(i)]
-            found[label] = max(1.0, _typical(drawn) / _typical(np.array(apart)))
-        else:
-            found[label] = 1.0
-    return found
+        known, _ = _identify_some(method, simulated, MAX_UNCERTAINTY / 2)
+        pairs, _ = identify_each(method, halves[: 2 * len(known)])
+        apart = successful(pairs[::2] - pairs[1::2]) if len(pairs) else pairs
+        expected = [known[i] - known[j] for i in range(len(known)) for j in range(i)]
+        is_known = len(expected) and len(apart)
+        ratio = _typical(apart) / _typical(np.array(expected)) if is_known else 1.0
+        excess[label] = max(1.0, ratio)
+    return excess
 
 
 def _typical(differences: Array) -> float:
-    """Root mean square over time of differences (difference, time), the median of them: one may be of a breakdown."""
+    """Return the root mean square over time, median over differences: one may be of a breakdown."""
     return float(np.median(np.sqrt(np.nanmean(differences**2, axis=1))))
 
 
-def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
-    columns = np.array(rows or np.empty((0, 4))).T
-    random = columns[1]
-    broken = np.flatnonzero(random[:-1] > STEEP * random[1:])
-    first = broken[-1] + 1 if broken.size else 0
-    count, random, bias, draws = columns[:, first:]
-    return Curve(count, random, bias, draws, why)
+def measure_rise(method: Method, record: Simulated, count: int, draws: int) -> float:
+    """Return the time in s in which a method's mean estimate rises from 10 to 90 % of a step."""
+    parts = [part.ensemble for part in cut([record], count, draws)]
+    values, _ = identify_each(method, parts)
+    low, high = float(record.stiffness.min()), float(record.stiffness.max())
+    # The step down, turned over, is one more step up.
+    both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
+    known, time, period = successful(both), parts[0].time, parts[0].duration
+    if not len(known):
+        return math.nan
+    levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
+    rise = rise_time(time, known, *levels, period / 4, min(MAX_RISE_S, 0.2 * period))
+    return float(np.maximum(rise, time[1]))  # no sooner than a sample
 
 
-def rises(
-    setup: Setup, methods: Mapping[str, Method], counts: Mapping[str, int], draws: int, seed: int,
-    advance: Callable[[int], object],
-) -> dict[str, float]:  # fmt: skip
-    """Seconds in which each method's mean estimate rises from 10 to 90 % of a step, with so many realizations."""
-    stepped = setup.stepped()
-    if stepped is None:
-        return dict.fromkeys(methods, math.nan)
-    record, found = stepped.simulated(max(counts.values()), seed), {}
-    for label, method in methods.items():
-        parts = [part.ensemble for part in _cut([record], counts[label], draws)]
-        values = identified(method, label, parts, {})
-        advance(draws)
-        low, high = float(record.stiffness.min()), float(record.stiffness.max())
-        both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
-        levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
-        within = min(WITHIN, 0.2 * setup.period)
-        known, time = answered(both), parts[0].time
-        risen = (
-            float(rise_time(time, known, *levels, setup.period / 4, within))
-            if len(known)
-            else math.nan
-        )
-        found[label] = float(np.maximum(risen, time[1]))  # no sooner than a sample
-    return found
+def _identify_some(
+    method: Method, ensembles: Sequence[Ensemble], max_uncertainty: float = MAX_UNCERTAINTY
+) -> tuple[Array, str]:
+    """Identify ensembles until the scatter of the stiffness is known well enough.
 
-
-def _answers(
-    method: Method,
-    label: str,
-    ensembles: Sequence[Ensemble],
-    why: dict[str, str],
-    sure: float = SURE,
-) -> Array:
-    """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure.
-
-    Without failures.
+    Return the stiffness without failures, shape (estimate, time), and the reason of a failure.
     """
-    known = np.empty((0, ensembles[0].samples))
+    known, why = np.empty((0, ensembles[0].samples)), ""
     for first in range(0, len(ensembles), RECORDS):
-        more = identified(method, label, ensembles[first : first + RECORDS], why)
-        known = np.concatenate([known, answered(more)])
-        if uncertainty(known) < sure:
+        more, reason = identify_each(method, ensembles[first : first + RECORDS])
+        known, why = np.concatenate([known, successful(more)]), reason or why
+        if uncertainty(known) < max_uncertainty:
             break
-    return known
+    return known, why
 
 
-def identified(
-    method: Method, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]
-) -> Array:
-    """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails.
+def identify_each(method: Method, ensembles: Iterable[Ensemble]) -> tuple[Array, str]:
+    """Return the stiffness in each ensemble, shape (ensemble, time), and the reason of a failure.
 
-    ``why`` gets the reason.
+    NaN where the method fails.
     """
-    found: list[Array] = []
+    found, why = [], ""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for each in ensembles:
             try:
-                values = method.identify(subtract_mean(each)).stiffness
-            except Exception as error:
-                why[label], values = describe_error(error), np.full(each.samples, np.nan)
-            found.append(values)
-    return np.array(found)
+                found.append(method.identify(subtract_mean(each)).stiffness)
+            except Exception as error:  # a method may fail on few ensembles
+                why = describe_error(error)
+                found.append(np.full(each.samples, np.nan))
+    return np.array(found), why
 
 
-def answered(estimates: Array) -> Array:
-    """Those (estimate, time) that are known at some time."""
+def successful(estimates: Array) -> Array:
+    """Return the estimates (estimate, time) that are known at some time."""
     return estimates[np.isfinite(estimates).any(axis=1)]
 
 
 def scatter(estimates: Array) -> float:
-    """Random error of which these few estimates (estimate, time) are a sample; NaN for one."""
+    """Return the random error of which these few estimates (estimate, time) are a sample."""
     count = len(estimates)
     return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
 
 
 def uncertainty(estimates: Array) -> float:
-    r"""Relative standard error of the scatter of few estimates (estimate, time).
+    r"""Return the relative standard error of the scatter of few estimates (estimate, time).
 
     .. math:: 1 / \sqrt{2 f \nu}, \qquad \nu = (\operatorname{tr} \Sigma)^2 / \operatorname{tr} \Sigma^2
 
@@ -276,8 +249,8 @@ def uncertainty(estimates: Array) -> float:
     freedom = len(known) - 1
     if freedom < 2 or not known.size:
         return math.inf
-    away = known - known.mean(axis=0)
-    gram = away @ away.T / freedom
+    deviations = known - known.mean(axis=0)
+    gram = deviations @ deviations.T / freedom
     squared, square = np.trace(gram) ** 2, float(np.sum(gram**2))
     times = (squared * (1 + 1 / freedom) - 2 * square / freedom) / max(
         square - squared / freedom, 1e-12 * squared
@@ -285,10 +258,10 @@ def uncertainty(estimates: Array) -> float:
     return 1 / math.sqrt(2 * freedom * max(times, 1.0))
 
 
-def _cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
-    """Up to so many ensembles of consecutive realizations, none in two of them.
+def cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
+    """Yield about ``draws`` ensembles of ``count`` consecutive realizations, the first of each record first.
 
-    The first of each record first.
+    No realization is in two of them, as far as the records last.
     """
     size = len(records[0].ensemble)
     parts = max(1, min(-(-draws // len(records)), size // count))

@@ -107,21 +107,21 @@ class Comparison(Shown):
             model=self.models[self._default],
         )
 
+    @cached_property
+    def suited(self) -> list[str]:
+        """Labels of the methods that suit the data, the best first."""
+        methods = {label: self.methods[label] for label in self.models}
+        return self.recommendation.select(methods, self.evidence)
+
     @property
     def leading(self) -> str:
         """Label of the recommended method. If that was not used, of ``adaptive``, or of the first."""
-        suited = self._suited(self.models) if len(self.models) > 1 else None
-        return suited or self._default
+        return next(iter(self.suited if len(self.models) > 1 else []), self._default)
 
     @property
     def is_suited(self) -> bool:
         """Whether the ``leading`` method suits the data."""
-        return self._suited([self.leading]) is not None
-
-    def _suited(self, labels: Iterable[str]) -> str | None:
-        """Return the first of these methods that suits the data."""
-        methods = {label: self.methods[label] for label in labels}
-        return self.recommendation.leading(methods, self.evidence)
+        return self.leading in self.suited
 
     @property
     def _default(self) -> str:
@@ -161,8 +161,7 @@ class Comparison(Shown):
     def _repr_html_(self) -> str:
         rows, trust = self.rows(), self.trust()
         notes = [f"No stiffness is stated. {' '.join(trust.reasons)}"] * (trust.level == "none")
-        notes += [f"{label} skipped: {why}" for label, why in self.skipped.items()]
-        notes += [f"{label} failed: {why}" for label, why in self.failed.items()]
+        notes += [f"{label}: {why}" for label, why in {**self.skipped, **self.failed}.items()]
         about = f"{', '.join(self.models)} on {self.ensemble!r}"
         cells = [tuple(row.values()) for row in rows]
         return summary_html("Comparison", about, list(rows[0]), cells, notes)
@@ -365,31 +364,25 @@ def compare(
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
     with single_thread(), reported(progress, "identifying") as advance:
-        for number, (label, method) in enumerate(list(chosen.items())):
+        for number, label in enumerate(chosen):
             advance(number, len(chosen))
+            method = chosen[label]
             try:
-                choice = None
                 if isinstance(method, Tuned) or (tune and method.can_be_tuned):
-                    choice = method.tuned(ensemble)
-                model = (choice.method if choice else method).identify(ensemble)
+                    method, evidence[label] = method.tuned(ensemble)
+                model = method.identify(ensemble)
                 predicted[label] = model.predict(ensemble)
             except SkippedError as error:
                 skipped[label] = error.reason
-                continue
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
-                continue
-            models[label] = model
-            if choice is not None:
-                chosen[label], evidence[label] = choice
-            _warn_without_band(label, model)
+            else:
+                chosen[label], models[label] = method, model
+                _warn_without_band(label, model)
     if not models:
-        raise InputError(
-            "; ".join(
-                [f"{label}: {why}" for label, why in skipped.items()]
-                + [f"method {label}: {why}" for label, why in failed.items()]
-            )
-        )
+        reasons = [f"{label}: {why}" for label, why in skipped.items()]
+        reasons += [f"method {label}: {why}" for label, why in failed.items()]
+        raise InputError("; ".join(reasons))
     return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
 
 

@@ -29,13 +29,12 @@ def held_out_vaf(
 ) -> dict[str, Array]:
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
     at_least(2).check("held_out_vaf", "folds", folds)
-    parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
     found = {label: np.full(len(ensemble), np.nan) for label in models}
-    failed: dict[str, str] = {}
-    # Of one realization kept, nothing is left beside its mean.
     if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
-        return found
-    jobs = [(label, part) for part in parts for label in found]
+        return found  # one realization less its mean is nothing
+    parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
+    jobs = [(label, part) for part in parts for label in models]
+    failed: dict[str, str] = {}
     with single_thread(), reported(progress, "identifying without a part") as advance:
         for number, (label, part) in enumerate(jobs):
             advance(number, len(jobs))
@@ -43,42 +42,30 @@ def held_out_vaf(
                 found[label][part] = _vaf_of(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed.setdefault(label, describe_error(error))
-    for reason in dict.fromkeys(failed.values()):
-        labels = ", ".join(label for label, own in failed.items() if own == reason)
-        warnings.warn(
-            f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: "
-            f"{reason}",
-            DataQualityWarning,
-            stacklevel=3,
-        )
+    for label, reason in failed.items():
+        text = f"{label}: no held-out VAF where a fold of the realizations cannot be left out"
+        warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
     return found
 
 
 def _vaf_of(ensemble: Ensemble, left: NDArray[np.int64], method: Method, model: Model) -> Array:
     """Identify all realizations but those ``left`` out, and return the VAF of the latter."""
     kept = np.setdiff1d(np.arange(len(ensemble)), left)
-    if ensemble.mean_subtracted:
-        ensemble = _without_mean_of(ensemble, kept, deviating_channels([method]))
-    torque = ensemble.torque[:, ensemble.core]
-    unseen = np.array(ensemble.torque)
+
+    def deviation(values: Array) -> Array:
+        return values - values[kept].mean(axis=0) if ensemble.mean_subtracted else values
+
+    torque = deviation(ensemble.torque)
+    unseen = np.array(torque)
     unseen[left] = 0.0  # a method that predicts cannot look at it
+    channels = dict(ensemble.channels)
+    for name in deviating_channels([method]):
+        channels[name] = deviation(channels[name])
+    angle = deviation(ensemble.angle)
+    ensemble = attrs.evolve(ensemble, angle=angle, torque=unseen, channels=channels)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
-        model = method.refit(ensemble.select(kept), model)
-        predicted = model.predict(attrs.evolve(ensemble, torque=unseen))
+        predicted = method.refit(ensemble.select(kept), model).predict(ensemble)
     if ensemble.mean_subtracted:
         predicted = predicted - mean_known(predicted[kept])
-    return vaf(torque[left], predicted[left])
-
-
-def _without_mean_of(
-    ensemble: Ensemble, kept: NDArray[np.int64], channels: tuple[str, ...]
-) -> Ensemble:
-    """Subtract the mean of the realizations kept from angle, torque and these channels."""
-    names = ("angle", "torque", *(name for name in channels if name in ensemble.channels))
-    signals = {name: ensemble.signal(name) for name in names}
-    deviations = {name: values - values[kept].mean(axis=0) for name, values in signals.items()}
-    angle, torque = deviations.pop("angle"), deviations.pop("torque")
-    return attrs.evolve(
-        ensemble, angle=angle, torque=torque, channels={**ensemble.channels, **deviations}
-    )
+    return vaf(torque[left, ensemble.core], predicted[left])

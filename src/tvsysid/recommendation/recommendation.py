@@ -20,6 +20,7 @@ from tvsysid.methods import (
     Tuned,
     key_of,
     parse,
+    typed,
 )
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.adaptive.model import AdaptiveModel
@@ -39,7 +40,6 @@ from tvsysid.recommendation.rules import (
     rule_of,
 )
 from tvsysid.signals import Ensemble
-from tvsysid.validators import settings_of
 
 LOW_BAND_HZ, HIGH_BAND_HZ = (0.0, 5.0), (8.0, 25.0)  # bands whose noise is compared
 MIN_SWITCH_PROBABILITY = 0.95
@@ -89,19 +89,18 @@ class Recommendation:
         """
         return parse(self.suited[0]) if self.suited else None
 
-    def leading(self, methods: Mapping[str, object], tuned: Container[str] = ()) -> str | None:
-        """Return the label of the first of these ``methods`` that suits, or None.
+    def select(self, methods: Mapping[str, Method], tuned: Container[str] = ()) -> list[str]:
+        """Return the labels of the ``methods`` that suit, the best first.
 
         ``tuned`` are the labels of methods whose settings were chosen from the data.
         """
-        fitting = (
+        return [
             label
             for wanted in map(parse, self.suited)
             for label, method in methods.items()
             if label in tuned or not isinstance(wanted, Tuned)
-            if _agrees(method, getattr(wanted, "method", wanted))
-        )
-        return next(fitting, None)
+            if _agrees(method, wanted.method if isinstance(wanted, Tuned) else wanted)
+        ]
 
     @property
     def sentence(self) -> str:
@@ -248,11 +247,12 @@ def _objection(key: str, ensemble: Ensemble, measured: Measured) -> str:
     return reason_to_skip(method, ensemble) or next(reasons, method.differs)
 
 
-def _agrees(method: object, wanted: Method) -> bool:
-    """Return whether a method is the wanted one, but for settings that may have any value."""
-    usual = settings_of(type(wanted)())
-    changed = {name: each for name, each in settings_of(wanted).items() if each != usual[name]}
-    return type(method) is type(wanted) and changed.items() <= settings_of(method).items()
+def _agrees(method: Method, wanted: Method) -> bool:
+    """Return whether a method has all settings of the wanted one that are not the default."""
+    if type(method) is not type(wanted):
+        return False
+    given, needed = (set(re.split("[:,]", typed(each))) for each in (method, wanted))
+    return needed <= given
 
 
 def measure(

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.gaps import Gap
@@ -65,20 +64,37 @@ def segment(
     """
     rate = recording.sampling_rate
     not_negative.check("segment", "context", context)
-    margin, left_out = round(context * rate), 0
+    margin = round(context * rate)
+    lengths = np.array([trial.stop - trial.start for trial in recording.trials])
     if period is None:
-        samples = shortest_trial(recording) - 2 * margin
-        if samples < 1:
-            raise InputError(
-                f"segment: nothing is left of a trial without {context:g} s of context on both "
-                "sides; give less context (--context)"
-            )
-        begins = [np.array([margin]) for _ in recording.trials]
+        samples = int(lengths.min()) - 2 * margin
+        begins = [(number, margin) for number in range(len(lengths))]
     else:
         samples = _samples_of(period, rate)
-        begins, left_out = _begins(recording, samples, margin, tuple(gaps))
-    trials = np.repeat(np.arange(len(begins)), [len(each) for each in begins])
-    first = np.concatenate(begins)
+        # First multiple of the period at or after the first sample of a trial.
+        earliest = -round(recording.start * rate) % samples
+        begins = [
+            (number, first)
+            for number, length in enumerate(lengths)
+            for first in range(earliest, length - samples + 1, samples)
+        ]
+    trials, first = np.array(begins, dtype=np.int64).reshape(-1, 2).T
+    has_context = (first >= margin) & (first + samples + margin <= lengths[trials])
+    kept = has_context.copy()
+    reach, start = margin + math.ceil(SMEARED_S * rate), recording.origin + recording.start
+    for gap in gaps if period else ():
+        before = first + samples <= (gap.start - start) * rate - reach
+        after = first >= (gap.stop - start) * rate + reach
+        kept &= (trials != gap.trial) | before | after
+    if samples < 1 or not kept.any():
+        duration = f" of {period:g} s" if period else ""
+        raise InputError(
+            f"segment: no realization{duration} with {context:g} s of context on both sides and "
+            f"without a gap fits into a trial of {lengths.max() / rate:g} s; give a shorter period "
+            "(--period) or less context (--context 0 keeps every realization), or read trials that "
+            "follow each other as one (--columns contiguous)"
+        )
+    trials, first = trials[kept], first[kept]
     within = np.arange(-margin, samples + margin)
     index = (first + np.array(recording.trial_starts)[trials])[:, None] + within
     return Ensemble(
@@ -87,7 +103,7 @@ def segment(
         context=margin,
         onsets=recording.start + first / rate,
         trials=trials,
-        left_out=left_out,
+        left_out=int(np.sum(~has_context)),
         origin=recording.origin,
         delay_removed=recording.delay_removed,
     )
@@ -103,37 +119,3 @@ def _samples_of(period: float, rate: float) -> int:
             f"({samples:g}); give a rate at which it is one (--decimate, or decimate)"
         )
     return round(samples)
-
-
-def _begins(
-    recording: Recording, samples: int, margin: int, gaps: tuple[Gap, ...]
-) -> tuple[list[NDArray[np.int64]], int]:
-    """Return the first samples of the realizations in each trial, and how many lack context."""
-    rate, left_out, begins = recording.sampling_rate, 0, []
-    reach, start = margin + math.ceil(SMEARED_S * rate), recording.origin + recording.start
-    # First multiple of the period at or after the trial's first sample.
-    earliest = -round(recording.start * rate) % samples
-    for number, trial in enumerate(recording.trials):
-        length = trial.stop - trial.start
-        first = np.arange(earliest, length - samples + 1, samples)
-        has_context = (first >= margin) & (first + samples + margin <= length)
-        left_out += int(np.sum(~has_context))
-        first = first[has_context]
-        for gap in gaps:
-            if gap.trial == number:
-                before = first + samples <= (gap.start - start) * rate - reach
-                first = first[before | (first >= (gap.stop - start) * rate + reach)]
-        begins.append(first)
-    if any(map(len, begins)):
-        return begins, left_out
-    if gaps:
-        raise InputError(
-            f"segment: no realization of {samples / rate:g} s is without a gap; give no gaps to "
-            "keep them all"
-        )
-    raise InputError(
-        f"segment: no realization of {samples / rate:g} s with {margin / rate:g} s of context on "
-        "both sides fits into a trial; give a shorter period (--period) or less context "
-        "(--context 0 keeps every realization), or read trials that follow each other as one "
-        "(--columns contiguous)"
-    )

@@ -126,6 +126,7 @@ class Traits:
 
 def _generators(number: int) -> list[np.random.Generator]:
     """Return random generators for the traits, and for noise and PRBS as the perturbation."""
+    at_least(0).check("Participant", "number", number)
     return np.random.default_rng(number).spawn(3)
 
 
@@ -170,7 +171,6 @@ class Participant:
 
     @traits.default
     def _own_traits(self) -> Traits:
-        at_least(0).check("Participant", "number", self.number)
         return Traits.of(self.number)
 
     def simulate(self, *, perturbation: Perturbation = PERTURBATIONS["noise"]) -> Simulation:

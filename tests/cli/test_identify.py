@@ -36,12 +36,12 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert table.get_group("plainly:Mine").inertia.isna().all()
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Faulty")
     assert code == 2
-    assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+    assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 7)" in err
     methods = ["--method", "plainly:Faulty", "--method", "sds"]
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--out", "others")
     assert code == 1
     assert (
-        "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 12)"
+        "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 7)"
         in err
     )
     assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}

@@ -64,15 +64,13 @@ class Task(ABC):
 
     ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils
     no other; ``shapes`` are those of what is measured of each identification; ``versions`` tell
-    of the software of the process that sends it, and a worker with another is refused;
-    ``left_out`` says which methods are not to be tried, and why.
+    of the software of the process that sends it, and a worker with another is refused.
     """
 
     label: str
     methods: Mapping[str, bytes]
     shapes: Shapes
     versions: Mapping[str, str] = attrs.field(factory=versions)
-    left_out: Mapping[str, str] = attrs.field(factory=dict)
 
     @abstractmethod
     def work(self) -> Outcome:
@@ -87,8 +85,7 @@ class Task(ABC):
 
         A failure is kept as a text.
         """
-        if reason := self.left_out.get(name):
-            return failed(reason)
+        note(f"{self.label}, method {name}")
         started = time.perf_counter()
         try:
             # Unpickled each time, so that nothing that it remembers passes from one identification
@@ -118,10 +115,24 @@ def carry_out(task: Task) -> Outcome:
         raise InputError(f"run: a worker has other software: {differences(task.versions, here)}")
     # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
     with _ONE_AT_A_TIME, single_thread():
+        note(task.label)
         return task.work()
 
 
+def note_tasks_in(file: Path) -> None:
+    """Have this process write into a file what it works on."""
+    global _NOTES  # noqa: PLW0603  # one for a process
+    _NOTES = file
+
+
+def note(text: str) -> None:
+    """Write what this process works on, for a message in case that it dies."""
+    if _NOTES is not None:
+        _NOTES.write_text(text, encoding="utf-8")
+
+
 _ONE_AT_A_TIME = threading.Lock()
+_NOTES: Path | None = None
 
 
 class Clock:

@@ -19,14 +19,14 @@ from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import closing, contextmanager
 from functools import partial
 from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
-
-import attrs
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.study.source import Source
 from tvsysid.study.store import Place, Store
-from tvsysid.study.task import Outcome, Task, carry_out
+from tvsysid.study.task import Outcome, Task, carry_out, note_tasks_in
 
 AHEAD = 2  # tasks that wait for each worker: enough to keep it busy; more would only take memory
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
@@ -54,15 +54,10 @@ def carry_out_missing(
     places = sorted(store.missing(), key=source.rank, reverse=True)
     total = len(store.places)
     done = total - len(places)
-    killers: dict[str, str] = {}
-
-    def task_at(place: Place) -> Task:
-        return attrs.evolve(source.task_at(place), left_out=dict(killers))
-
     if progress is not None:
         progress(done, total)
     # Closed at once if writing fails, so that no worker goes on in vain.
-    with closing(_outcomes(task_at, killers, places, workers, executor)) as outcomes:
+    with closing(_outcomes(source.task_at, places, workers, executor)) as outcomes:
         for place, outcome in outcomes:
             store.write(place, outcome)
             done += 1
@@ -72,7 +67,6 @@ def carry_out_missing(
 
 def _outcomes(
     task_at: Callable[[Place], Task],
-    killers: dict[str, str],
     places: list[Place],
     workers: int | None,
     executor: Executor | None,
@@ -83,9 +77,8 @@ def _outcomes(
             yield from _from(executor, task_at, places, at_a_time, cancel=True)
         except (BrokenExecutor, CancelledError) as error:
             raise InputError(
-                f"run: the executor gave up ({type(error).__name__}: {error}); what was finished "
-                "is kept in the store, "
-                "and the same call goes on from there"
+                f"run: the executor failed ({type(error).__name__}: {error}). Run the same command "
+                "again to resume"
             ) from error
         return
     workers = workers or cores()
@@ -94,7 +87,7 @@ def _outcomes(
             task = task_at(place)
             yield place, _outcome(partial(carry_out, task), task)
     else:
-        yield from _from_processes(task_at, killers, places, workers)
+        yield from _from_processes(task_at, places, min(workers, len(places)))
 
 
 def _from(
@@ -144,74 +137,40 @@ def _submit(executor: Executor, task: Task) -> Future[Outcome]:
 
 
 def _from_processes(
-    task_at: Callable[[Place], Task], killers: dict[str, str], places: list[Place], workers: int
+    task_at: Callable[[Place], Task], places: list[Place], workers: int
 ) -> Generator[tuple[Place, Outcome]]:
-    """Outcomes from local processes; where one dies, its tasks are done again, each by itself."""
-    left = dict.fromkeys(places)
-    while left:
+    """Yield outcomes from local processes. One that dies ends the study."""
+    if not places:
+        return
+    with TemporaryDirectory() as notes, processes(workers, notes=notes) as pool:
+        started = list((pool._processes or {}).values())
         try:
-            with processes(min(workers, len(left))) as pool:
-                for place, outcome in _from(pool, task_at, list(left), workers):
-                    del left[place]
-                    yield place, outcome
-        except BrokenExecutor:
-            # It was one of those under way, the first ones left; the others among them only shared
-            # its pool.
-            for place in list(left)[: (1 + AHEAD) * workers]:
-                del left[place]
-                yield place, _alone(task_at(place), killers)
-
-
-def _alone(task: Task, killers: dict[str, str]) -> Outcome:
-    """Outcome of a task in a process of its own.
-
-    A method that kills it is found, marked and not tried again.
-    """
-    while True:
-        try:
-            return _in_one_process(attrs.evolve(task, left_out=dict(killers)))
-        except BrokenExecutor:
-            untried = dict.fromkeys(task.methods, "not tried")
-            for label in (None, *(label for label in task.methods if label not in killers)):
-                try:
-                    _in_one_process(
-                        attrs.evolve(
-                            task,
-                            left_out={each: untried[each] for each in untried if each != label},
-                        )
-                    )
-                except BrokenExecutor:
-                    if label is None:
-                        return task.all_failed(
-                            "the worker process died before any method was tried"
-                        )
-                    killers[label] = (
-                        f"its worker process died in {task.label}, so it was not tried again: it "
-                        "crashed, or took more "
-                        "memory than there is"
-                    )
-                    break
-            else:
-                return task.all_failed(
-                    "the worker process died, though each method by itself does not kill it"
-                )
-
-
-def _in_one_process(task: Task) -> Outcome:
-    with processes(1) as pool:
-        return _outcome(pool.submit(carry_out, task).result, task)
+            yield from _from(pool, task_at, places, workers)
+        except BrokenExecutor as error:
+            for each in started:
+                each.join(10)  # the pool ends those that are alive
+            # Workers that the pool has ended come last: by a signal, or with an unknown exit code.
+            started.sort(key=lambda each: each.exitcode in (0, 255, -signal.SIGTERM))
+            files = [Path(notes, str(each.pid)) for each in started]
+            where = [file.read_text(encoding="utf-8") for file in files if file.exists()]
+            raise InputError(
+                f"run: a worker process died in {where[0] if where else 'an unknown task'}. It "
+                "crashed, or ran out of memory. Mend or leave out that method; the same command "
+                "resumes"
+            ) from error
 
 
 @contextmanager
-def processes(workers: int, ready: bool = True) -> Iterator[Pool]:
+def processes(workers: int, ready: bool = True, notes: str = "") -> Iterator[Pool]:
     """So many local worker processes, which end with this one and leave an interruption to it.
 
-    They are waited for until ``ready``; an InputError says that they do not start.
+    They are waited for until ``ready``; an InputError says that they do not start. Each writes the
+    task that it works on into a file in the folder ``notes``, if there is one.
     """
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     try:
-        pool = Pool(workers, mp_context=context, initializer=_start_worker)
+        pool = Pool(workers, mp_context=context, initializer=_start_worker, initargs=(notes,))
     except OSError as error:
         raise InputError(
             "run: worker processes cannot be made here, which need shared memory "
@@ -264,8 +223,10 @@ def _interruptions_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _start_worker() -> None:
-    """Have a worker end with its parent, even one that is killed."""
+def _start_worker(notes: str) -> None:
+    """Have a worker end with its parent, even one that is killed, and note its tasks."""
+    if notes:
+        note_tasks_in(Path(notes, str(os.getpid())))
     parent = multiprocessing.parent_process()
 
     def follow() -> None:

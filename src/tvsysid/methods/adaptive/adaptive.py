@@ -309,13 +309,12 @@ class Identification:
         white = whitened(noise, self.independent, signals.rate, self.axis.periodic)
 
         def weighed(factor: Array) -> Normal:
+            whole = low = factor.T @ factor
             # A reflex's differences take up what decimation does to the acceleration.
-            low = (
-                factor
-                if isinstance(signals, WithReflex)
-                else convolve1d(factor, LOW_BAND, mode="constant")
-            )
-            return normal(signals, (factor.T @ factor, low.T @ low), self.coefficients, viscosity)
+            if not isinstance(signals, WithReflex):
+                slow = convolve1d(factor, LOW_BAND, mode="constant")
+                low = slow.T @ slow
+            return normal(signals, (whole, low), self.coefficients, viscosity)
 
         if self.coloured:
             found = weighed(white)

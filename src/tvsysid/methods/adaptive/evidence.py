@@ -134,6 +134,11 @@ class Smooth:
         """Log evidence and prior."""
         return self.evidence + self.roughness.log_prior
 
+    @property
+    def left(self) -> float:
+        """Return the chi-square that the smooth part leaves."""
+        return float(self.line.seen @ self.line.weighted - self.answer @ self.answer)
+
     def solved(self, right: Array) -> Array:
         """Inverse of the Cholesky factor times something."""
         return solved_by(self.factor, right)

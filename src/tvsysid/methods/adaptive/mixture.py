@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Jumps, Sizes, Smooth, directions, jumps
+from tvsysid.methods.adaptive.evidence import Jumps, Products, Sizes, Smooth, directions, jumps
 from tvsysid.methods.adaptive.placing import Placed, distance
 from tvsysid.methods.adaptive.prior import Axis, Roughness
 from tvsysid.numerics import Array
@@ -63,17 +63,17 @@ class Path(NamedTuple):
     mean: Array
     factor: Array
     found: Jumps
+    products: Products
     answers: Array
 
 
 def path(candidate: Candidate) -> Path:
     """Posterior over time; the covariance is ``factor @ factor.T``, (time, coefficient)."""
     smooth, placed = candidate.smooth, candidate.placed
-    mean = smooth.answer @ smooth.spread
+    mean, products = smooth.answer @ smooth.spread, smooth.products(placed.columns)
     if candidate.sizes is None:
         none = Jumps(0.0, np.zeros(0), np.zeros((0, 0)))
-        return Path(mean, smooth.spread.T, none, np.zeros((len(mean), 0)))
-    products = smooth.products(placed.columns)
+        return Path(mean, smooth.spread.T, none, products, np.zeros((len(mean), 0)))
     found = jumps(products.between(products), products.cross, candidate.sizes)
     answers = smooth.line.axis.steps(placed.positions) - smooth.spread.T @ products.taken
     values, vectors = np.linalg.eigh(found.covariance)
@@ -82,6 +82,7 @@ def path(candidate: Candidate) -> Path:
         mean + answers @ found.mean,
         np.concatenate([smooth.spread.T, answers @ root], axis=1),
         found,
+        products,
         answers,
     )
 
@@ -126,8 +127,9 @@ def thinned(window: Array, share: Array, most: int) -> tuple[Array, Array]:
     group = np.minimum(
         (np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1
     ).astype(int)
-    best = [kept[group == each][np.argmax(share[kept][group == each])] for each in np.unique(group)]
-    weights = np.array([share[kept][group == each].sum() for each in np.unique(group)])
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    best = [part[np.argmax(share[part])] for part in np.split(kept, starts[1:])]
+    weights = np.add.reduceat(share[kept], starts)
     return window[best], weights / weights.sum()
 
 
@@ -135,12 +137,9 @@ def _moved(
     candidate: Candidate, own: Path, place: int, window: Array, rows: NDArray[np.intp]
 ) -> tuple[Array, Array]:
     """Means and variances (row, position) with one switch at the positions of a window, the others at their modes."""
-    smooth, sizes = candidate.smooth, candidate.sizes
+    smooth, sizes, factor = candidate.smooth, candidate.sizes, candidate.smooth.spread.T[rows]
     assert sizes is not None
-    modes, moving = (
-        smooth.products(candidate.placed.columns),
-        smooth.products(smooth.line.columns(window)),
-    )
+    modes, moving = own.products, smooth.products(smooth.line.columns(window))
     count, many = len(modes.cross), len(moving.cross)
     gram = np.repeat(modes.between(modes)[None], many, axis=0)
     between = moving.between(modes)
@@ -151,11 +150,9 @@ def _moved(
     turn = directions(count, sizes.balanced)
     system = turn.T @ gram @ turn + np.eye(turn.shape[1]) / sizes.spread**2
     covariance = turn @ np.linalg.inv(system) @ turn.T
-    mean = np.einsum("mij,mj->mi", covariance, cross)
-    answers = np.repeat(own.answers[rows, None], many, axis=1)
-    steps = smooth.line.axis.steps(window)[rows]
-    answers[:, :, place] = steps - smooth.spread.T[rows] @ moving.taken
-    plain = (smooth.answer @ smooth.spread)[rows, None]
-    base = np.einsum("kt,kt->t", smooth.spread, smooth.spread)[rows, None]
-    spread = np.einsum("rmi,mij,rmj->rm", answers, covariance, answers, optimize=True)
-    return plain + np.einsum("rmi,mi->rm", answers, mean), base + spread
+    answers = np.repeat(own.answers[None, rows], many, axis=0)
+    answers[:, :, place] = (smooth.line.axis.steps(window)[rows] - factor @ moving.taken).T
+    spread = answers @ covariance
+    means = smooth.answer @ factor.T + (spread @ cross[:, :, None])[:, :, 0]
+    base = np.einsum("rk,rk->r", factor, factor)
+    return means.T, (base + np.einsum("mri,mri->mr", spread, answers)).T

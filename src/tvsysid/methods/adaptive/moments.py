@@ -140,8 +140,8 @@ def normal(
     sums: list[Array] = []
     for every in signals.blocks():
         block = np.concatenate([every[:-1], every[-1:] - viscosity * every[V]])
-        weighted, slow = block[1:] @ whole, block[1:-1] @ low
-        u, v = block[U], block[V]
+        u, v, weighted = block[U], block[V], block[1:] @ whole
+        slow = weighted[:-1] if low is whole else block[1:-1] @ low
         free = block[: V + 1]
         error = (block[-1] - np.einsum("krt,kt->rt", block[:-1], coefficients)) @ whole
         found = [

@@ -49,9 +49,8 @@ class State(NamedTuple):
     """Positions of switches beside a smooth part, their score, and by how much the last step raised it.
 
     The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not
-    searched if further switches had to bring more than that, or GAIN, to make it the best. No
-    bound on what they can bring is as sharp: half of the chi-square that a smooth part leaves is
-    one, but the noise of all samples is in it.
+    searched if further switches had to bring more than that, or GAIN, to make it the best. The
+    bound of :func:`first_states` is less sharp, as the noise of all samples is in it.
     """
 
     places: tuple[float, ...]
@@ -80,9 +79,18 @@ class Grid:
 
 
 def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
-    """Best of no switch, one switch and a pair of opposite ones beside each smooth part."""
-    columns = grid.fine.take(grid.coarse)
-    return [_first(smooth, grid, columns) for smooth in smooths]
+    """Best of no switch, one switch and a pair of opposite ones beside each smooth part.
+
+    Switches add half of the chi-square that a smooth part leaves at most, less a log prior. Where
+    even this is far below the best score, none is looked for.
+    """
+    columns, best = grid.fine.take(grid.coarse), max(smooth.score for smooth in smooths)
+    return [
+        _first(smooth, grid, columns)
+        if smooth.score + smooth.left / 2 - grid.log_positions > best - REACH
+        else State((), smooth.score, -math.inf)
+        for smooth in smooths
+    ]
 
 
 def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
@@ -103,12 +111,13 @@ def _pair(products: Products, grid: Grid) -> tuple[float, tuple[int, int]]:
     gram = grid.pair_gram - products.taken.T @ products.taken
     power, variance = np.diag(gram), START.spread**2
     square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
-    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(
-        square
-    )
-    value[np.tri(len(value), dtype=bool)] = -np.inf
-    best = int(np.argmax(value))
-    return float(value.flat[best]), (best // len(value), best % len(value))
+    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square
+    best = int(np.argmax(value))  # a logarithm that is positive is still to be subtracted
+    able = np.flatnonzero(value >= value.flat[best] - 0.5 * math.log(square.flat[best]))
+    values = value.flat[able] - 0.5 * np.log(square.flat[able])
+    best = int(np.argmax(values))
+    first, second = sorted(divmod(int(able[best]), len(value)))
+    return float(values[best]), (first, second)
 
 
 class Walk:

@@ -23,7 +23,7 @@ def test_benchmark(tvsysid, tmp_path, request):
         1,
     )
     assert (code, err) == (0, "")
-    assert "square wave, filtered noise, 40 s, 10 dB, 2 trials" in out
+    assert "square-wave stiffness, filtered noise, 40 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
     assert "s of data per s" in out
     folder = tmp_path / "tvsysid-benchmark"
@@ -241,5 +241,5 @@ def test_the_titles_of_tables_tell_systems_apart(tvsysid):
         *("--perturbation", "prbs", "--method", "birf", "--workers", "1"),
     )
     assert code == 0
-    assert "\nreflex, square wave, PRBS, 20 s, 10 dB, 1 trial" in out
-    assert out.startswith("square wave, PRBS, 20 s, 10 dB, 1 trial")
+    assert "\nreflex, square-wave stiffness, PRBS, 20 s, 10 dB, 1 trial" in out
+    assert out.startswith("square-wave stiffness, PRBS, 20 s, 10 dB, 1 trial")

@@ -11,8 +11,8 @@ from tvsysid.recordings import Channel, outline
 def test_axes_have_units_and_time_where_they_are_stated():
     values = np.sin(np.arange(100) / 10)
     channels = {
-        "pos $x$": (Channel((100,), "float64", "rad", 50.0), [outline(values)]),
-        "tq": (Channel((100, 2), "float64"), [outline(values), outline(-values)]),
+        "pos $x$": Channel((100,), "float64", "rad", 50.0, values=lambda: values),
+        "tq": Channel((100, 2), "float64", values=lambda: np.stack([values, -values], axis=1)),
     }
     figure = recorded_channels(channels, "ankle_$1$.mat")
     draw(figure)
@@ -26,10 +26,10 @@ def test_axes_have_units_and_time_where_they_are_stated():
 
 @pytest.mark.slow
 def test_names_are_drawn_letter_by_letter():
-    values = [outline(np.arange(100.0))]
     names = ["x_{$", "$\\frac{$", "\x1b[31mred\r\x07", "caf\udce9\u202e", "角度"]
     figure = recorded_channels(
-        {name: (Channel((100,), "float64", name), values) for name in names}, "".join(names)
+        {name: Channel((100,), "float64", name, values=lambda: np.arange(100.0)) for name in names},
+        "".join(names),
     )
     for form in ("png", "pdf", "svg"):
         content = drawn(figure, form)

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tvsysid.cli.console import number, remark, say, say_written, show_table, waiting
+from tvsysid.cli.console import remark, say, say_written, show_records, waiting
 from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Workers, given
 from tvsysid.cli.running import (
     STORE,
@@ -155,10 +155,15 @@ def _print_plan(study: Study, workers: int) -> None:
 
     with waiting("timing a trial of the shortest and the longest scenario"):
         taken = plan(study)
-    headings = ["system", "stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"]
-    fields = ("system", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity")
-    rows = [[str(getattr(each, name)) for name in fields] for each in study.scenarios]
-    show_table("the study", headings, rows, "llllll")
+    columns = {
+        "system": "{system}",
+        "stiffness": "{stiffness}",
+        "perturbation": "{perturbation}",
+        "duration (s)": "{duration_s:g}",
+        "SNR (dB)": "{snr_db:g}",
+        "viscosity": "{viscosity}",
+    }
+    show_records("the study", [each._asdict() for each in study.scenarios], columns, "llllll")
     say(
         f"methods: {', '.join(study.named_methods)}\n"
         f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: "
@@ -198,46 +203,34 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     return complete
 
 
-def _scenario_title(row: Any) -> str:
-    profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
-    if row.system != "joint":
-        profile = row.system if profile == "own" else f"{row.system}, {profile}"
-    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(
-        row.perturbation, row.perturbation
-    )
-    covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
-    return (
-        f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, "
-        f"{row.trials} trial{'s' if row.trials > 1 else ''}"
-    )
-
-
 def _show_scores(summary: pd.DataFrame) -> None:
     """Print the main metrics of one scenario."""
-    shown = {
-        "bias_error": ("bias\n(N·m/rad)", "{:.1f}"),
-        "random_error": ("random\n(N·m/rad)", "{:.1f}"),
-        "total_error": ("total\n(N·m/rad)", "{:.1f}"),
-        "rise_time": ("rise\n(s)", "{:.2f}"),
-        "vaf": ("VAF\n(%)", "{:.1f}"),
-        "reflex_gain total_error": ("reflex gain\n(N·m·s/rad)", "{:.1f}"),
-        "reflex pathway_vaf": ("VAF reflex\n(%)", "{:.1f}"),
-        "bandpassed_vaf": ("VAF 1-10 Hz\n(%)", "{:.1f}"),
-        "seconds": ("time\n(ms)", "{:.0f}"),
+    from tvsysid.figures.words import count, described
+
+    columns = {
+        "bias\n(N·m/rad)": "{bias_error:.1f}",
+        "random\n(N·m/rad)": "{random_error:.1f}",
+        "total\n(N·m/rad)": "{total_error:.1f}",
+        "rise\n(s)": "{rise_time:.2f}",
+        "VAF\n(%)": "{vaf:.1f}",
+        "reflex gain\n(N·m·s/rad)": "{reflex_gain total_error:.1f}",
+        "VAF reflex\n(%)": "{reflex pathway_vaf:.1f}",
+        "VAF 1-10 Hz\n(%)": "{bandpassed_vaf:.1f}",
+        "time\n(s)": "{seconds:.2g}",
     }
     table = summary.pivot_table("value", "method", "metric", sort=False, dropna=False)
-    present = [name for name in shown if name in table]
-    if "reflex pathway_vaf" in present:  # there is no room for all
-        present = [name for name in present if name not in ("random_error", "bandpassed_vaf")]
-    table["seconds"] *= 1000
+    if "reflex pathway_vaf" in table:  # there is no room for all
+        table = table.drop(columns=["random_error", "bandpassed_vaf"])
     largest: Any = summary.iloc[int(summary.trials.argmax())]
     if largest.trials == 1 and "random_error" in table:
         table["random_error"] = math.nan  # one trial has no spread
-    rows = [
-        [str(method), *(number(values[name], shown[name][1]) for name in present)]
-        for method, values in table.iterrows()
-    ]
-    show_table(_scenario_title(largest), ["method", *(shown[name][0] for name in present)], rows)
+    present = {
+        heading: form for heading, form in columns.items() if form[1:].partition(":")[0] in table
+    }
+    records = table.reset_index().to_dict("records")
+    scenario = described({**largest, "profile": largest.stiffness})
+    title = f"{scenario}, {count(largest.trials, 'trial')}"
+    show_records(title, records, {"method": "{method}", **present})
 
 
 def _show_times(results: xr.Dataset) -> None:
@@ -248,13 +241,19 @@ def _show_times(results: xr.Dataset) -> None:
     simulated = float((results.duration_s.values * done.sum(axis=1)).sum())
     spent = time_spent(results)
     total = sum(spent.values())
-    rows = [
-        (name, f"{seconds:.1f}", f"{100 * seconds / total:.0f}", f"{simulated / seconds:,.0f}")
-        for name, seconds in spent.items()
-        if seconds
+    records = [
+        {"stage": name, "time": time, "share": 100 * time / total, "rate": simulated / time}
+        for name, time in spent.items()
+        if time
     ]
+    columns = {
+        "stage": "{stage}",
+        "time (s)": "{time:.1f}",
+        "share (%)": "{share:.0f}",
+        "s of data per s": "{rate:,.0f}",
+    }
     title = f"computing time by stage: {_duration_text(total)} in all workers"
-    show_table(title, ["stage", "time (s)", "share (%)", "s of data per s"], rows)
+    show_records(title, records, columns)
 
 
 def _duration_text(seconds: float) -> str:

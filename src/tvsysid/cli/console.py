@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -21,6 +21,7 @@ output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
 
 MIN_WIDTH = 10  # of a column with text
+UNKNOWN = re.compile(r"(± )?\b(nan|None)\b")
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -32,11 +33,6 @@ def say(text: str, style: str = "") -> None:
 def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
     """Print a line on standard error."""
     errors.print(Text.assemble((f"{kind}:", STYLES[kind]), f" {one_line(text)}"), soft_wrap=True)
-
-
-def number(value: float, form: str = "{:.1f}") -> str:
-    """Return a number as text, or a dash where it is not known."""
-    return form.format(value) if math.isfinite(value) else "-"
 
 
 def say_written(out: Path, names: Iterable[str]) -> None:
@@ -87,6 +83,21 @@ def show_table(
     for row in cells:
         named = (f"{name}: {text}" for name, text in zip(headings, row, strict=True))
         say("\n  ".join(line.replace("\n", " ") for line in named))
+
+
+def show_records(
+    title: str,
+    records: Iterable[Mapping[Any, Any]],
+    columns: Mapping[str, str],
+    align: str = "l",
+    caption: str | None = None,
+) -> None:
+    """Print a table of records: ``columns`` are formats of a record, by heading."""
+    rows = [
+        [UNKNOWN.sub("-", form.format_map(record)) for form in columns.values()]
+        for record in records
+    ]
+    show_table(title, list(columns), rows, align, caption)
 
 
 def progress(title: str) -> AbstractContextManager[Progress]:

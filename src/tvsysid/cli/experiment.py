@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import (
-    number,
     progress,
     remark,
     say_written,
-    show_table,
+    show_records,
     shown_warnings,
     waiting,
 )
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from tvsysid.study import Experiment, Prepared
-
-MAX_RECORDINGS = 24  # whose numbers of realizations are printed
 
 
 def experiment(
@@ -161,7 +158,6 @@ def write(
         )
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
-    _show_realizations(results)
     if claims.verdict.isin(["holds", "does not hold"]).any():
         show_claims(claims, "experiment", "what the report says")
     labels = set(results.recording.values.tolist())  # unusable recordings were reported before
@@ -185,7 +181,7 @@ def write(
 
 def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
     """Print the main results of one perturbation, mean and standard deviation over participants."""
-    shown = {
+    columns = {
         "mean_stiffness": "stiffness\n(N·m/rad)",
         "random_error": "random\n(N·m/rad)",
         "mean_bias": "bias\n(N·m/rad)",
@@ -195,33 +191,11 @@ def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
     known = summary[(summary.metric == "vaf") & summary.value.notna()]
     people = known.participant.nunique()
     spread = ", mean ± SD over participants" if people > 1 else ""
-    present = [name for name in shown if (summary.metric == name).any()]
-    rows = []
-    for (method, count), group in summary.groupby(["method", "realizations"], sort=False):
-        values = group.groupby("metric").value.agg(["mean", "std"])
-        texts = [
-            number(values["mean"][name]) + number(values["std"][name], "±{:.1f}").removesuffix("-")
-            for name in present
-        ]
-        rows.append((str(method), str(count), *texts))
+    over_people = summary.groupby(["method", "realizations", "metric"], sort=False).value
+    texts = over_people.mean().map("{:.1f}".format)
+    texts += over_people.std().map("±{:.1f}".format).replace("±nan", "")
+    table = texts.unstack(sort=False).reindex(columns=list(columns)).dropna(axis=1, how="all")
+    present = {heading: f"{{{name}}}" for name, heading in columns.items() if name in table}
+    records = table.reset_index().to_dict("records")
     title = f"{perturbation}: {people} participant{'' if people == 1 else 's'}{spread}"
-    show_table(title, ["method", "drawn", *(shown[name] for name in present)], rows)
-
-
-def _show_realizations(results: xr.Dataset) -> None:
-    """Print how many realizations of each recording each step excluded."""
-    names = {
-        "recorded": "recorded",
-        "excluded_alignment": "shifted\ntoo far",
-        "excluded_task": "task\ncomponent",
-        "excluded_residual": "residual",
-        "survivors": "kept",
-        "trials_left_out": "trials\nleft out",
-    }
-    rows = [
-        (str(label), *(str(int(results[name].values[number])) for name in names))
-        for number, label in enumerate(results.recording.values[:MAX_RECORDINGS])
-    ]
-    more = results.sizes["recording"] - MAX_RECORDINGS
-    caption = f"and {more} more in report.html" if more > 0 else None
-    show_table("realizations", ["recording", *names.values()], rows, caption=caption)
+    show_records(title, records, {"method": "{method}", "drawn": "{realizations}", **present})

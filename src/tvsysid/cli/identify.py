@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.cli.console import (
-    number,
     progress,
     remark,
     say,
     say_written,
+    show_records,
     show_table,
     shown_warnings,
 )
@@ -206,19 +206,19 @@ def _account(
 
     with shown_warnings(), progress("predicting realizations held out") as advance:
         held_out = found.held_out_vaf(progress=advance)
-    reversed_sign = ", with its sign reversed" if reading.torque_sign == -1 else ""
     source = {
         "file": file.name,
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
-        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}"
-        + reversed_sign,
+        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}",
     }
-    changed = {
-        "the torque's sign was reversed": reading.torque_sign == -1,
-        "degrees became radians": reading.angle_unit == "deg",
-        "N·mm became N·m": reading.torque_unit == "Nmm",
-    }
-    corrections = [*prepared.corrections, *(text for text, done in changed.items() if done)]
+    corrections = list(prepared.corrections)
+    if reading.torque_sign == -1:
+        source["torque"] += ", with its sign reversed"
+        corrections.append("the torque's sign was reversed")
+    if reading.angle_unit == "deg":
+        corrections.append("degrees became radians")
+    if reading.torque_unit == "Nmm":
+        corrections.append("N·mm became N·m")
     try:
         repeats = prepared.diagnosed is found.ensemble
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
@@ -239,38 +239,22 @@ def _show_impedance(account: Account) -> None:
     found, is_valid = account.found, account.trust.level != "none"
     if len(lines := answer(account)) > 1 or not is_valid:
         say("\n  ".join(lines))
-    headings = [
-        "method",
-        "mean",
-        "95 %\nband",
-        "lowest, at",
-        "highest, at",
-        "inertia",
-        "VAF",
-        "VAF\nheld\nout",
-    ]
-    rows = []
-    for row in found.rows():
-        extremes = (
-            f"{number(row[f'{end} (N·m/rad)'])}, {number(row[f'{end} at (s)'], '{:.2f}')}"
-            for end in ("lowest", "highest")
-        )
-        rows.append(
-            (
-                row["method"],
-                number(row["stiffness (N·m/rad)"]),
-                number(row["half_band (N·m/rad)"], "± {:.1f}"),
-                *extremes,
-                number(row["inertia (kg·m²)"], "{:.4f}"),
-                number(row["VAF (%)"]),
-                number(account.held_out_mean(row["method"])),
-            )
-        )
     title = (
         "stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) "
         f"and VAF (%): {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     )
-    show_table(title if is_valid else f"not valid: {title}", headings, rows)
+    columns = {
+        "method": "{method}",
+        "mean": "{stiffness (N·m/rad):.1f}",
+        "95 %\nband": "± {half_band (N·m/rad):.1f}",
+        "lowest, at": "{lowest (N·m/rad):.1f}, {lowest at (s):.2f}",
+        "highest, at": "{highest (N·m/rad):.1f}, {highest at (s):.2f}",
+        "inertia": "{inertia (kg·m²):.4f}",
+        "VAF": "{VAF (%):.1f}",
+        "VAF\nheld\nout": "{held_out:.1f}",
+    }
+    records = [{**row, "held_out": account.held_out_mean(row["method"])} for row in found.rows()]
+    show_records(title if is_valid else f"not valid: {title}", records, columns)
 
 
 def _show_over_variables(found: Comparison) -> None:
@@ -282,8 +266,8 @@ def _show_over_variables(found: Comparison) -> None:
     if not found.rows_over_variables():
         return
     table = found.over_variables()
-    bands = ((table.upper - table.lower) / 2).map(lambda half: number(half, " ± {:.2g}"))
-    table["text"] = table.estimate.map("{:.3g}".format) + bands.str.removesuffix("-")
+    bands = ((table.upper - table.lower) / 2).map(" ± {:.2g}".format).replace(" ± nan", "")
+    table["text"] = table.estimate.map("{:.3g}".format) + bands
     names = table.quantity.str.removeprefix("scheduled_").str.replace("_", " ")
     table["heading"] = names + "\n(" + table.unit.map(unit_name) + ")"
     for (label, variable), own in table.groupby(["method", "variable"], sort=False):
@@ -300,16 +284,24 @@ def _show_further(found: Comparison) -> None:
 
     from tvsysid.report.answer import further, reflex_shape
 
-    rows = []
+    columns = {
+        "method": "{method}",
+        "quantity": "{quantity}",
+        "unit": "{unit}",
+        "over": "{over}",
+        "mean": "{mean:.4g}",
+        "95 % band": "± {half_band:.3g}",
+        "lowest": "{min:.4g}",
+        "highest": "{max:.4g}",
+    }
+    records = []
     for each in further(found):
         if not each.quantity.startswith("scheduled "):  # is shown at values of the variable
             values = each.values if each.values.size else np.array([np.nan])
-            mean, *extremes = (number(end(values), "{:.4g}") for end in (np.mean, np.min, np.max))
-            band = number(each.half_band, "± {:.3g}")
-            rows.append((each.method, each.quantity, each.unit, each.over, mean, band, *extremes))
-    if rows:
-        headings = ["method", "quantity", "unit", "over", "mean", "95 % band", "lowest", "highest"]
-        show_table("further estimates", headings, rows, "llll")
+            ends = {"mean": values.mean(), "min": values.min(), "max": values.max()}
+            records.append(each._asdict() | ends)
+    if records:
+        show_records("further estimates", records, columns, "llll")
     for label, model in found.models.items():
         if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
 from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, ReadingOptions, decimation
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from tvsysid.recommendation import Recommendation
     from tvsysid.recordings import Channel
 
-MAX_SIGNALS = 12  # of a file, that are drawn
-MAX_COLUMNS = 20  # of a matrix, that are drawn
 PICTURES = (".png", ".pdf", ".svg")
 
 
@@ -87,11 +85,11 @@ def inspect(
             f"{reference}=CHANNEL, one of {', '.join(channels)}"
         )
     _show_channels(file.name, channels)
-    if outlines := _outlines(channels):
-        save(recorded_channels(outlines, file.name), picture)
+    try:
+        save(recorded_channels(channels, file.name), picture)
         say(f"wrote {picture}")
-    else:
-        say("no signals to draw")
+    except InputError as error:
+        remark("note", str(error))
     if not diagnose:
         _show_next(file, channels)
         return
@@ -148,9 +146,9 @@ def _diagnose(
 def _show_channels(name: str, channels: dict[str, Channel]) -> None:
     rows = []
     for label, channel in channels.items():
-        stated = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
+        rate = f"{channel.sampling_rate:g}" if channel.sampling_rate else "-"
         shape = " x ".join(map(str, channel.shape)) or "one value"
-        rows.append((label, shape, channel.dtype, channel.unit or "-", stated))
+        rows.append((label, shape, channel.dtype, channel.unit or "-", rate))
     show_table(name, ["channel", "shape", "type", "unit", "rate (Hz)"], rows, "lrllr")
 
 
@@ -165,38 +163,6 @@ def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
         say(lines)
     for line in diagnosis.notes:
         say(line)
-
-
-def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
-    """Return outlines of the first signals of a file that fit in memory."""
-    import numpy as np
-
-    from tvsysid.recordings import outline
-
-    outlines: dict[str, Any] = {}
-    signals = {
-        name: channel
-        for name, channel in channels.items()
-        if channel.values is not None
-        and len(channel.shape) in (1, 2)
-        and max(channel.shape) > 1
-        and min(channel.shape) > 0
-    }
-    for name, channel in signals.items():
-        if len(outlines) == MAX_SIGNALS:
-            remark("note", f"{len(signals) - MAX_SIGNALS} more channels are not drawn")
-            break
-        try:
-            values = channel.read(name)
-        except InputError as error:
-            remark("note", f"not drawn: {error}")
-            continue
-        if not np.iscomplexobj(values):
-            is_vector = values.ndim == 1 or min(values.shape) == 1
-            columns = [values.ravel()] if is_vector else values.T[:MAX_COLUMNS]
-            lines = [outline(np.asarray(column, dtype=float)) for column in columns]
-            outlines[name] = channel, lines
-    return outlines
 
 
 def _show_next(file: Path, channels: dict[str, Channel]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from tvsysid.cli.console import number, remark, say_written, show_table, shown_warnings, waiting
+from tvsysid.cli.console import remark, say_written, show_records, shown_warnings, waiting
 from tvsysid.cli.options import Methods, Scheduler, Workers, given
 from tvsysid.cli.running import STORE, make_folder, print_problems, run_in
 
@@ -71,19 +71,14 @@ def leaderboard(
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
-    rows = [
-        (
-            str(row["rank"]),
-            str(row["entry"]),
-            number(row["score"], "{:.2f}"),
-            number(row["score_error"], "{:.2f}"),
-            number(row["coverage"]),
-        )
-        for row in table.to_dict("records")
-    ]
-    show_table(
-        "leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl"
-    )
+    columns = {
+        "rank": "{rank}",
+        "entry": "{entry}",
+        "score\n(%)": "{score:.2f}",
+        "±\n(%)": "{score_error:.2f}",
+        "in 95 % band\n(%)": "{coverage:.1f}",
+    }
+    show_records("leaderboard", table.to_dict("records"), columns, "rl")
     if study.trials == 1:
         remark(
             "warning",

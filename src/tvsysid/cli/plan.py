@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import number, progress, say, say_written, show_table, shown_warnings
+from tvsysid.cli.console import progress, say, say_written, show_records, shown_warnings
 from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, Methods, ReadingOptions, given
 from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
@@ -171,51 +171,59 @@ def _show(found: Plan) -> None:
     say(str(found), "bold")
     if found.best and (found.best.realizations or 0) < MIN_REALIZATIONS:
         say(
-            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record {MIN_REALIZATIONS}"
+            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record "
+            f"{MIN_REALIZATIONS}"
         )
-    headings = ["method", "realizations", "record", "± reached", "bias", "follows a\nstep in"]
+    columns = {
+        "method": "{method}",
+        "realizations": "{realizations}{star}",
+        "record": "{duration}",
+        "± reached": "{half_width:.1f}",
+        "bias": "{bias:.1f}",
+        "follows a\nstep in": "{rise_time:.2f} s",
+    }
     for setup in found.setups:
         answers = [each for each in found.answers if each.setup == setup]
-        rows = [
-            (
-                each.method,
-                f"{each.realizations or 'none'}{' *' if each.why else ''}",
-                "-" if each.realizations is None else each.duration,
-                number(each.half_width),
-                number(each.bias),
-                number(each.rise_time, "{:.2f} s"),
-            )
+        records = [
+            {
+                **each._asdict(),
+                "realizations": each.realizations or "none",
+                "star": " *" if each.why else "",
+                "duration": each.duration if each.realizations else None,
+            }
             for each in answers
         ]
-        show_table(setup, headings, rows)
+        show_records(setup, records, columns)
         for each in answers:
             if each.why:
                 say(f"  * {each.method} does not suffice: {each.why}")
             if each.excess > LARGE_EXCESS:
                 say(
-                    f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as "
-                    "simulated: counted"
+                    f"  {each.method}: the pilot's scatter is {each.excess:.2g} times the "
+                    "simulated one; the plan allows for it"
                 )
     say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
 
 
 def _verify(found: Plan) -> None:
+    """Simulate the planned recordings, and print their errors."""
     with progress("verifying") as advance:
         verified = found.verify(progress=advance)
     bias = {(each.setup, each.method): each.bias for each in found.answers}
-    rows, missed = [], []
+    records = []
     for each in verified:
         name = f"{each.method}, {each.setup}" if len(found.setups) > 1 else each.method
         total = found.multiple * math.hypot(each.reached, bias[each.setup, each.method])
-        difference = f"{100 * (each.predicted / each.reached - 1):+.0f} %"
-        errors = f"{each.predicted:.2f}", f"{each.reached:.2f}", difference, f"{total:.2f}"
-        rows.append((name, str(each.realizations), *errors))
-        if total > found.precision:
-            missed.append(
-                f"{name} misses the wish: ± {total:.2f} with {each.realizations} realizations"
-            )
-    headings = ["method", "realizations", "predicted", "reached", "difference"]
-    headings.append(f"± with bias,\nwish ± {found.precision:g}")
-    if rows:
-        show_table(f"random error (N·m/rad), {verified[0].trials} trials", headings, rows)
-        say("\n".join(["difference: predicted over reached, less 1", *missed]))
+        difference = 100 * (each.predicted / each.reached - 1)
+        records.append({**each._asdict(), "name": name, "difference": difference, "total": total})
+    columns = {
+        "method": "{name}",
+        "realizations": "{realizations}",
+        "predicted": "{predicted:.2f}",
+        "reached": "{reached:.2f}",
+        "difference": "{difference:+.0f} %",
+        f"± with bias,\nwish ± {found.precision:g}": "{total:.2f}",
+    }
+    if records:
+        show_records(f"random error (N·m/rad), {verified[0].trials} trials", records, columns)
+        say("difference: predicted over reached, less 1")

@@ -111,13 +111,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | No
             f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); check the address"
         ) from error
     with client:
-        threads = sum(client.nthreads().values())
-        if not threads:
-            raise InputError(
-                f"--scheduler {scheduler}: this cluster has no workers; start some with `dask "
-                f"worker {scheduler}`"
-            )
-        yield client.get_executor(pure=False), threads
+        yield client.get_executor(pure=False), sum(client.nthreads().values())
 
 
 def print_problems(results: xr.Dataset, problems: list[Problem], units: str, counted: str) -> bool:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from numpy.typing import NDArray
+import numpy as np
 
+from tvsysid.errors import InputError
 from tvsysid.figures.style import (
     KEPT,
     PALETTE,
@@ -19,36 +20,60 @@ from tvsysid.figures.style import (
     styled,
 )
 from tvsysid.figures.words import wrapped
-from tvsysid.recordings import Channel
+from tvsysid.recordings import Channel, outline
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MAX_SIGNALS = 12  # that are drawn of a file
+MAX_COLUMNS = 20  # that are drawn of a matrix
+
 
 @styled
-def recorded_channels(
-    channels: Mapping[str, tuple[Channel, Sequence[tuple[NDArray[Any], NDArray[Any]]]]],
-    title: str = "",
-) -> Figure:
-    """Channels of a file before anything is done with it, one above the other, each over its own time.
+def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figure:
+    """Draw the channels of a file as they are, one above the other, each over its own time.
 
-    An axes for each channel, with its unit, or "unit not stated", and time in s where the rate is
-    stated.
+    An axes for each of the first twelve signals, with its unit, or "unit not stated", and time in s
+    where the rate is stated.
 
     Parameters
     ----------
     channels
-        By name: what the file states of it, and for each column the positions (in samples) and the
-        values to draw, as of :func:`tvsysid.recordings.outline`.
+        Channels by name, as of :func:`tvsysid.recordings.describe_file`. Those without numbers are
+        left out.
+    title
+        Title of the figure.
+
+    Raises
+    ------
+    InputError
+        If there is no signal, or one does not fit in memory.
     """
-    figure, grid = panels(len(channels), 1, 7.0, 1.0 + 1.7 * len(channels), title)
-    for axes, (name, (channel, columns)) in zip(grid[:, 0], channels.items(), strict=True):
-        rate = channel.sampling_rate
-        for number, (positions, values) in enumerate(columns):
+    signals = {
+        name: channel
+        for name, channel in channels.items()
+        if channel.values is not None
+        and not channel.dtype.startswith("complex")
+        and len(channel.shape) in (1, 2)
+        and max(channel.shape) > 1
+        and min(channel.shape) > 0
+    }
+    if not signals:
+        raise InputError(f"{title}: no signals to draw")
+    if len(signals) > MAX_SIGNALS:
+        title += f" ({MAX_SIGNALS} of {len(signals)} signals)"
+        signals = dict(list(signals.items())[:MAX_SIGNALS])
+    figure, grid = panels(len(signals), 1, 7.0, 1.0 + 1.7 * len(signals), title)
+    for axes, (name, channel) in zip(grid[:, 0], signals.items(), strict=True):
+        rate, values = channel.sampling_rate, channel.read(name)
+        is_vector = values.ndim == 1 or min(values.shape) == 1
+        columns = [values.ravel()] if is_vector else values.T[:MAX_COLUMNS]
+        for number, column in enumerate(columns):
+            positions, extremes = outline(np.asarray(column, dtype=float))
             axes.plot(
                 positions / (rate or 1.0),
-                values,
+                extremes,
                 color=PALETTE[number % len(PALETTE)],
                 linewidth=0.7,
             )

@@ -14,15 +14,13 @@ import warnings
 from pathlib import Path
 
 from tvsysid import InputError
-from tvsysid.recordings import describe_file, load_ensemble, load_recording, process
+from tvsysid.recordings import describe_file, load_ensemble, load_recording, worker
 
 GIB = 2**30
 ADDRESSES = (
     16 * GIB
 )  # a net below: memory that is taken is what is judged, and what is refused far sooner
 SECONDS = 20  # of processor time that a file may take
-# so small a file need not wait for its end
-SOON = "import tvsysid.recordings.limits as limits; limits.SECONDS = 1.5; "
 LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
 
 
@@ -122,7 +120,7 @@ def main():
     warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    process.PROGRAM = process.PROGRAM.replace("from tvsysid", SOON + "from tvsysid", 1)
+    worker.SECONDS = 1.5  # so small a file need not wait for its end
     for file in sys.argv[1:]:  # sound ones: all libraries are loaded before anything is measured
         wrong, count, _ = attempt(Path(file))
         if wrong or not count:

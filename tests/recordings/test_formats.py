@@ -21,8 +21,7 @@ from tests.recordings.files import (
 )
 
 import tvsysid as tv
-from tvsysid.recordings import describe_file, limits
-from tvsysid.recordings.formats import channels_of
+from tvsysid.recordings import channel, describe_file
 
 NAMES = {"angle": "pos", "torque": "tq"}
 
@@ -154,31 +153,28 @@ def test_a_renamed_file_is_told_what_it_is(file, other):
         describe_file(renamed)
 
 
-def test_a_file_that_may_not_be_opened_is_told(file, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (PermissionError(13, "Permission denied"), "Permission denied"),
+        (BlockingIOError(11, "unable to lock file"), "unable to lock file"),
+    ],
+)
+def test_a_file_that_cannot_be_opened_is_told(file, monkeypatch, error, reason):
     def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
+        raise error
 
     monkeypatch.setattr(type(file), "open", refuse)
     with pytest.raises(
-        tv.InputError, match=r"cannot be opened \(Permission denied\); close it in other programs"
+        tv.InputError, match=rf"cannot be opened \({reason}\); close it in other programs"
     ):
-        channels_of(file)
-
-
-def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
-    def refuse(*_, **__):
-        raise BlockingIOError(11, "Unable to synchronously open file (unable to lock file)")
-
-    write_hdf5(tmp_path / "ankle.h5", *signals)
-    monkeypatch.setattr(h5py, "File", refuse)
-    with pytest.raises(tv.InputError, match=r"unable to lock file\)\); close it in other programs"):
-        channels_of(tmp_path / "ankle.h5")
+        describe_file(file)
 
 
 def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
-    monkeypatch.setattr(limits, "available", lambda: 10_000)
+    monkeypatch.setattr(channel, "available_memory", lambda: 10_000)
     with pytest.raises(
-        tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"
+        tv.InputError, match=r"reading it takes .* GB, and the computer has 1e-05 GB of memory"
     ):
         read(file)
 
@@ -437,7 +433,7 @@ def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
     WRITERS["ankle.npz"](tmp_path / "ankle.npz", *signals)
     with pytest.raises(
         tv.InputError,
-        match=r"--no-header \(header=False\) is for text tables; leave it out for a NPZ",
+        match=r"--no-header \(header=False\) is for text tables; leave it out for a .npz",
     ):
         read(tmp_path / "ankle.npz", header=False)
 
@@ -591,9 +587,9 @@ def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / "a.edf").write_bytes(b"0       ")
     monkeypatch.setitem(sys.modules, "edfio", None)
     with pytest.raises(
-        tv.InputError, match=r"EDF and BDF files need edfio: pip install 'tvsysid\[edf\]'"
+        tv.InputError, match=r"these files need edfio: pip install 'tvsysid\[edf\]'"
     ):
-        channels_of(tmp_path / "a.edf")
+        describe_file(tmp_path / "a.edf")
 
 
 ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]

@@ -118,11 +118,11 @@ def file_with(folder, name, content):
             b"pos,tq\n1,2\n3,4\n" * 40,
             "by its content it is text; give it the ending .csv or .tsv",
         ),
-        ("noise.mat", bytes(range(256)) * 20, "not a MAT file that can be read"),
+        ("noise.mat", bytes(range(256)) * 20, r"noise\.mat: cannot be read .*Copy it again"),
         (
             "hdf.mat",
             b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200,
-            "not a MAT file that can be read",
+            r"hdf\.mat: cannot be read .*Copy it again",
         ),
         (
             "hdf5.mat",
@@ -165,7 +165,7 @@ def test_a_truncated_mat_file_is_refused_wherever_it_is_cut(mat):
     content = mat.read_bytes()
     for cut in range(10, len(content) - 100, 97):
         mat.write_bytes(content[:cut])
-        with pytest.raises(tv.InputError, match=r"MAT file|no channel"):
+        with pytest.raises(tv.InputError, match=r"ankle\.mat: "):
             read(mat)
 
 

@@ -252,7 +252,7 @@ def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
     write_recording(tmp_path / "whole.mat", tv.Recording(np.arange(60.0), np.arange(60.0), 100))
     whole = loadmat(tmp_path / "whole.mat")
     for name, values in {
-        "trial_starts": None,
+        "torque": None,
         "sampling_rate": np.ones(3),
         "angle": np.full(60, np.nan),
         "channels": "[1]",

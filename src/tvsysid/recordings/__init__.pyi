@@ -3,7 +3,7 @@ from .channel import Channel as Channel
 from .channel import outline as outline
 from .export import write_bids as write_bids
 from .export import write_nwb as write_nwb
-from .process import describe_file as describe_file
+from .formats import describe_file as describe_file
 from .read import UsableTrials as UsableTrials
 from .read import join_trials as join_trials
 from .read import read_trials as read_trials

@@ -1,11 +1,15 @@
-"""A channel of a file: what is known of it before it is read, and how it is read."""
+"""A channel of a file: what the file states of it, and how its values are read."""
 
 from __future__ import annotations
 
 import math
+import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from itertools import pairwise
+from types import ModuleType
 from typing import Any
 
 import attrs
@@ -13,25 +17,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError, printable
-from tvsysid.recordings.limits import check_fits
 
-# Variables and attributes, in lower case, by which files state a sampling rate in Hz, and a unit.
-RATE_NAMES = (
-    "sampling_rate",
-    "samplingrate",
-    "sample_rate",
-    "samplerate",
-    "sampling_frequency",
-    "fs",
-)
-UNIT_NAMES = ("units", "unit")
-NUMBERS = "biufc"
+# Variables and attributes, in lower case, by which files state a sampling rate in Hz.
+RATE_NAMES = {"sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency"}
+RATE_NAMES |= {"fs"}
 NO_UNITS = ("", "defaultunits", "unknown", "none")
-MOST_CHANNELS = 10_000  # of a file
-# of a step in time: what clocks of computers and times of 32 bits leave; a lost sample is more
-MOST_JITTER = 0.1
+MAX_JITTER = 0.1  # of a time step: clocks of computers leave that, and a lost sample more
 UNEVEN = "values at times that are not evenly spaced"
-TIMES_ITS_SIZE = 3  # values as read, as columns of trials one after the other, and in SI units
+COPIES = 3  # of values in memory: as read, one trial after the other, and in SI units
+SAVE_PART = "save the part that is needed to a file of its own"
+# Words of libraries' errors where there is not enough memory.
+NO_MEMORY = ("bad_alloc", "malloc of size", "memory allocation failed", "Unable to allocate")
+
+Values = NDArray[Any] | Callable[[], NDArray[Any]]
 
 
 @attrs.frozen
@@ -52,9 +50,7 @@ class Channel:
         First sample of each trial, where the file states trials that follow each other in one
         vector.
     values
-        Reads the values; None for what cannot be a signal.
-    held
-        Whether the values are in memory already.
+        The values, or a function that reads them; None for what cannot be a signal.
     """
 
     shape: tuple[int, ...]
@@ -62,22 +58,16 @@ class Channel:
     unit: str = ""
     sampling_rate: float | None = None
     trial_starts: tuple[int, ...] = ()
-    values: Callable[[], NDArray[Any]] | None = attrs.field(default=None, repr=False, eq=False)
-    held: bool = attrs.field(default=False, repr=False, eq=False)
+    values: Values | None = attrs.field(default=None, repr=False, eq=False)
 
     @property
     def size(self) -> int:
-        """Bytes that its values take as float64."""
+        """Bytes of its values as float64."""
         return 8 * math.prod(self.shape)
 
     @property
-    def needed(self) -> int:
-        """Bytes of memory that reading, converting and checking it takes beyond what is taken already."""
-        return (TIMES_ITS_SIZE - self.held) * self.size
-
-    @property
     def described(self) -> str:
-        """Shape, and unit and rate where they are stated, in words."""
+        """Shape in words, and type, unit and rate where they matter or are stated."""
         words = " x ".join(map(str, self.shape)) or "one value"
         words += f" of {self.dtype}" if self.values is None else ""
         words += f" in {len(self.trial_starts)} trials" if self.trial_starts else ""
@@ -85,9 +75,13 @@ class Channel:
         return words + (f", {self.sampling_rate:g} Hz" if self.sampling_rate is not None else "")
 
     def read(self, name: str) -> NDArray[Any]:
-        """Values, as the file has them; ``name`` is what an InputError calls the channel.
+        """Return the values, as the file has them.
 
-        One is raised if it holds no numbers, or more than there is memory for.
+        Raises
+        ------
+        InputError
+            If the channel, which the message calls ``name``, holds no numbers, cannot be read, or
+            holds more than there is memory for.
         """
         if 0 in self.shape:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
@@ -96,57 +90,46 @@ class Channel:
                 f"{name}: expected real numbers, got {self.dtype}; name another channel or "
                 "convert it"
             )
-        check_fits(name, self.needed)
-        return self.values()
+        check_memory(name, COPIES * self.size)
+        with explained(name):
+            return self.values() if callable(self.values) else self.values
 
 
-def stored(
+def numeric(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
-    read: Callable[[], NDArray[Any]],
+    values: Values,
     unit: str = "",
     sampling_rate: float | None = None,
 ) -> Channel:
-    """Channel whose values are read when they are asked for."""
-    return Channel(
-        shape, _kind_of(dtype), unit, sampling_rate, values=read if dtype.kind in NUMBERS else None
-    )
+    """Return a channel that has values if its type is numeric."""
+    if dtype.kind in "biufc":
+        return Channel(shape, str(dtype), unit, sampling_rate, values=values)
+    kinds = {"m": "dates", "M": "dates"} | dict.fromkeys("USTO", "text")
+    return Channel(shape, kinds.get(dtype.kind, "records"), unit, sampling_rate)
 
 
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
-    """Channel of values that are read already."""
+    """Return a channel of values that are read already."""
     array = np.asarray(values)
-    return attrs.evolve(
-        stored(array.shape, array.dtype, lambda: array, unit, sampling_rate), held=True
-    )
-
-
-def _kind_of(dtype: np.dtype[Any]) -> str:
-    """Name of a type in words."""
-    if dtype.kind in NUMBERS:
-        return str(dtype)
-    if dtype.kind in "mM":
-        return "dates"
-    return "text" if dtype.kind in "USTO" else "records"
+    return numeric(array.shape, array.dtype, array, unit, sampling_rate)
 
 
 def stated_unit(unit: object) -> str:
-    """Unit as a file states it, without brackets around; empty if it states none.
+    """Return a unit as a file states it, without brackets around; empty if it states none.
 
     Examples
     --------
     >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
     ('rad', 'N m', '')
     """
-    text = printable(
-        unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)
-    ).strip()
-    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text).strip()
+    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit))
+    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text.strip()).strip()
     return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
 
 
 def stated_rate(value: object) -> float | None:
-    """Sampling rate as a file states it, or None for what is none."""
+    """Return a sampling rate as a file states it, or None for what is none."""
     try:
         rate = float(np.asarray(value).item())
     except (ValueError, TypeError):
@@ -155,9 +138,7 @@ def stated_rate(value: object) -> float | None:
 
 
 def even_rate(times: NDArray[Any]) -> float | None:
-    """Rate of samples at these times in s, of shape (time,).
-
-    None if their steps differ by more than a tenth.
+    """Return the rate of samples at these times in s; None if their steps differ by over a tenth.
 
     Examples
     --------
@@ -166,52 +147,89 @@ def even_rate(times: NDArray[Any]) -> float | None:
     """
     steps = np.diff(np.asarray(times, dtype=float))
     step = float(steps.mean()) if len(steps) else 0.0
-    even = math.isfinite(step) and step > 0 and np.abs(steps - step).max() <= MOST_JITTER * step
+    even = math.isfinite(step) and step > 0 and np.abs(steps - step).max() <= MAX_JITTER * step
     return round(1 / step, 9) if even else None
 
 
 def stated(*attributes: Mapping[str, object]) -> tuple[str, float | None]:
-    """Unit and sampling rate that attributes state.
+    """Return the unit that the first attributes state, and the first sampling rate of all."""
+    units = [value for name, value in attributes[0].items() if name.lower() in ("unit", "units")]
+    rates = [
+        stated_rate(value)
+        for item in attributes
+        for name, value in item.items()
+        if name.lower() in RATE_NAMES
+    ]
+    return stated_unit(units[-1]) if units else "", next(filter(None, rates), None)
 
-    Those of the first mapping go before those of the next.
+
+def numbered(labels: Sequence[str], count: int) -> list[str]:
+    """Return a name for each of so many signals: its label, with a number if it is not unique.
+
+    Examples
+    --------
+    >>> numbered(["emg", "V", "V"], 4)
+    ['emg', 'V (2)', 'V (3)', '(4)']
     """
-    unit, rate = "", None
-    for item in attributes:
-        for name, value in item.items():
-            if name.lower() in UNIT_NAMES and item is attributes[0]:
-                unit = stated_unit(value)
-            elif name.lower() in RATE_NAMES and rate is None:
-                rate = stated_rate(value)
-    return unit, rate
+    padded = [*labels, *[""] * count][:count]
+    return [
+        label if label and labels.count(label) == 1 else f"{label} ({number})".lstrip()
+        for number, label in enumerate(padded, 1)
+    ]
 
 
-def with_rates(channels: Mapping[str, Channel]) -> dict[str, Channel]:
-    """Channels with the rate that a variable such as ``sampling_rate`` beside them, or above all, states."""
-    rates = {}
-    for name, channel in channels.items():
-        place, own = _split(name)
-        if (
-            own.lower() in RATE_NAMES
-            and channel.values is not None
-            and math.prod(channel.shape) == 1
-        ):
-            rates[place] = stated_rate(channel.values())
-    return {
-        name: channel
-        if channel.sampling_rate is not None or math.prod(channel.shape) <= 1
-        else attrs.evolve(channel, sampling_rate=rates.get(_split(name)[0], rates.get("")))
-        for name, channel in channels.items()
-    }
+def optional_library(module: str, extra: str) -> ModuleType:
+    """Import a module of a library that only those install who need it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise InputError(f"these files need {library}: pip install 'tvsysid[{extra}]'") from error
 
 
-def _split(name: str) -> tuple[str, str]:
-    """Group or structure that a channel is in, and its own name."""
-    cut = max(name.rfind("/"), name.rfind(".")) + 1
-    return name[:cut], name[cut:]
+def available_memory() -> float:
+    """Return the bytes of memory that the computer has, if it tells."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError):
+        return math.inf
+
+
+def check_memory(name: str, size: int) -> None:
+    """Raise an InputError if so many bytes are more than there is memory for."""
+    if size > (available := available_memory()):
+        raise InputError(
+            f"{name}: reading it takes {size / 1e9:.3g} GB, and the computer has "
+            f"{available / 1e9:.3g} GB of memory; {SAVE_PART}"
+        )
+
+
+@contextmanager
+def explained(name: str) -> Iterator[None]:
+    """Turn any error of a library that reads files into an InputError about a file or channel."""
+    try:
+        yield
+    except InputError as error:
+        raise error if name in str(error) else InputError(f"{name}: {error}") from None
+    except (PermissionError, BlockingIOError) as error:
+        raise InputError(
+            f"{name}: cannot be opened ({error.strerror or error}); close it in other programs, or "
+            "change its permissions"
+        ) from error
+    except Exception as error:  # damage brings forth errors of all kinds
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        if isinstance(error, MemoryError) or any(words in reason for words in NO_MEMORY):
+            raise InputError(
+                f"{name}: reading it takes more memory than there is, or than what it holds "
+                f"accounts for; if it is whole, {SAVE_PART}, else copy it again"
+            ) from error
+        raise InputError(
+            f"{name}: cannot be read ({reason}); is it whole? Copy it again"
+        ) from error
 
 
 def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Positions and values of the lowest and the highest sample of each block: what is seen of a long signal.
+    """Return positions and values of the lowest and highest sample of each block, for a drawing.
 
     Signals of shape (time,) that are shorter than two samples for each block come out whole.
     """

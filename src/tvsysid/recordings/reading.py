@@ -169,8 +169,8 @@ class Reading:
     def signals(self, file: Path) -> Signals:
         """Read the signals that a recording is made of, each of one shape (time, trial)."""
         from tvsysid.checked import checked_array  # noqa: PLC0415
-        from tvsysid.recordings.limits import check_fits  # noqa: PLC0415
-        from tvsysid.recordings.process import describe_file  # noqa: PLC0415
+        from tvsysid.recordings.channel import COPIES, check_memory  # noqa: PLC0415
+        from tvsysid.recordings.formats import describe_file  # noqa: PLC0415
 
         names = self.names
         found = describe_file(file, self.header)
@@ -190,7 +190,7 @@ class Reading:
         }
         if len(set(shapes.values())) > 1:
             _refuse_lengths(file, channels, shapes)
-        check_fits(file.name, sum(channels[name].needed for name in shapes))
+        check_memory(file.name, sum(COPIES * channels[name].size for name in shapes))
         matrices = {}
         for name, channel in channels.items():
             values = channel.read(f"{file.name}: {name}")

@@ -2,38 +2,46 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import math
 import os
 import re
+import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError, printable
-from tvsysid.models import Content, Model, Variables
-from tvsysid.recordings.process import contents_of
+from tvsysid.models import Model
+from tvsysid.recordings.formats import read_contents
 from tvsysid.signals import Ensemble, Recording
 
-LONGEST_NAME = (
-    28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
-)
-UNITS = {"angle": "rad", "torque": "N m"}
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_NAME_LENGTH = 28  # of a variable; MAT files hold 31, with a number behind
+DIMENSIONS = {
+    Recording: ("time", "sample"),
+    Ensemble: ("realization", "time", "sample"),
+}
+"""Axes of signals. The last is that of samples at the recorded rate."""
+VECTOR_DIMENSIONS = {"trial_starts": "trial", "onsets": "realization", "trials": "realization"}
+CONVERTERS = {"context": int, "left_out": int, "mean_subtracted": bool}  # others are float
 RESERVED = {"time", "realization", "trial", "tvsysid"}
-RESERVED |= {item.name for kind in (Recording, Ensemble) for item in attrs.fields(kind)}
+RESERVED |= {item.name for kind in DIMENSIONS for item in attrs.fields(kind)}
+
+Signals = TypeVar("Signals", Recording, Ensemble)
 
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Temporary path beside a file, which takes the file's place when the block ends without an error.
+    """Return a temporary path beside a file, which replaces the file if the block has no error.
 
     So a file appears whole or not at all. Its folder is made if need be.
     """
@@ -50,9 +58,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except OSError as error:
-        error.filename = error.filename or str(
-            target
-        )  # the system does not say which file it could not write
+        error.filename = error.filename or str(target)  # the system may not name the file
         raise
     finally:
         temporary.unlink(missing_ok=True)
@@ -70,32 +76,25 @@ def write_simulation(
     file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
-            from scipy.io import savemat  # noqa: PLC0415  # heavy
-
             matrices = {
                 name: np.asarray(values).reshape(len(values), -1)
                 for name, values in columns.items()
             }
-            savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
+            _save_mat(temporary, {**matrices, "sampling_rate": sampling_rate})
         else:
             import pandas as pd  # noqa: PLC0415  # heavy
 
             separator = "," if file.suffix.lower() == ".csv" else "\t"
-            pd.DataFrame(dict(columns)).to_csv(
-                temporary, sep=separator, index=False, float_format="%.9g"
-            )
+            table = pd.DataFrame(dict(columns))
+            table.to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
 def write_table(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows to a CSV file: numbers with six digits, nothing where they are NaN or a row has no such column."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for row in rows:
-            cells = (row.get(name, math.nan) for name in names)
-            texts = (f"{cell:.6g}" if isinstance(cell, float) else cell for cell in cells)
-            writer.writerow("" if text == "nan" else text for text in texts)
+    """Write rows to a CSV file, with six digits, and nothing where a number is NaN or missing."""
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    with whole_file(path) as temporary:
+        pd.DataFrame(rows).to_csv(temporary, index=False, float_format="%.6g")
 
 
 def write_models(
@@ -129,79 +128,43 @@ def write_models(
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
-    content = _netcdf({name: model.content(ensemble) for name, model in models.items()})
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
+    _save_netcdf(path, xr.DataTree.from_dict(groups))
 
 
 def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
-    """Add what is known of models to their file, which stays whole or as it was.
-
-    Parameters
-    ----------
-    path, about
-        File of :func:`write_models`, and its attributes by name.
-    """
+    """Add attributes to a file of :func:`write_models`, which stays whole or as it was."""
     import h5py  # noqa: PLC0415  # heavy
 
-    content = BytesIO(Path(path).read_bytes())
-    with h5py.File(content, "r+") as root:
-        root.attrs.update(
-            {
-                name: printable(each) if isinstance(each, str) else each
-                for name, each in about.items()
-            }
-        )
     with whole_file(path) as temporary:
-        temporary.write_bytes(content.getvalue())
+        shutil.copyfile(path, temporary)
+        with h5py.File(temporary, "r+") as root:
+            for name, value in about.items():
+                root.attrs[name] = printable(value) if isinstance(value, str) else value
 
 
-def _netcdf(groups: Mapping[str, Content]) -> bytes:
-    """Return the content of a NetCDF file with these groups.
-
-    To import xarray would take longer than to write it.
-    """
-    import h5netcdf  # noqa: PLC0415  # heavy
-    import h5py  # noqa: PLC0415  # heavy
-
-    content = BytesIO()  # HDF5 itself crashes where a disk is full
-    with h5netcdf.File(content, "w") as root:
-        for path, (variables, coordinates, attributes) in groups.items():
-            group = root if path == "/" else root.create_group(path)
-            group.attrs.update(attributes)
-            for name, (axes, values, about) in {
-                **coordinates,
-                **_without_complex(variables),
-            }.items():
-                for axis, length in zip(axes, values.shape, strict=True):
-                    if axis not in group.dimensions:
-                        group.dimensions[axis] = length
-                kind = values.dtype if values.dtype.kind in "fiu" else h5py.string_dtype()
-                if (
-                    values.dtype.kind == "b"
-                ):  # NetCDF has none; xarray reads them by their attribute
-                    kind = np.dtype(np.int8)
-                missing = np.nan if values.dtype.kind == "f" else None
-                variable = group.create_variable(
-                    name, axes, kind, values.astype(kind), fillvalue=missing
-                )
-                variable.attrs.update(
-                    about | ({"dtype": "bool"} if values.dtype.kind == "b" else {})
-                )
-    return content.getvalue()
+def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
+    """Split complex variables into a real and an imaginary part."""
+    for name in [str(name) for name, each in dataset.items() if np.iscomplexobj(each)]:
+        parts = {f"{name}_real": dataset[name].real, f"{name}_imag": dataset[name].imag}
+        dataset = dataset.drop_vars(name).assign(parts)
+    return dataset
 
 
-def _without_complex(variables: Variables) -> Variables:
-    """Variables whose complex ones are split into a real and an imaginary part."""
-    found: Variables = {}
-    for name, (axes, values, about) in variables.items():
-        parts = (
-            {"_real": values.real, "_imag": values.imag}
-            if np.iscomplexobj(values)
-            else {"": values}
-        )
-        found |= {f"{name}{ending}": (axes, part, about) for ending, part in parts.items()}
-    return found
+def _save_netcdf(path: str | Path, content: xr.Dataset | xr.DataTree) -> None:
+    """Write a NetCDF file by way of memory: HDF5 crashes where a disk is full."""
+    stream = BytesIO()
+    content.to_netcdf(stream, engine="h5netcdf")
+    with whole_file(path) as temporary:
+        temporary.write_bytes(stream.getvalue())
+
+
+def _save_mat(file: Path, content: Mapping[str, object]) -> None:
+    from scipy.io import savemat  # noqa: PLC0415  # heavy
+
+    savemat(file, dict(content), do_compression=True, oned_as="column")
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -209,7 +172,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
 
     Any program reads the file: angle (rad), torque (N·m) and further channels are variables of
     their own names, as far as the format allows. An InputError is raised for an ending that is not
-    .nc or .mat, or for more than a MAT file holds.
+    .nc or .mat.
 
     Examples
     --------
@@ -220,37 +183,15 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     ...     load_recording(f"{folder}/ankle.nc")
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    about = {
-        name: getattr(recording, name)
-        for name in ("sampling_rate", "start", "origin", "delay_removed")
-    }
-    _write(
-        path,
-        recording,
-        ("time",),
-        about,
-        "trial",
-        {"trial_starts": np.array(recording.trial_starts)},
-    )
+    _write(path, recording)
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Recording that :func:`write_recording` wrote, with its sampling rate, trials and channels.
+    """Load a recording that :func:`write_recording` wrote, with its rate, trials and channels.
 
     An InputError is raised for a file of other origin; read that by :func:`tvsysid.read_recording`.
     """
-    with _loaded(path, "recording") as (found, channels):
-        return Recording(
-            np.ravel(found["angle"]),
-            np.ravel(found["torque"]),
-            float(found["sampling_rate"]),
-            float(found["start"]),
-            {name: np.ravel(values) for name, values in channels.items()},
-            tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
-            float(found.get("origin", 0.0)),
-            float(found.get("delay_removed", 0.0)),
-            _recorded(found, (-1,)),
-        )
+    return _load(path, Recording)
 
 
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
@@ -259,111 +200,80 @@ def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
     Its signals become matrices of realization x time, context and all; otherwise as
     :func:`write_recording`.
     """
-    names = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
-    about = {name: getattr(ensemble, name) for name in names}
-    about["mean_subtracted"] = int(ensemble.mean_subtracted)  # neither format has truth values
-    vectors = {"onsets": np.asarray(ensemble.onsets), "trials": np.asarray(ensemble.trials)}
-    _write(path, ensemble, ("realization", "time"), about, "realization", vectors)
+    _write(path, ensemble)
 
 
 def load_ensemble(path: str | Path) -> Ensemble:
-    """Ensemble that :func:`write_ensemble` wrote; errors as of :func:`load_recording`."""
-    with _loaded(path, "ensemble") as (found, channels):
-        return Ensemble(
-            found["angle"],
-            found["torque"],
-            float(found["sampling_rate"]),
-            context=int(found["context"]),
-            onsets=np.ravel(found["onsets"]),
-            trials=np.ravel(found["trials"]).astype(np.int64),
-            channels=channels,
-            left_out=int(found["left_out"]),
-            mean_subtracted=bool(found["mean_subtracted"]),
-            origin=float(found.get("origin", 0.0)),
-            delay_removed=float(found.get("delay_removed", 0.0)),
-            recorded_angle=_recorded(found, found["angle"].shape),
-        )
+    """Load an ensemble that :func:`write_ensemble` wrote; errors as of :func:`load_recording`."""
+    return _load(path, Ensemble)
 
 
-def _write(
-    path: str | Path,
-    signals: Recording | Ensemble,
-    dims: tuple[str, ...],
-    about: Mapping[str, float],
-    vector_dim: str,
-    vectors: Mapping[str, NDArray[Any]],
-) -> None:
-    """Signals with these dimensions, numbers about them, and vectors along a dimension of their own."""
-    file = _checked(path, ".nc", ".mat")
-    variables = _variables(list(signals.channels))
+def _write(path: str | Path, signals: Recording | Ensemble) -> None:
+    """Write arrays as variables, and single values as attributes."""
+    file, kind = _checked(path, ".nc", ".mat"), type(signals)
+    names = _variables(signals.channels)
+    values = {name: getattr(signals, name) for name in attrs.fields_dict(kind)}
+    values |= {variable: signals.channels[name] for name, variable in names.items()}
+    arrays = {
+        name: np.asarray(each)
+        for name, each in values.items()
+        if name != "channels" and each is not None and np.ndim(each)
+    }
+    about: dict[str, Any] = {
+        name: float(each) for name, each in values.items() if isinstance(each, int | float)
+    }
     # As text, so that names that are no names of variables come back unchanged.
-    labels = {"tvsysid": type(signals).__name__.lower(), "channels": json.dumps(variables)}
-    arrays = {"angle": signals.angle, "torque": signals.torque}
-    arrays |= {variable: signals.channels[name] for name, variable in variables.items()}
-    if signals.recorded_angle is not None:
-        arrays["recorded_angle"] = signals.recorded_angle
-    with whole_file(file) as temporary:
-        if file.suffix.lower() == ".mat":
-            from scipy.io import savemat  # noqa: PLC0415  # heavy
-            from scipy.io.matlab import MatWriteError  # noqa: PLC0415
+    about |= {"tvsysid": kind.__name__.lower(), "channels": json.dumps(names)}
+    if file.suffix.lower() == ".mat":
+        with whole_file(file) as temporary:
+            _save_mat(temporary, {**arrays, **about})
+        return
+    import xarray as xr  # noqa: PLC0415  # heavy
 
-            try:
-                savemat(
-                    temporary,
-                    {**arrays, **vectors, **about, **labels},
-                    do_compression=True,
-                    oned_as="column",
-                )
-            except MatWriteError as error:
-                raise InputError(
-                    f"{file}: a MAT file cannot hold this ({error}); write a NetCDF file (.nc)"
-                ) from error
-        else:
-            axes, units = (*dims, "sample"), {name: {"units": unit} for name, unit in UNITS.items()}
-            content = {
-                name: (axes[: each.ndim], each, units.get(name, {}))
-                for name, each in arrays.items()
-            }
-            content |= {name: ((vector_dim,), values, {}) for name, values in vectors.items()}
-            temporary.write_bytes(_netcdf({"/": Content(content, {}, {**about, **labels})}))
+    units = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
+    variables = {
+        name: (
+            VECTOR_DIMENSIONS.get(name, DIMENSIONS[kind][: each.ndim]),
+            each,
+            units.get(name, {}),
+        )
+        for name, each in arrays.items()
+    }
+    _save_netcdf(file, xr.Dataset(variables, attrs=about))
 
 
-@contextmanager
-def _loaded(
-    path: str | Path, kind: str
-) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[np.float64]]]]:
-    """What a file holds by the names of variables, and its channels by theirs.
-
-    Errors in using it name the file.
-    """
-    file = _checked(path, ".nc", ".mat")
-    found = contents_of(file)
-    if str(found.get("tvsysid", "")) != kind:
+def _load(path: str | Path, kind: type[Signals]) -> Signals:
+    file, name = _checked(path, ".nc", ".mat"), kind.__name__.lower()
+    found = read_contents(file)
+    if found.get("tvsysid") != name:
         raise InputError(
-            f"{file}: not written by write_{kind}; what others wrote is read by read_recording"
+            f"{file}: not written by write_{name}; what others wrote is read by read_recording"
         )
     try:
-        yield (
-            found,
-            {
-                name: found[variable]
-                for name, variable in json.loads(str(found["channels"])).items()
-            },
-        )
+        shape: tuple[int, ...] = (-1,) if kind is Recording else found["angle"].shape
+        channels = json.loads(found["channels"]).items()
+        settings: dict[str, Any] = {
+            "channels": {own: np.reshape(found[variable], shape) for own, variable in channels}
+        }
+        for item in found.keys() & attrs.fields_dict(kind).keys() - {"channels"}:
+            values = found[item]
+            if item in ("angle", "torque"):
+                settings[item] = np.reshape(values, shape)
+            elif item == "recorded_angle":  # MATLAB drops a last axis of one sample
+                settings[item] = np.reshape(values, (*shape, values.size // found["angle"].size))
+            elif item == "onsets":
+                settings[item] = np.ravel(values)
+            elif item in VECTOR_DIMENSIONS:
+                settings[item] = tuple(np.ravel(values).astype(np.int64).tolist())
+            else:
+                settings[item] = CONVERTERS.get(item, float)(values)
+        return kind(**settings)
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"{file}: not as write_{kind} wrote it ({error!r}); copy it again"
+            f"{file}: not as write_{name} wrote it ({error!r}); copy it again"
         ) from error
-
-
-def _recorded(found: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Angle at the recorded rate; MATLAB drops a last axis of one sample."""
-    values = found.get("recorded_angle")
-    return (
-        None if values is None else np.reshape(values, (*shape, values.size // found["angle"].size))
-    )
 
 
 def _checked(path: str | Path, *endings: str) -> Path:
@@ -375,8 +285,8 @@ def _checked(path: str | Path, *endings: str) -> Path:
     return file
 
 
-def _variables(names: Sequence[str]) -> dict[str, str]:
-    """Variable for each channel: its own name where MATLAB and NetCDF allow that, and one like it where not.
+def _variables(names: Iterable[str]) -> dict[str, str]:
+    """Return a name of a variable for each channel: its own, or a similar one that MATLAB allows.
 
     Examples
     --------
@@ -386,7 +296,7 @@ def _variables(names: Sequence[str]) -> dict[str, str]:
     taken = set(RESERVED)
     variables = {}
     for name in names:
-        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME]
+        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:MAX_NAME_LENGTH]
         plain = plain if re.match("[A-Za-z]", plain) else f"channel_{plain}".rstrip("_")
         number, free = 1, plain
         while free.lower() in taken:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, lapack
+from scipy.linalg import lapack
 
 from tvsysid.numerics import Array
 
@@ -78,21 +78,23 @@ class Prior(NamedTuple):
         ``further`` columns have one size. The ``gain`` of a reflex has harmonics too, and a
         constant of unknown size.
         """
-        families = [_family(count, np.zeros((1, 0))) for count in harmonics]
-        if further:
-            families.append((np.ones((further, 1)), [False]))
-        if gain is not None:
-            families.append(_family(gain, np.ones((1, 1))))
-        designs = [design for design, _ in families]
-        sizes = [len(design) for design in designs]
-        starts = np.cumsum([0, *sizes[:-1]])
-        offset, first = np.zeros(sum(sizes)), np.repeat(starts, sizes)
-        offset[starts[: len(harmonics)]] = FLAT
-        if further:
-            start = starts[len(harmonics)]
-            first[start : start + further] = np.arange(start, start + further)
-        decay = np.array([each for _, decays in families for each in decays], dtype=bool)
-        return cls(offset, block_diag(*designs), decay, first)
+        # The harmonic of each column: 0, 1, 1, 2, 2, ...
+        orders = [np.repeat(np.arange(count + 1.0), 2)[1:] for count in (*harmonics, gain or 0)]
+        orders.insert(-1, np.zeros(further))
+        order = np.concatenate(orders if gain is not None else orders[:-1])
+        family = np.repeat(np.arange(len(orders)), [len(each) for each in orders])[: len(order)]
+        is_flat = (family < len(harmonics)) & (order == 0)
+        columns, decay = [np.zeros((0, len(order)))], []
+        for number in range(len(orders)):
+            own = family == number
+            sizes = own & (order == 0) & ~is_flat, own & (order > 0), own * -np.log(order.clip(1))
+            kept = [size.any() for size in sizes]
+            columns.append(np.array(sizes)[kept])
+            decay += [is_decay for is_decay in np.array([False, False, True])[kept]]
+        first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
+        return cls(
+            FLAT * is_flat, np.concatenate(columns).T.copy(), np.array(decay, dtype=bool), first
+        )
 
     @property
     def usual(self) -> Array:
@@ -128,15 +130,6 @@ class Posterior(NamedTuple):
     def effective(self) -> float:
         """Effective number of parameters."""
         return len(self.coefficients) - float(np.sum(self.inverse_factor**2))
-
-
-def _family(harmonics: int, constant: Array) -> tuple[Array, list[bool]]:
-    """Return the design (column, parameter) of a constant's and its harmonics' sizes."""
-    if not harmonics:
-        return constant, [False] * constant.shape[1]
-    order = np.repeat(np.arange(1, harmonics + 1), 2)
-    change = np.stack([np.ones(len(order)), -np.log(order)], axis=1)
-    return block_diag(constant, change), [False] * constant.shape[1] + [False, True]
 
 
 def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Posterior:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import attrs
 import numpy as np
 
@@ -94,20 +92,20 @@ class BasisCascade(in_turn.InTurn):
     emg: str | None = attrs.field(default=None, validator=optional(text))
     slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
-    key: ClassVar[str] = "bpc"
-    title: ClassVar[str] = "Basis parallel cascade"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "bpc"
+    title = "Basis parallel cascade"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "Both pathways change as sums of the basis functions chosen; faster changes are missed.",
         "The intrinsic response ends before the reflex's delay does.",
         "The reflex answers a static function of the velocity, or EMG.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It changes as its basis functions can; the pathways are identified in turn, so that each "
         "may keep a part"
         " of the other's torque."
     )
-    cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018")
+    cites = ("guarin2017", "guarin2018")
 
     def _first_lag(self) -> float:
         if self.delay is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
@@ -74,18 +74,18 @@ class BasisIRF(base.Method):
     prior: Prior = "ard"
     reference: str | None = None
 
-    key: ClassVar[str] = "birf"
-    title: ClassVar[str] = "Basis impulse response function"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "birf"
+    title = "Basis impulse response function"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "Its change over time is a sum of the basis functions chosen; faster changes are missed.",
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It changes as its basis functions can: what changes faster comes out slower, with "
         "ripples about a switch."
     )
-    cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018", "vanderuit2021")
+    cites = ("guarin2017", "guarin2018", "vanderuit2021")
 
     def __attrs_post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag)

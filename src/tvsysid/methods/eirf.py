@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Literal
 
 import attrs
 
@@ -65,19 +65,19 @@ class EnsembleIRF(Method):
         default="natural", validator=one_of(pseudoinverse.Order)
     )
 
-    key: ClassVar[str] = "eirf"
-    title: ClassVar[str] = "Ensemble impulse response function"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "eirf"
+    title = "Ensemble impulse response function"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "Nothing is assumed of the dynamics, or of how they change in time.",
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "Every time is estimated by itself, with as many unknowns as lags: of few realizations "
         "its random error "
         "is the largest by far, and it explains noise as well."
     )
-    cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
+    cites = ("macneil1992", "vanderuit2021")
 
     def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
         """Return the model of an ensemble."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 import attrs
 import numpy as np
@@ -65,20 +64,20 @@ class EnsembleCascade(in_turn.InTurn):
         default="rectifier", validator=one_of(in_turn.Nonlinearity)
     )
 
-    key: ClassVar[str] = "tvpc"
-    title: ClassVar[str] = "Ensemble parallel cascade"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "tvpc"
+    title = "Ensemble parallel cascade"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "The joint is constant over a short window; nothing else is assumed of how it changes.",
         "The intrinsic response ends before the reflex's delay does.",
         "Many realizations are needed: without a window, 500 to 800.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is a mean over its window, with a large random error of few realizations; the "
         "pathways are identified"
         " in turn."
     )
-    cites: ClassVar[tuple[str, ...]] = ("ludvig2011",)
+    cites = ("ludvig2011",)
 
     def _first_lag(self) -> float:
         return self.delay

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
@@ -96,19 +96,19 @@ class EnsembleSpectral(base.Method):
     stiffness: Stiffness = "dc"
     reference: str | None = None
 
-    key: ClassVar[str] = "esm"
-    title: ClassVar[str] = "Ensemble spectral method"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "esm"
+    title = "Ensemble spectral method"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "The joint is constant over a short window, which limits the fastest change that is seen "
         "and the resolution in frequency.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is a mean over its window, the longest of those here, and takes stiffness at 0 Hz "
         "some 2 to 3 N·m/rad"
         " too low: changes come out slower, extremes nearer the mean."
     )
-    cites: ClassVar[tuple[str, ...]] = ("vanderuit2021",)
+    cites = ("vanderuit2021",)
 
     def __attrs_post_init__(self) -> None:
         base.check_positive(self, window=self.window)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import ClassVar
 
 import attrs
 import numpy as np
@@ -71,23 +70,21 @@ class ModalDecomposition(base.Method):
     inertia: float | None = None
     window: float = 0.05
 
-    key: ClassVar[str] = "modal"
-    title: ClassVar[str] = "Modal decomposition"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "modal"
+    title = "Modal decomposition"
+    assumptions = (
         "The joint is of second order, lightly damped, and free between impulses of torque.",
         "Nothing else moves it; its impedance hardly changes within a window.",
         "Behaviour is the same in all realizations.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is read from how the joint rings after each impulse, and means nothing where that "
         "dies away within a cycle."
     )
-    cites: ClassVar[tuple[str, ...]] = ("piovesan2012",)
-    uses_recorded_angle: ClassVar[bool] = True
-    perturbation: ClassVar[str] = "pulses:duration=0.02,interval=1"
-    system: ClassVar[str] = (
-        "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
-    )
+    cites = ("piovesan2012",)
+    uses_recorded_angle = True
+    perturbation = "pulses:duration=0.02,interval=1"
+    system = "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
 
     def __attrs_post_init__(self) -> None:
         base.check_positive(self, window=self.window)

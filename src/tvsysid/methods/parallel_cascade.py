@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import attrs
 import numpy as np
 
@@ -76,24 +74,24 @@ class ParallelCascade(base.Method):
     memory: float = attrs.field(default=0.5, validator=positive)
     nonlinearity: Nonlinearity = attrs.field(default="rectifier", validator=one_of(Nonlinearity))
 
-    key: ClassVar[str] = "pc"
-    title: ClassVar[str] = "Parallel cascade"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "pc"
+    title = "Parallel cascade"
+    assumptions = (
         "The joint does not change in time.",
         "The intrinsic response ends before the reflex's delay does; nothing else is assumed of "
         "either's dynamics.",
         "The reflex answers a static function of the velocity.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is one constant, some mean where the joint changes; the pathways are identified in "
         "turn, so that each"
         " may keep a part of the other's torque."
     )
-    cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    uses_recorded_angle: ClassVar[bool] = True
-    time_invariant: ClassVar[bool] = True
+    cites = ("kearney1997",)
+    quantities = ("reflex_gain",)
+    pathway_names = ("intrinsic", "reflex")
+    uses_recorded_angle = True
+    time_invariant = True
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where hardly any sample has the reflex's memory before it."""

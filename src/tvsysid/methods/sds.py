@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 import attrs
 import numpy as np
@@ -78,18 +77,18 @@ class ShortDataSegments(Method):
     window: float = attrs.field(default=0.10, validator=positive)
     reference: str | None = attrs.field(default=None, validator=optional(text))
 
-    key: ClassVar[str] = "sds"
-    title: ClassVar[str] = "Short data segments"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "sds"
+    title = "Short data segments"
+    assumptions = (
         "Behaviour is the same in all realizations.",
         "The joint is constant over a short window, which limits the fastest change that is seen.",
         "Nothing is assumed of the dynamics.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is a mean over its window: what changes faster comes out slower, a switch as a ramp "
         "as long as the window."
     )
-    cites: ClassVar[tuple[str, ...]] = ("ludvig2012", "vanderuit2021")
+    cites = ("ludvig2012", "vanderuit2021")
 
     @property
     def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -70,19 +70,19 @@ class SkirtDecomposition(base.Method):
     frequencies: tuple[float, ...] | None = None
     harmonics: int | None = None
 
-    key: ClassVar[str] = "skirt"
-    title: ClassVar[str] = "Skirt decomposition"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "skirt"
+    title = "Skirt decomposition"
+    assumptions = (
         "The angle is imposed, and a multisine whose lines are far apart.",
         "Impedance changes over a realization as a sum of a few harmonics, alike in all "
         "realizations.",
         "The joint is of second order, its inertia constant.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It changes as a few harmonics of the period can: what changes faster comes out slower."
     )
-    cites: ClassVar[tuple[str, ...]] = ("lataire2012",)
-    perturbation: ClassVar[str] = "multisine"
+    cites = ("lataire2012",)
+    perturbation = "multisine"
 
     def __attrs_post_init__(self) -> None:
         if self.harmonics is not None:

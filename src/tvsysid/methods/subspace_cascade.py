@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -105,21 +105,21 @@ class SubspaceCascade(Method):
     horizon: float = 0.2
     window: float | None = None
 
-    key: ClassVar[str] = "sdss"
-    uses_recorded_angle: ClassVar[bool] = True
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    title: ClassVar[str] = "Structural decomposition by subspaces (SDSS)"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "sdss"
+    uses_recorded_angle = True
+    quantities = ("reflex_gain",)
+    pathway_names = ("intrinsic", "reflex")
+    title = "Structural decomposition by subspaces (SDSS)"
+    assumptions = (
         "Two pathways: an intrinsic one that answers within the delay, and a reflex to velocity "
         "that answers after it.",
         "The reflex is a static nonlinearity before a linear system of low order.",
         "The joint does not change, or changes little within the window.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It is one constant, or a mean over its window, some mean where the joint changes faster."
     )
-    cites: ClassVar[tuple[str, ...]] = ("jalaleddini2017", "jalaleddini2017segments")
+    cites = ("jalaleddini2017", "jalaleddini2017segments")
 
     def __attrs_post_init__(self) -> None:
         check_positive(self, delay=self.delay, horizon=self.horizon)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -146,9 +146,9 @@ class AdaptiveRegression(base.Method):
 
     emg: str | None = None
 
-    key: ClassVar[str] = "adaptive"
-    title: ClassVar[str] = "Adaptive smoothing with switches"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "adaptive"
+    title = "Adaptive smoothing with switches"
+    assumptions = (
         "Behaviour is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
         "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the "
@@ -156,10 +156,8 @@ class AdaptiveRegression(base.Method):
         "functions of time that stiffness is a sum of are known, birf with these is more exact.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
-    sometimes: ClassVar[tuple[str, ...]] = (
-        "reflex_gain, and the torque of each pathway, where a reflex is shown",
-    )
-    differs: ClassVar[str] = (
+    sometimes = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)
+    differs = (
         "How fast stiffness changes is found from the data, and the band counts how unsure that "
         "is; where a "
         "reflex is shown, its torque is no stiffness."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache, partial
-from typing import ClassVar, Literal
+from typing import Literal
 
 import attrs
 import numpy as np
@@ -146,24 +146,24 @@ class JointCascade(base.Method):
     emg: str | None = attrs.field(default=None, validator=[optional(text), _has_known_delay])
     max_lag: float = attrs.field(default=0.04, validator=positive)
 
-    key: ClassVar[str] = "cascade"
-    title: ClassVar[str] = "Joint fit of intrinsic and reflex pathways"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "cascade"
+    title = "Joint fit of intrinsic and reflex pathways"
+    assumptions = (
         "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
         "The reflex answers the velocity of stretch beyond a threshold, through a muscle of "
         "second order.",
         "Behaviour is the same in all realizations, and periodic; without a period, that of a "
         "realization.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
         "leave it; "
         "harmonics of the period smooth a switch."
     )
-    cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    uses_recorded_angle: ClassVar[bool] = True
+    cites = ("kearney1997",)
+    quantities = ("reflex_gain",)
+    pathway_names = ("intrinsic", "reflex")
+    uses_recorded_angle = True
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]

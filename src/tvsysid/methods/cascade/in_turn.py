@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import attrs
 import numpy as np
@@ -55,9 +55,9 @@ class InTurn(Method):
     emg: str | None = None
     slow_order: int | None = None
 
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    uses_recorded_angle: ClassVar[bool] = True
+    quantities = ("reflex_gain",)
+    pathway_names = ("intrinsic", "reflex")
+    uses_recorded_angle = True
 
     @abstractmethod
     def _first_lag(self) -> float:

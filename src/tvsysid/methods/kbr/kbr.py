@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from functools import partial
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 import attrs
 import numpy as np
@@ -140,10 +140,10 @@ class KernelRegression(base.Method):
     reference: str | None = None
     weighting: Weights = "white"
 
-    key: ClassVar[str] = "kbr"
-    contiguous: ClassVar[bool] = True
-    title: ClassVar[str] = "Kernel-based regression"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "kbr"
+    contiguous = True
+    title = "Kernel-based regression"
+    assumptions = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
         "says.",
         "The joint is of second order (or of the order given), with at most one lag of the "
@@ -151,12 +151,12 @@ class KernelRegression(base.Method):
         "is constant (Na > 0).",
         "The record is continuous; one realization is enough, more are better.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "Its kernel says beforehand how smooth and how periodic stiffness is: a switch comes out "
         "smooth, with "
         "ripples beside it."
     )
-    cites: ClassVar[tuple[str, ...]] = ("lataire2017", "cavallo2020", "vanderuit2021")
+    cites = ("lataire2017", "cavallo2020", "vanderuit2021")
 
     def __attrs_post_init__(self) -> None:
         base.check_choice(self, "weighting", Weights)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
 
 import attrs
 import numpy as np
@@ -53,7 +52,7 @@ class Scheduled(base.Method):
     time_constant: float = 0.03
     threshold: float = 0.0
 
-    uses_recorded_angle: ClassVar[bool] = True
+    uses_recorded_angle = True
 
     def __attrs_post_init__(self) -> None:
         name = type(self).__name__
@@ -269,18 +268,18 @@ class ScheduledIRF(Scheduled):
 
     max_lag: float = 0.04
 
-    key: ClassVar[str] = "lpv"
-    title: ClassVar[str] = "Impulse response that follows a measured variable (LPV)"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "lpv"
+    title = "Impulse response that follows a measured variable (LPV)"
+    assumptions = (
         "The joint depends on the measured variable, and not otherwise on time.",
         "It does so as a polynomial.",
         "The intrinsic response ends before the reflex's delay does.",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It follows the measured variable as a polynomial: what changes for another reason is "
         "averaged over."
     )
-    cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
+    cites = ("sobhani2013", "sobhani2015")
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
@@ -303,18 +302,18 @@ class ScheduledImpedance(Scheduled):
     second order.
     """
 
-    key: ClassVar[str] = "lpvkbi"
-    title: ClassVar[str] = "Impedance that follows a measured variable"
-    assumptions: ClassVar[tuple[str, ...]] = (
+    key = "lpvkbi"
+    title = "Impedance that follows a measured variable"
+    assumptions = (
         "The joint depends on the measured variable, and not otherwise on time.",
         "Stiffness, viscosity and reflex do so as polynomials; inertia is constant.",
         "The joint is of second order (inertia, viscosity, stiffness).",
     )
-    differs: ClassVar[str] = (
+    differs = (
         "It follows the measured variable as a polynomial: what changes for another reason is "
         "averaged over."
     )
-    cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
+    cites = ("sobhani2013", "sobhani2015")
 
     def _lags(self, ensemble: Ensemble) -> int:
         return 0

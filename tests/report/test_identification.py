@@ -165,9 +165,7 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     assert table(
         page, "Not valid, for the reasons above: stiffness, inertia and VAF by each method"
     )
-    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(
-        page, "suited"
-    )
+    assert "no method is right: the movement does not repeat every 1.9 s" in section(page, "suited")
     for claim in (
         "should lie in the band",
         "recommended",

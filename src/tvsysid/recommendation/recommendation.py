@@ -189,7 +189,7 @@ def recommend(
     ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     >>> found = tv.recommend(tv.preprocess.subtract_mean(ensemble))
     >>> print(found.sentence)
-    adaptive: stiffness switches, which it places and other methods smear
+    adaptive: stiffness switches; adaptive locates the switches, other methods smear them
     >>> found.method
     AdaptiveRegression(emg=None)
     """

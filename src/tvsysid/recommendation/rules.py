@@ -11,10 +11,8 @@ SLOW_NOISE, STRONG_NOISE = "slow noise > 10", "signal-to-noise ratio < 3"
 NOISE_BIAS = "noise bias > 10"
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
 FOLLOWS = "the joint follows {scheduling!r}, which was recorded and differs between realizations"
-LOWER = (
-    "stiffness is {noise bias:.0f} % lower by all frequencies than by those of little noise, so "
-    f"that {CLOSED_LOOP}"
-)
+LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise bias:.0f}} % lower"
+RECORD_REFERENCE = "Record the disturbance or the actuator's command"
 BY_REFERENCE = ("kbr:reference={reference},weighting=residual", "birf:reference={reference}")
 BY_VARIABLE = ("lpvkbi:variable={scheduling}", "lpv:variable={scheduling}")
 ONE_PATHWAY = ("eirf", "sds", "esm", "birf", "kbr")
@@ -45,107 +43,106 @@ RULES = (
     Rule(
         ("scheduling variable > 0", "reflex held out < 0.1"),
         (f"{BY_VARIABLE[0]},reflex=false", *BY_VARIABLE),
-        f"{FOLLOWS}; a reflex does not predict what is held out better",
+        f"{FOLLOWS}; a reflex pathway does not predict held-out data better",
     ),
     Rule(("scheduling variable > 0",), BY_VARIABLE, FOLLOWS),
     Rule(
         ("wrong period > 0",),
         (),
-        "the behaviour does not repeat every {duration:g} s, so that its time variation averages "
-        "out whatever the method; cut with the true period, if it has one",
+        "the movement does not repeat every {duration:g} s, so that changes average out by any "
+        "method. Cut with the true period, if there is one",
     ),
     Rule(
         ("information < 2",),
         (),
-        "the torque that answers the angle is too weak for a stiffness over time (as "
-        "{information:.1f} realizations at 0 dB): perturb more, or record more",
+        "the torque that depends on the angle is too weak for a stiffness over time (worth "
+        "{information:.1f} realizations at 0 dB). Perturb more, or record more",
     ),
     Rule(
         ("loop bias > 5", SLOW_NOISE),
         (f"{BY_REFERENCE[0]},tuned=true", *BY_REFERENCE),
-        f"{CLOSED_LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by "
-        "how little of it they hold",
+        f"{CLOSED_LOOP}, but not {{reference!r}}. The noise is slow, and frequencies with little "
+        "noise have more weight",
     ),
     Rule(
         ("loop bias > 5", "switches > 0", "shape over level > 1"),
         ("adaptive",),
-        f"{CLOSED_LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high; methods that "
-        "take {reference!r} for reference smear its switches, which costs more",
+        f"{CLOSED_LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high. Methods that "
+        "use {reference!r} as the reference smear its switches, which is worse",
     ),
     Rule(
         ("loop bias > 5",),
         (f"{BY_REFERENCE[1]},tuned=true", BY_REFERENCE[1], "kbr:reference={reference}"),
-        f"{CLOSED_LOOP}, of which {{reference!r}} is free",
+        f"{CLOSED_LOOP}, but not {{reference!r}}",
     ),
     Rule(
         ("feedback > 0", "reference > 0"),
         BY_REFERENCE,
-        f"{CLOSED_LOOP}, of which {{reference!r}} is free",
+        f"{CLOSED_LOOP}, but not {{reference!r}}",
     ),
     Rule(
         ("feedback > 0",),
         (),
-        f"{CLOSED_LOOP}, which biases them all, and no reference is named: record the disturbance "
-        "or the actuator's command",
+        f"{CLOSED_LOOP}, which biases every method, and no reference is named. {RECORD_REFERENCE}",
     ),
     Rule(
         ("mean stiffness < 0",),
         (),
         "stiffness is negative ({mean stiffness:.0f} N·m/rad). If the actuator imposes the angle, "
-        "the torque's sign is reversed: read it with --torque-sign -1 (in Python "
-        "torque_sign=-1), or without that; if it gives way, noise moves the angle more than the "
+        "the torque's sign is reversed: read it with --torque-sign -1 (in Python torque_sign=-1), "
+        "or leave that out. If the actuator is compliant, noise moves the angle more than the "
         "perturbation does: record the actuator's command",
     ),
     Rule(  # before the rules that tell a loop by its frequencies: a reflex answers some of them
         ("reflex > 0",),
         ("adaptive", "cascade"),
-        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of "
-        "the reflex itself)",
+        "the data show a stretch reflex, and adaptive separates it from the stiffness (cascade "
+        "tells more about the reflex)",
     ),
     Rule(
         (SLOW_NOISE, "noise bias > 30"),
         (),
-        f"{LOWER}; no method is free of it: record the disturbance or the actuator's command",
+        f"{LOWER}. Every method is biased. {RECORD_REFERENCE}",
     ),
     Rule(  # tuned, kbr may leave out the inertia, which predicts better and is biased
         (SLOW_NOISE, NOISE_BIAS),
         ("kbr:weighting=residual",),
-        f"{LOWER}; these count most",
+        f"{LOWER}. Frequencies with little noise have the most weight",
     ),
     Rule(
         ("realizations > 5", "switches > 0"),
         ("adaptive", "kbr:tuned=true"),
-        "stiffness switches, which it places and other methods smear",
+        "stiffness switches; adaptive locates the switches, other methods smear them",
     ),
     Rule(
         (SLOW_NOISE, "realizations > 3"),
         ("kbr:weighting=residual,tuned=true", "adaptive"),
-        "the torque's noise is slow, and frequencies count by how little of it they hold; "
-        "stiffness does not switch",
+        "the torque's noise is slow, and frequencies with little noise have more weight; stiffness "
+        "does not switch",
     ),
     Rule(
         ("evidence of few harmonics > 5",),
         ("birf:tuned=true", "adaptive", "kbr"),
-        f"stiffness changes as at most {MAX_FEW_HARMONICS} harmonics of the period, which the "
-        "evidence prefers to other functions by {evidence of few harmonics:.0f} nat; few "
+        f"stiffness changes as at most {MAX_FEW_HARMONICS} harmonics of the period: their evidence "
+        "is {evidence of few harmonics:.0f} nat higher than that of other functions. Few "
         "coefficients have the least random error",
     ),
     Rule(
         ("constant > 50",),
         ("birf:tuned=true", "adaptive", "kbr"),
-        "stiffness is most probably constant ({constant:.0f} %), and of a single coefficient the "
-        "random error is least",
+        "stiffness is probably constant ({constant:.0f} %), and a single coefficient has the least "
+        "random error",
     ),
     Rule(
         ("realizations < 4",),
         ("cascade", "kbr"),
-        "realizations are too few to tell a switch from noise, and it finds how smooth stiffness "
-        "is without them",
+        "there are too few realizations to tell a switch from noise; cascade finds how smooth "
+        "stiffness is from all of its harmonics together",
     ),
     Rule(
         (),
         ("adaptive", "kbr:tuned=true", "kbr"),
-        "the behaviour repeats, and it finds from the data how fast stiffness changes, and "
+        "the behaviour repeats, and adaptive finds from the data how fast stiffness changes, and "
         "whether it switches",
     ),
 )
@@ -168,42 +165,38 @@ OBJECTIONS = (
     Objection(
         "shape over level > 1",
         ("sds", "esm", "birf", "kbr"),
-        "It smears a switch, of which stiffness has {switches:.0f}, and that costs more than the "
-        "loop.",
+        "It smears switches of the stiffness ({switches:.0f}), which is worse than the loop.",
     ),
     Objection(
         "loop bias > 5",
         ("adaptive", *ONE_PATHWAY),
-        "It takes the angle as imposed, which makes its stiffness {loop bias:.0f} % too low or "
-        "high.",
+        "It takes the angle as imposed: stiffness is {loop bias:.0f} % too low or high.",
     ),
     Objection(
         "reflex > 0",
         ONE_PATHWAY,
-        "It takes the reflex, which explains {reflex:.1f} % of the torque, for stiffness.",
+        "It includes the reflex ({reflex:.1f} % of the torque) in the stiffness.",
     ),
     Objection(
         "information < 500",
         ("eirf",),
-        "It takes each time by itself, and these data are worth no more than {information:.0f} "
+        "It fits each time by itself, and these data are worth only {information:.0f} "
         "realizations at 0 dB.",
     ),
     Objection(
         "switches > 0",
         ("sds", "esm", "birf", "kbr"),
-        "It smears a switch, of which stiffness has {switches:.0f}.",
+        "It smears switches of the stiffness ({switches:.0f}).",
     ),
     Objection(
         NOISE_BIAS,
         ("adaptive", "sds", "esm", "birf"),
-        "It counts frequencies that hold the noise as much as others, by which stiffness is "
-        "{noise bias:.0f} % lower.",
+        "It gives noisy frequencies full weight: stiffness is {noise bias:.0f} % lower by them.",
     ),
     Objection(
         "evidence of few harmonics > 5",
         ("adaptive",),
-        "It does not know of harmonics, which the evidence prefers by {evidence of few "
-        "harmonics:.0f} nat.",
+        "It does not use harmonics, whose evidence is {evidence of few harmonics:.0f} nat higher.",
     ),
 )
 

@@ -175,8 +175,9 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(
         "tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext()
     )
-    monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)
-    monkeypatch.setattr("tvsysid.report.write_identification", lambda *given: None)
+    for module in ("report.folder", "figures"):
+        monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
+    monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given: None)
 
 
 @cache

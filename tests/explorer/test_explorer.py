@@ -69,7 +69,7 @@ def found(file):
 @pytest.mark.slow
 def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     for name in ("save", "identified_impedance"):
-        monkeypatch.setattr(f"tvsysid.figures.{name}", lambda *given: None)
+        monkeypatch.setattr(f"tvsysid.report.folder.{name}", lambda *given: None)
     monkeypatch.setattr(
         "tvsysid.cli.identify._account", lambda *given: sys.exit(0)
     )  # after the table was written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,10 +17,9 @@ from tvsysid.cli.console import (
     show_table,
     shown_warnings,
 )
-from tvsysid.cli.identified import write_account, write_results, write_tuning
 from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, decimation
 from tvsysid.cli.references import unnamed_references
-from tvsysid.cli.running import make_folder
+from tvsysid.cli.running import command_line, make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
@@ -144,6 +144,7 @@ def identify(
     """
     from tvsysid.comparison import compare, prepare_recording
     from tvsysid.methods import deviating_channels, parse
+    from tvsysid.report import write_estimates, write_folder
 
     if scheduling is not None:
         channels = {**reading.channels, "scheduling": scheduling}
@@ -183,17 +184,18 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    write_results(found, out)  # kept if what follows is interrupted
+    write_estimates(out, found)  # kept if what follows is interrupted
     account = _account(found, prepared, file, reading)
     unnamed = unnamed_references(found, recording, file, reading)
     account = attrs.evolve(account, unnamed_references=tuple(unnamed))
-    written = write_account(account, out, file.name, sheet)
+    written = write_folder(out, account, command_line(), sheet)
     _show_impedance(account)
     _show_over_variables(found)
     _show_further(found)
     _show_reflex(account)
     _show_diagnosis(account)
-    say_written(out, [*written, *write_tuning(found, out)])
+    _show_settings(found)
+    say_written(out, written)
     return 1 if found.failed else 0
 
 
@@ -305,6 +307,17 @@ def _show_further(found: Comparison) -> None:
     for label, model in found.models.items():
         if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")
+
+
+def _show_settings(found: Comparison) -> None:
+    """Print which settings were chosen from the data, and the options that repeat them."""
+    from tvsysid.methods import typed
+
+    for label, item in found.evidence.items():
+        say(f"{label}: {item}")
+    if found.evidence:
+        labels = [typed(found.methods[label]) for label in found.evidence]
+        say(f"the same settings again: --method {' --method '.join(map(shlex.quote, labels))}")
 
 
 def _show_reflex(account: Account) -> None:

@@ -3,6 +3,8 @@ from .answer import Account as Account
 from .diagnosis import diagnosis_section as diagnosis_section
 from .diagnosis import write_diagnosis as write_diagnosis
 from .experiment import write_experiment_report as write_experiment_report
+from .folder import write_estimates as write_estimates
+from .folder import write_folder as write_folder
 from .identification import write_identification as write_identification
 from .sections import problems as problems
 from .sheet import write_sheet as write_sheet

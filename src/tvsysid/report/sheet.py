@@ -61,7 +61,7 @@ def facts(account: Account) -> dict[str, str | float]:
     )
     return {
         "tvsysid": __version__,
-        "leading": _group(label),
+        "leading": group_name(label),
         "answer": " ".join(map(sentence, answer(account))),
         "trust": account.trust.level,
         "file": account.source.get("file", ""),
@@ -72,7 +72,7 @@ def facts(account: Account) -> dict[str, str | float]:
     }
 
 
-def _group(label: str) -> str:
+def group_name(label: str) -> str:
     """Name of a method's group in the file of models."""
     return label.replace("/", "_")
 

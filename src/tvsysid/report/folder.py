@@ -1,0 +1,90 @@
+"""Write the folder of an identification: models, tables, figures and pages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from tvsysid.comparison import Comparison
+from tvsysid.figures import (
+    identified_impedance,
+    save,
+    scheduled_estimates,
+    tuning_curves,
+    variable_of,
+)
+from tvsysid.figures.words import count
+from tvsysid.recordings import describe_models, whole_file, write_models, write_table
+from tvsysid.report.answer import Account, taken
+from tvsysid.report.identification import write_identification
+from tvsysid.report.sheet import facts, group_name, write_sheet
+
+
+def write_estimates(folder: Path, found: Comparison) -> None:
+    """Write ``stiffness.csv`` and ``models.nc``."""
+    write_table(folder / "stiffness.csv", found.rows_over_time())
+    models = {group_name(label): model for label, model in found.models.items()}
+    write_models(folder / "models.nc", models, found.ensemble)
+
+
+def write_folder(
+    folder: Path, account: Account, command: str = "", sheet: bool = False
+) -> list[str]:
+    """Write all that ``tvsysid identify`` writes beside the estimates.
+
+    Parameters
+    ----------
+    folder
+        Folder with the files of :func:`write_estimates`.
+    account
+        What was found, and what is known of it.
+    command
+        Command that was typed, for the page.
+    sheet
+        Whether to write ``sheet.html``, one page of A4.
+
+    Returns
+    -------
+    list of str
+        Names of all files.
+    """
+    found, names = account.found, ["report.html"]
+    describe_models(folder / "models.nc", facts(account))
+    write_identification(folder / "report.html", account, command)
+    if sheet:
+        write_sheet(folder / "sheet.html", [folder])
+        names.append("sheet.html")
+    names += ["models.nc", "stiffness.csv"]
+    title, variable = _title(account), variable_of(found.models, found.ensemble)
+    figures = {
+        "stiffness": identified_impedance(found.models, found.vaf_over_time(), title, variable)
+    }
+    if rows := found.rows_over_variables():
+        write_table(folder / "scheduled.csv", rows)
+        names.append("scheduled.csv")
+        if variable:
+            figures["scheduled"] = scheduled_estimates(
+                found.models, found.ensemble, variable, title
+            )
+    if found.evidence:
+        tried = {label: item.to_pandas() for label, item in found.evidence.items()}
+        table = pd.concat(tried, names=["method"]).reset_index("method")
+        with whole_file(folder / "tuning.csv") as file:
+            table.to_csv(file, index=False, float_format="%.6g")
+        names.append("tuning.csv")
+        figures["tuning"] = tuning_curves(found.evidence)
+    for stem, figure in figures.items():
+        for ending in ("png", "pdf"):
+            save(figure, folder / f"{stem}.{ending}")
+            names.append(f"{stem}.{ending}")
+    return names
+
+
+def _title(account: Account) -> str:
+    """Return the title of the figures: the data, bands, and the correction of a delay."""
+    found, ensemble = account.found, account.found.ensemble
+    title = "not valid: " if account.trust.level == "none" else ""
+    title += f"{account.source.get('file', 'ensemble')}: {count(len(ensemble), 'realization')} of "
+    title += f"{ensemble.duration:g} s" + (", with 95 % bands" if found.has_bands else "")
+    return f"{title}; {taken(ensemble.delay_removed)}" if ensemble.delay_removed else title

@@ -1,4 +1,4 @@
-"""A page on which one sees what a setting does to stiffness, its band and the diagnosis, at once."""
+"""Local page that shows the effect of each setting on stiffness, its band and the diagnosis."""
 
 from tvsysid.explorer.serving import Exploration, explore
 

@@ -45,7 +45,7 @@ class SourceFile:
 
 @attrs.frozen
 class Cutting(Segmentation):
-    """How a recording is cut into realizations, after a delay of the torque was corrected or not."""
+    """How a recording is cut into realizations, and whether a delay of the torque is corrected."""
 
     align_channels: bool = True
 
@@ -199,7 +199,7 @@ def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> SourceFile:
 
 
 def _number(value: object, what: str, need: str = "") -> Any:
-    """Number that a control holds, None if it is empty: where there is a ``need``, it must not be."""
+    """Return the number in a control, or None if it is empty. With a ``need`` it must not be."""
     if value is None and need:
         raise InputError(f"{what} is missing: give {need}")
     if value is not None and not (isinstance(value, numbers.Real) and math.isfinite(value)):

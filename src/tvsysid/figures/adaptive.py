@@ -1,4 +1,4 @@
-"""What adaptive regression found: impedance over time with bands, switches, and how probable each smooth part is."""
+"""Figure of adaptive regression: impedance with bands, switches, and probabilities of changes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST = 0.2  # range of an axis at least, as a share of its largest value
 
 @style.styled
 def adaptive_impedance(model: AdaptiveModel, title: str = "") -> Figure:
-    """Estimates of adaptive regression with 95 % bands, the switches, and how probable each smooth part is."""
+    """Draw estimates of adaptive regression with bands, switches and probabilities of changes."""
     names = [name for name in HUES if name in model.estimates]
     figure = style.blank(9.0, 1.6 + 1.5 * len(names), title)
     grid = figure.add_gridspec(

@@ -138,7 +138,7 @@ def _table(
     scenarios: Sequence[str],
     metrics: Mapping[str, str],
 ) -> dict[str, tuple[Array, Array]]:
-    """Value and what is drawn above and below it of each metric, each of shape (method, scenario)."""
+    """Return value, lower and upper whisker of each metric, each of shape (method, scenario)."""
     tables = {}
     for name in metrics:
         rows = summary[summary.metric == name].set_index(["method", "scenario"])
@@ -181,7 +181,7 @@ def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
 def _means(
     row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf
 ) -> None:
-    """For each method mean and twice the standard deviation over trials of values that cannot exceed a limit."""
+    """Return mean and two standard deviations over trials of values that cannot exceed a limit."""
     mean = values.mean("trial")
     spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
@@ -198,7 +198,7 @@ def _means(
 
 
 def _floor(lowest: float) -> float:
-    """Where an axis of VAF begins: ten per cent below the lowest value, rounded, but at 90 % at most."""
+    """Return where an axis of VAF begins: 10 % below the lowest value, rounded, at most 90 %."""
     return float(np.clip(10 * np.floor((lowest - 5) / 10), 0, 90))
 
 
@@ -207,7 +207,7 @@ def _percent(floor: float) -> str:
 
 
 def _places(methods: int, bars: int) -> Array:
-    """Position of each bar, shape (method, bar), such that the bars of a method stand below its column."""
+    """Return the position of each bar, shape (method, bar), below the column of its method."""
     room = 0.4 if bars > 2 else 0.9
     width = bars - 0.4 + 2 * room
     first = (1 + GAP) * width * np.arange(methods, dtype=float)
@@ -263,7 +263,7 @@ def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequenc
 
 
 def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence[str]) -> None:
-    """Dots of a VAF with what is possible of their whiskers: a bar would mislead where the axis is cut."""
+    """Draw VAFs as dots with whiskers. Bars would mislead because the axis is cut."""
     places, ends = _places(*values.shape), np.nan_to_num(reach)
     for row, hue in enumerate(style.hues(methods).values()):
         # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before
@@ -287,7 +287,7 @@ def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence
 
 
 def _top(values: Array) -> float:
-    """Height at which bars are cut off: that of the longest, unless it is far from what is usual among methods."""
+    """Return the height at which bars are cut off: the longest, unless it is an outlier."""
     each = np.sort([row[np.isfinite(row)].max() for row in values if np.isfinite(row).any()])
     usual = OUTLYING * each[(len(each) - 1) // 2]
     if each[-1] <= usual or usual == 0:

@@ -1,4 +1,4 @@
-"""What a diagnosis saw: the input and what answers it, over frequency, time, realizations and lags."""
+"""Figures of a diagnosis: input and response over frequency, time, realizations and lags."""
 
 from __future__ import annotations
 

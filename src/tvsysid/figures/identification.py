@@ -32,7 +32,7 @@ WIDE = 1.6
 def identified_impedance(
     models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "", but_over: str = ""
 ) -> Figure:
-    """Every quantity that the models estimate, with 95 % bands: stiffness above the time-varying VAF, others beside it.
+    """Draw every quantity of the models with 95 % bands: stiffness above its VAF, others beside it.
 
     The first of the models is in front, with a thicker line.
 
@@ -120,7 +120,7 @@ def identified_quantity(
     title: str = "",
     simultaneous: bool = False,
 ) -> Figure:
-    """One quantity over time by the models, with 95 % bands, at each time by itself or ``simultaneous``."""
+    """Draw one quantity over time by the models, with 95 % bands, pointwise or ``simultaneous``."""
     figure, axes = style.panels(1, 1, 6.4, 3.4, title)
     over = draw_quantity(axes[0, 0], name, models, simultaneous)
     axes[0, 0].set_xlabel(style.REALIZATION_TIME if over == "time" else over)
@@ -205,7 +205,7 @@ def _wide(found: Mapping[str, Found]) -> set[str]:
 
 
 def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
-    """Limits by the first method with its band and by what others found, but for those that are far wider: says so."""
+    """Set limits by the first method's band and by the others. Say which are cut as outliers."""
     extents = [next(iter(found.values())).extent]
     extents += [_extent(each.values) for label, each in found.items() if label not in wide]
     low, high = min(low for low, _ in extents), max(high for _, high in extents)

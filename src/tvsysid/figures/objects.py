@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @singledispatch
 def plot(shown: Any, title: str = "") -> Figure:
-    """Picture of a recording, ensemble, preparation, diagnosis, model, comparison, evidence, or results of a study.
+    """Draw an object of the package: a recording, ensemble, model, comparison, study results, ….
 
     What ``shown.plot()`` draws. Results, as of :func:`tvsysid.study.run`, are an
     ``xarray.Dataset``, which has another ``plot`` of its own: of a simulation study, estimates over

@@ -41,12 +41,12 @@ TORQUES: tuple[tuple[str, float, style.Style], ...] = (
     ("#8A5A24", 1.6, ":"),
     ("#3B2408", 0.9, "-."),
 )
-"""Colour, width and style of the mean torque under each perturbation, such that lines on top of each other show."""
+"""Colour, width and style of the mean torque by perturbation; overlapping lines all show."""
 
 
 @style.styled
 def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
-    """Mean stiffness over bootstraps of every participant, a line for each method, above the torque.
+    """Draw the mean stiffness of every participant, a line for each method, above the torque.
 
     A column for each participant, six of them abreast; a row for each perturbation, and one for the
     torque if it is known. Vertical scales are common.
@@ -107,7 +107,7 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
 
 @style.styled
 def participant_in_detail(results: xr.Dataset, participant: str, title: str = "") -> Figure:
-    """Stiffness and time-varying VAF of one participant: mean ± 2 standard deviations over bootstraps.
+    """Draw stiffness and VAF over time of one participant: mean ± 2 SD over bootstraps.
 
     A column for each method, with the fewest realizations that it was given; a row for each
     perturbation with the stiffness, and one with the VAF. A grey line is the torque to be followed,
@@ -138,7 +138,7 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
 
 @style.styled
 def stiffness_with_bands(results: xr.Dataset, recording: str, title: str = "") -> Figure:
-    """Stiffness of one recording by every method, in one row: mean ± 2 standard deviations over bootstraps.
+    """Draw the stiffness of one recording by every method in a row: mean ± 2 SD over bootstraps.
 
     A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them.
     ``InputError`` if there is no recording of this label.
@@ -216,7 +216,7 @@ def _bands(
 
 
 def _behind(row: Sequence[Axes], time: Array, torque: Array, limits: tuple[float, float]) -> None:
-    """Draw a torque as a grey line behind what the axes of a row show, with its scale on the right of the last."""
+    """Draw a torque as a grey line behind the axes of a row, with its scale on the right."""
     from matplotlib.transforms import Affine2D  # noqa: PLC0415  # heavy
 
     low, high = row[0].get_ylim()

@@ -46,7 +46,7 @@ REASONS = {
 
 @styled
 def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
-    """Torque before and after :func:`tvsysid.preprocess.prepare`, and below what each step judged and excluded."""
+    """Draw the torque before and after preparation, and the torque that each step compared."""
     steps, excluded_by = preparation.steps, preparation.table.excluded_by.to_numpy(dtype=str)
     figure = blank(10.0, 6.4 if steps else 3.6, title)
     grid = figure.add_gridspec(2 if steps else 1, 6)
@@ -77,7 +77,7 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
 
 
 def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_]) -> None:
-    """Every realization, in the colour of the step that excluded it: behind those kept, unless they are few."""
+    """Draw every realization in the colour of the step that excluded it; many go to the back."""
     order = sorted(COLOURS, key=lambda step: -int(np.count_nonzero(steps == step)))
     front = [step for step in order if np.count_nonzero(steps == step) <= FEW * len(steps)]
     for step in [*(step for step in order if step not in front), "", *front]:

@@ -26,7 +26,7 @@ DARK = 0.45  # share of the colours on which print is white
 def leaderboard(
     table: pd.DataFrame, groups: Mapping[str, Sequence[str]], title: str = ""
 ) -> Figure:
-    """Scores with two standard errors to either side, and beside them the error in each scenario, both logarithmic.
+    """Draw scores with two standard errors, beside the error in each scenario, both logarithmic.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
 
 @styled
 def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
-    """Angle, torque and channels of every realization over time, and their mean over realizations."""
+    """Draw angle, torque and channels of every realization over time, and their mean."""
     signals = {"angle (rad)": ensemble.angle, "torque (N·m)": ensemble.torque, **ensemble.channels}
     figure, grid = panels(len(signals), 1, 7.0, 0.7 + 1.8 * len(signals), title, sharex=True)
     for axes, (name, values) in zip(grid[:, 0], signals.items(), strict=True):

@@ -1,4 +1,4 @@
-"""Where the figures find what they draw in the results of a study or an experiment: the one place that knows."""
+"""Access to the results of a study or an experiment for its figures."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _period(results: xr.Dataset) -> float:
 
 
 def headings(results: xr.Dataset, width: int) -> dict[str, str]:
-    """Method and seconds of data in lines of some characters, by the label of its smallest analysis."""
+    """Return method and seconds of data, in short lines, by the label of its smallest analysis."""
     shown = {}
     for method, label in least_data(results).items():
         name, amount = wrapped(method, width), seconds_of_data(results, label)
@@ -105,7 +105,7 @@ def headings(results: xr.Dataset, width: int) -> dict[str, str]:
 
 
 def label_time(axes: Any, results: xr.Dataset) -> None:
-    """Name the time axis of the last row of axes, and let it show one realization, with few and short numbers."""
+    """Label the time axis of the last row of axes, and limit it to one realization."""
     start = float(results.time.values[0])
     for each in np.ravel(axes):
         each.set_xlabel("time (s)")
@@ -115,7 +115,7 @@ def label_time(axes: Any, results: xr.Dataset) -> None:
 
 
 def mean_stiffness(results: xr.Dataset) -> xr.DataArray:
-    """Mean stiffness over bootstraps of each method's smallest analysis, over (recording, analysis, time)."""
+    """Return the mean stiffness of each method's smallest analysis, (recording, analysis, time)."""
     here = estimates(results).sel(analysis=list(least_data(results).values()))
     here = here.transpose("bootstrap", "recording", "analysis", "time")
     return here.isel(bootstrap=0, drop=True).copy(data=mean_and_spread(here.values)[0])

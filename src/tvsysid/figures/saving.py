@@ -1,4 +1,4 @@
-"""A figure is drawn once and saved in all its forms, several figures at a time where there are several cores."""
+"""Draw figures once and save them in all formats, several at a time on several cores."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Illustration:
 
 @attrs.frozen
 class Picture:
-    """A figure that was drawn, as a page embeds it: SVG, if that was asked for, of a size in pixels, 96 to the inch."""
+    """Drawn figure for a page: SVG, if requested, with its size in pixels (96 per inch)."""
 
     title: str
     description: str

@@ -28,7 +28,7 @@ def variable_of(models: Mapping[str, Model], ensemble: Ensemble) -> str:
 def scheduled_estimates(
     models: Mapping[str, Model], ensemble: Ensemble, variable: str, title: str = ""
 ) -> Figure:
-    """Each quantity that the models estimate over a variable, with 95 % bands, above a histogram of the variable.
+    """Draw each quantity over a variable, with 95 % bands, above a histogram of the variable.
 
     Parameters
     ----------

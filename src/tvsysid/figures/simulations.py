@@ -1,4 +1,4 @@
-"""A simulation study: errors against the amount of data, coverage of the bands, impulse responses."""
+"""Figures of a simulation study: errors over the amount of data, coverage, impulse responses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SMOOTHED = 0.05
 
 @styled
 def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
-    """Bias, random and total error against the amount of data, a line for each method: value ± standard error.
+    """Draw bias, random and total error over the amount of data, by method: value ± standard error.
 
     A row for each error, a column for each perturbation.
 
@@ -146,11 +146,11 @@ def _scale(axes: Axes, values: Array) -> None:
 
 @styled
 def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str = "") -> Figure:
-    """Share of trials in which the 95 % band holds the true stiffness, over a realization, a line for each method.
+    """Draw the coverage of the 95 % band over a realization, a line for each method.
 
-    Averaged over 0.05 s, of the trials that have a band at each time; no line where none has, as in
-    :func:`tvsysid.metrics.coverage`. The scenarios, given by their labels, have an axes each, with the true stiffness
-    below.
+    It is the mean over 0.05 s and over trials that have a band at each time, as in
+    :func:`tvsysid.metrics.coverage`; no line where none has. The scenarios, given by their labels,
+    have an axes each, with the true stiffness below.
     """
     figure, grid = panels(
         2,

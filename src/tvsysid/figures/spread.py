@@ -54,7 +54,7 @@ FAINT, FULL = 0.35, 0.85  # opacity of the bars for the least and the most data
 
 @styled
 def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
-    """VAF of the whole and of the band-passed torque, and the random error, at every amount of data.
+    """Draw VAF, band-passed VAF and random error at every amount of data.
 
     A row for each perturbation, a column for each metric. A bar is the mean over participants, with
     twice their standard deviation on either side (within what is possible), and a dot is one
@@ -156,7 +156,7 @@ def _rows_of_bars(
 
 
 def _width(summary: pd.DataFrame, columns: int) -> float:
-    """Width in inches of a figure with so many columns of bars, such that what stands below them has room."""
+    """Return the width in inches of a figure with so many columns of bars and their labels."""
     methods = unique(summary.method)
     longest = max(
         (len(line) for method in methods for line in _below(summary, method).split("\n")), default=0
@@ -173,7 +173,7 @@ def _below(rows: pd.DataFrame, method: str) -> str:
 def _bars(
     axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]
 ) -> None:
-    """Mean of the participants, twice their standard deviation as far as is possible, and each of them."""
+    """Draw each participant, and their mean with two standard deviations."""
     axes.grid(visible=False, axis="x")
     for place, (method, hue) in enumerate(hues(methods).items()):
         mine = rows[rows.method == method]
@@ -216,7 +216,7 @@ def _bars(
 
 
 def _top(column: Sequence[Axes], rows: pd.DataFrame) -> float:
-    """Height from zero that holds all that is drawn in some axes, unless it is far above what is usual."""
+    """Return the upper limit that holds all that some axes show, unless it is an outlier."""
     values = rows.value.to_numpy(dtype=float)
     values = values[np.isfinite(values)]
     if not values.size:

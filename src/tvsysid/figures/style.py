@@ -54,7 +54,7 @@ EDGES = 0.0  # opacity of a band of which the edges alone are drawn
 
 
 class Look(NamedTuple):
-    """What tells a method from others: colour and marker are the method's own, dashes and a hollow marker a setting's.
+    """Look of a method: colour and marker are its own, dashes and a hollow marker a setting's.
 
     One that is shown alone has no marker.
     """
@@ -77,7 +77,7 @@ class Look(NamedTuple):
         return shown | {"markerfacecolor": filled, "markeredgewidth": 0.9}
 
     def curve(self, samples: int, place: int, several: int) -> dict[str, Any]:
-        """Settings for one of several curves of so many samples, which have their markers at different places."""
+        """Return settings for one of several curves, with its markers at places of their own."""
         every = max(1, samples // MARKED)
         return self.line | {"markevery": (place * every // several, every)}
 
@@ -115,7 +115,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _as_written(figure: Figure) -> Figure:
-    """Figure whose texts are shown letter by letter: names of channels, files and methods are no mathematics."""
+    """Return a figure whose texts are literal: names of channels and files are no mathematics."""
     from matplotlib.legend import Legend  # noqa: PLC0415  # heavy
     from matplotlib.text import Text  # noqa: PLC0415
     from matplotlib.ticker import FixedFormatter  # noqa: PLC0415
@@ -163,7 +163,7 @@ def panels(
 
 
 def lines(methods: Sequence[str]) -> dict[str, Look]:
-    """Look of each method shown: a colour and a marker of its own, and a line style for each of its settings.
+    """Return a look for each method: colour and marker of its own, a line style for each setting.
 
     There are more methods than colours: where two that are shown have the same one, the later
     gets a free one.

@@ -42,7 +42,7 @@ def trait(name: str, value: object) -> str:
 
 
 def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
-    """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
+    """Return a text for each scenario: the traits that differ, or the duration of a single one."""
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or [
         "duration_s"
     ]
@@ -86,7 +86,7 @@ def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> 
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
-    """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be."""
+    """Break a method's label into lines of limited length, behind its punctuation if possible."""
     lines = [""]
     pieces = re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label)
     short = [

@@ -1,4 +1,4 @@
-"""Planning an experiment: how many realizations stiffness takes to be known as precisely as one wishes."""
+"""Plan an experiment: how many realizations a required precision of stiffness takes."""
 
 from tvsysid.planning.answers import Answer, Plan, Verified, plan
 from tvsysid.planning.curves import Curve

@@ -113,7 +113,7 @@ class Curve:
         return Errors(self.excess * math.sqrt(float(count**-POWERS @ self.powers)), bias)
 
     def needed(self, error: float, most: int) -> int | None:
-        """Return the fewest realizations, up to ``most``, whose total error is no larger, or None."""
+        """Return the fewest realizations up to ``most`` with a total error this small, or None."""
         if not self.realizations.size:
             return None
         counts = range(int(self.realizations[0]), most + 1)
@@ -240,7 +240,8 @@ def scatter(estimates: Array) -> float:
 def uncertainty(estimates: Array) -> float:
     r"""Return the relative standard error of the scatter of few estimates (estimate, time).
 
-    .. math:: 1 / \sqrt{2 f \nu}, \qquad \nu = (\operatorname{tr} \Sigma)^2 / \operatorname{tr} \Sigma^2
+    .. math:: 1 / \sqrt{2 f \nu}, \qquad
+              \nu = (\operatorname{tr} \Sigma)^2 / \operatorname{tr} \Sigma^2
 
     with f one less than the estimates and :math:`\nu` the times at which a Gaussian estimate
     scatters independently, by the unbiased estimates of both traces.
@@ -259,7 +260,7 @@ def uncertainty(estimates: Array) -> float:
 
 
 def cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
-    """Yield about ``draws`` ensembles of ``count`` consecutive realizations, the first of each record first.
+    """Yield about ``draws`` ensembles of ``count`` consecutive realizations of the records.
 
     No realization is in two of them, as far as the records last.
     """

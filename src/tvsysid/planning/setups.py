@@ -191,7 +191,7 @@ class Pilot:
         amplitude: float | None = None,
         perturbation: str | Perturbation | None = None,
     ) -> Pilot:
-        """Identify a pilot's ensemble by ``adaptive``, or by ``kbr`` if that needs more realizations.
+        """Identify a pilot's ensemble by ``adaptive``, or by ``kbr`` with too few realizations.
 
         The noise is the torque that the model leaves. Both spectra are means over realizations.
 
@@ -298,7 +298,7 @@ Setup = Protocol | Pilot
 
 
 def seconds_of(setup: Setup, count: float) -> float:
-    """Return the seconds to record for ``count`` realizations, and those at both ends that lack context."""
+    """Return the seconds to record for ``count`` realizations with context at both ends."""
     context = setup.context / setup.sampling_rate if isinstance(setup, Pilot) else CONTEXT
     lost = 2 * math.ceil(round(context / setup.period, 6))
     return (count + lost) * setup.period

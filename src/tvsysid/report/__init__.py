@@ -1,4 +1,4 @@
-"""A study, an experiment, an identification or a diagnosis as one page: what was done, and what came out."""
+"""Write a study, an experiment, an identification or a diagnosis as one page."""
 
 import lazy_loader
 

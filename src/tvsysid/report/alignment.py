@@ -1,4 +1,4 @@
-"""What is said of the alignment of an experiment's realizations: what it does to their stiffness, and what to do."""
+"""Sentences on how the alignment of realizations changes their stiffness, and what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an identification found, in sentences and rows: what the command line prints, and pages show."""
+"""Result of an identification in sentences and rows, for the command line and pages."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Account:
 
 
 class Further(NamedTuple):
-    """An estimate beside impedance over time: of which method, what, its unit, over which axes, and its values."""
+    """Estimate beside impedance over time: its method, name, unit, axes and values."""
 
     method: str
     quantity: str

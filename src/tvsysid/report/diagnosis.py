@@ -86,7 +86,7 @@ def write_diagnosis(
 
 
 def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
-    """Part of a page: for each ensemble its findings, what to do, pictures, and all that was looked at.
+    """Return the part of a page with the findings of each ensemble, remedies, pictures and checks.
 
     HTML, escaped, whose headings are of the third and fourth level; it takes the style of the
     report's pages.

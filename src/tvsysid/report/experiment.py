@@ -251,7 +251,7 @@ def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> page.Table:
 def recordings(
     results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported = MappingProxyType({})
 ) -> page.Table:
-    """What became of the realizations of each recording, their means for each perturbation, and the paper's counts."""
+    """Return the counts of kept and excluded realizations, and those of the paper."""
     shifts = {
         str(label): 1000 * mine.shift_s[mine.excluded_by == ""].to_numpy(dtype=float)
         for label, mine in exclusions.groupby("recording", sort=False)
@@ -343,7 +343,7 @@ def outcome(
 
 
 def _extremes(rows: pd.DataFrame) -> str:
-    """Which methods have the lowest and the highest value of the main metrics, each from its least data."""
+    """Return the methods with the lowest and highest main metrics, each from its least data."""
     parts = []
     for metric in ("random_error", "vaf", "mean_bias"):
         heading, unit, decimals = METRICS[metric]

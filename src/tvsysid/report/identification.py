@@ -1,4 +1,4 @@
-"""The page of one identification: the stiffness to report, how it was found, and how far it can be trusted."""
+"""Page of one identification: the stiffness to report, its reasons and its trustworthiness."""
 
 from __future__ import annotations
 
@@ -79,9 +79,10 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
     Examples
     --------
     >>> import tempfile, tvsysid as tv
-    >>> simulation = tv.simulate.Joint().simulate(40, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
-    >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
-    >>> ensemble = tv.preprocess.subtract_mean(ensemble)
+    >>> simulation = tv.simulate.Joint().simulate(
+    ...     40, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    >>> recording = tv.preprocess.decimate(simulation.recording, 100)
+    >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> found = tv.compare(ensemble, ["sds", "birf"])
     >>> account = tv.report.Account(found, found.held_out_vaf(), tv.diagnose(ensemble))
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +115,7 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
 
 
 def _illustrations(account: Account) -> dict[str, Illustration]:
-    """The answer alone, what was estimated over a variable, and all methods side by side if there are several."""
+    """Return the answer, estimates over a variable, and a comparison if methods are several."""
     found, label = account.found, account.found.leading
     withdrawn = account.trust.level == "none"
     shown = {} if withdrawn else {"answer": {label: found.models[label]}}

@@ -20,7 +20,7 @@ from tvsysid.validators import settings_of as setting_values
 
 
 def methods_paragraph(account: Account) -> str:
-    """What was done to the data, by which methods with which settings, and what came out, with citations."""
+    """Return a paragraph on data, methods, settings and results, with citations."""
     found = account.found
     first, *others = (found.leading, *(label for label in found.models if label != found.leading))
     beside = (

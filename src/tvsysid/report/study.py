@@ -186,7 +186,7 @@ def main_scenario(traits: Mapping[str, Mapping[str, object]]) -> str:
 
 
 def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
-    """Metrics of every method in every scenario, those with the lowest total error first within a scenario."""
+    """Return the metrics of every method in every scenario, lowest total error first."""
     traits = traits_of(results)
     varying = [name for name in TRAITS if len({each[name] for each in traits.values()}) > 1]
     table = summary.set_index(["scenario", "method", "metric"]).sort_index()

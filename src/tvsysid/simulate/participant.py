@@ -180,8 +180,8 @@ class Participant:
         trials follow each other; rests let actuator and reflex settle between them.
 
         The perturbation is :class:`FilteredNoise`, :class:`PRBS`, or anything with their
-        ``generate``. A PRBS has random numbers of its own. Under it the person loses the rhythm more
-        often (``late_prbs``) than under anything else (``late_noise``).
+        ``generate``. A PRBS has random numbers of its own. Under it the person loses the rhythm
+        more often (``late_prbs``) than under anything else (``late_noise``).
         """
         traits, prbs = self.traits, isinstance(perturbation, PRBS)
         for_angle, for_person, for_sensor = _generators(self.number)[2 if prbs else 1].spawn(3)

@@ -1,4 +1,4 @@
-"""Studies that were published, and what they claim: a folder for each paper, or for what several say of one thing."""
+"""Published studies and their claims: a folder for each paper or subject."""
 
 from __future__ import annotations
 

@@ -123,5 +123,5 @@ def judged(
 
 
 def log_ratio(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm of a ratio: the margin by which one is larger than the other, in the unit ``RATIO``."""
+    """Return the logarithm of a ratio: the margin between two values, in the unit ``RATIO``."""
     return np.asarray(np.log(one / other))

@@ -18,7 +18,7 @@ GROUPS = 10  # of realizations, each of which is left out once
 
 
 class AlignmentEffect(NamedTuple):
-    """Mean stiffness over time of the same realizations in N·m/rad, and the standard error of the difference.
+    """Mean stiffness of the same realizations in N·m/rad, and the standard error of the difference.
 
     ``aligned`` is that of the survivors, ``unshifted`` of the same ones as they were recorded.
     """
@@ -32,7 +32,7 @@ UNKNOWN = AlignmentEffect(math.nan, math.nan, math.nan)
 
 
 def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
-    r"""Identify what was kept with and without its shifts, by sds, which is quick and takes little for granted.
+    r"""Identify the kept realizations with and without their shifts, by sds.
 
     The standard error is a jackknife over groups of realizations, of which each is left out of
     both:

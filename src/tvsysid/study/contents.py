@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 class Fixed(NamedTuple):
-    """What is known before any task is done: the values along a dimension, or what the study itself says."""
+    """Value that is known before any task is done: along a dimension, or of the study itself."""
 
     name: str
     dims: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""The unit of work of an experiment: one method identifies bootstrap draws from one recording, and is scored."""
+"""Task of an experiment: one method identifies bootstrap draws of one recording."""
 
 from __future__ import annotations
 

@@ -58,9 +58,9 @@ def key_of(path: str, key: int) -> int:
 
 
 def state(content: bytes, expected: int, key: int = 0) -> str:
-    """Whether a content is the one with a checksum, what a kill or a loss of power leaves of it, or something else.
+    """Return whether a content is whole, torn (by a kill or power loss) or damaged.
 
-    Those leave a file missing, cut short, or with blocks of zeros.
+    A torn file is missing, cut short, or has blocks of zeros.
     """
     if checksum(content, key) == expected:
         return WHOLE

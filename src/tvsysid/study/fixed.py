@@ -1,4 +1,4 @@
-"""What a store holds before any task is done: metadata, names and values along its dimensions, the truth.
+"""Contents of a store that are known before any task: metadata, names, axes, the truth.
 
 They follow from the study alone. So a store is known to be that of a study by holding what a new
 one would hold, and what was cut short can be written again. A manifest has the checksums of
@@ -26,7 +26,7 @@ ROOT, MANIFEST = "zarr.json", "manifest"
 
 
 class Manifest(NamedTuple):
-    """Checksums of the fixed files of a store, and the machine that made it, which is not part of what it is of."""
+    """Checksums of the fixed files of a store, and the machine that made it."""
 
     machine: str
     sums: Mapping[str, int]
@@ -146,7 +146,7 @@ def _incomplete(path: Path, names: Sequence[str]) -> InputError:
 
 
 def _without_manifest(path: Path) -> InputError:
-    """The error that a folder is no store, that of another version, or one whose manifest was cut short."""
+    """Return the error for a folder that is no store, of another version, or incomplete."""
     kept = _attributes(files.content_of(path / ROOT))
     if kept is None:
         return InputError(
@@ -193,7 +193,7 @@ def _compare(
 
 
 def _other(path: Path, manifest: Manifest | None) -> str:
-    """What to do with the store of another study, which may be ours with a damaged file if no manifest says so."""
+    """Return the remedy for a store of another study, or with a damaged file and no manifest."""
     unsure = (
         ""
         if manifest

@@ -1,4 +1,4 @@
-"""From files, or a virtual participant, to an ensemble ready for identification, with what became of every trial."""
+"""Prepare files, or a virtual participant, for identification."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
 EXCERPT = 10.0  # seconds of a recording that are shown
 TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
-"""Channels that pass through the preparation: the torque, which loses its mean there, and the noiseless pathways."""
+"""Channels that pass through the preparation: torque before its mean is lost, and pathways."""
 
 
 @attrs.frozen(eq=False)
 class Prepared:
     """One recording, ready for identification.
 
-    ``ensemble`` holds the survivors, mean subtracted, with the channels that methods need,
-    ``account`` the table of :class:`~tvsysid.preprocess.Preparation`; both are None where nothing could be prepared,
-    and ``failure`` says why. The torque to be followed and the mean torque of the survivors are
-    over one realization, in N·m, shape (time,); NaN where not known. ``truth`` has the
-    survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques
-    that the experiment measures, shape (realization, time), less their mean. So many ``trials``
-    can be used; ``refused`` says why others cannot, by file, and ``warnings`` what is doubtful.
-    ``alignment`` is what the shifts do to the stiffness.
+    ``ensemble`` holds the kept realizations, mean subtracted, with the channels that methods need,
+    ``account`` the table of :class:`~tvsysid.preprocess.Preparation`. Both are None where nothing
+    could be prepared, and ``failure`` says why. The target torque and the mean torque of the kept
+    realizations are over one realization, in N·m, shape (time,); NaN if unknown. ``truth`` has
+    their means of a simulation's quantities by name; ``pathways`` the noiseless torques that the
+    experiment measures, shape (realization, time), without mean. ``trials`` is the number of usable
+    trials, ``refused`` says why others cannot be used, by file, and ``warnings`` names doubts.
+    ``alignment`` is the effect of the shifts on stiffness.
     """
 
     recorded: Recorded
@@ -219,7 +219,7 @@ def _with_torque(recording: Recording, beside: dict[str, Array]) -> Recording:
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Files that patterns stand for, each once, in the order of their names, and patterns that stand for none.
+    """Return the files that match patterns, each once, by name, and the patterns without a match.
 
     Files are called by their place in the folder, which may be moved with all that is in it.
     """
@@ -241,7 +241,7 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], di
 
 
 def excerpt(recording: Recording, reference: str | None) -> Recording:
-    """Ten seconds from the middle of the first trial, counted from its beginning, with the torque to be followed."""
+    """Return ten seconds from the middle of the first trial, with the target torque."""
     trial = recording.trials[0]
     count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)
     first = trial.start + (trial.stop - trial.start - count) // 2

@@ -1,4 +1,4 @@
-"""What an experimental study is made of: participants, how their trials are read and prepared, and the analyses."""
+"""Definition of an experimental study: participants, reading, preparation and analyses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, l
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants that are studied if nobody else is named
 PERTURBATIONS = ("noise", "prbs")  # what they undergo
 LAG, SHORT, LONG = 15 / 128, 12 / 128, 30 / 128
-"""The paper's longest lag and its windows for sds and esm in s: 15, 12 and 30 samples (section 4.2)."""
+"""Longest lag and windows of sds and esm in the paper, in s: 15, 12 and 30 samples."""
 LONGEST = 80  # characters of a name, of which files are called
 FEW, MANY = (20, 40), (75, 150)  # realizations in a draw: in one piece, and otherwise
 
@@ -153,8 +153,8 @@ class Experiment(StudySettings):
         Numbers of virtual participants; by default 1 to 6 if no files are given, else none.
     reading
         How the files are read: ``angle``, ``torque``, ``sampling_rate`` and the other settings of
-        :func:`tvsysid.read_recording`, ``channels`` among them: names that methods ask for, and those in the files
-        (``channels={"emg": "EMG_SIGNAL"}``).
+        :func:`tvsysid.read_recording`. ``channels`` maps the names that methods use to those in the
+        files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
         Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file,
         ``false`` stands for None: ``reference = false`` where there was no torque to follow.
@@ -312,7 +312,7 @@ class Experiment(StudySettings):
 
     @property
     def pathways(self) -> tuple[str, ...]:
-        """Whose torques are measured: those that methods say they tell apart (``pathway_names``), if several."""
+        """Return the pathways whose torques are measured, if methods state several."""
         names = self.said("pathway_names")
         return names if len(names) > 1 else ()
 
@@ -372,7 +372,7 @@ class Experiment(StudySettings):
 
     @classmethod
     def without_methods(cls, text: str) -> Experiment:
-        """Experiment of :meth:`to_json` by a method that needs the same channels: nobody's code is loaded."""
+        """Return the experiment of :meth:`to_json`; methods of others are not loaded."""
         settings = json.loads(text)
         inputs = tuple(Input(**item) for item in settings.pop("inputs", ()))
         return cls(**settings | {"methods": _ReadsChannels(inputs)})

@@ -99,7 +99,8 @@ def run(
     >>> results = run(Study(duration_s=40, trials=2, methods="sds"), workers=1)
     >>> dict(results.estimate.sizes)
     {'scenario': 2, 'trial': 2, 'method_key': 1, 'quantity': 3, 'time': 200}
-    >>> experiment = Experiment(virtual=1, perturbation="noise", methods="birf", realizations=75, bootstraps=5)
+    >>> experiment = Experiment(
+    ...     virtual=1, perturbation="noise", methods="birf", realizations=75, bootstraps=5)
     >>> run(experiment, workers=1).estimate.sel(quantity="stiffness").shape
     (1, 1, 5, 256)
     """
@@ -153,10 +154,10 @@ class Plan:
 
 
 def plan(study: Study) -> Plan:
-    """Estimate from timing a trial of the shortest and one of the longest duration, but 600 s at most.
+    """Estimate the time of a study from a trial of the shortest and one of the longest duration.
 
-    Time is taken to grow in proportion to the duration, beside a fixed part. Scenarios with
-    methods of their own are timed by themselves.
+    The longest is timed with 600 s at most. Beside a fixed part, time is proportional to the
+    duration. Scenarios with methods of their own are timed by themselves.
     """
     source, work = Simulations(study), 0.0
     alike: dict[frozenset[str], list[Scenario]] = {}

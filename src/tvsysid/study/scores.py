@@ -25,7 +25,7 @@ Weights = Array | None
 
 DRAWS = 1000  # bootstrap draws
 WEIGHTS = 2_000_000
-"""Weights of draws times trials that are held at a time: with very many trials there are fewer draws."""
+"""Maximum number of draw-trial weights kept in memory. Very many trials get fewer draws."""
 AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
 AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
 MAIN = "stiffness"  # the quantity whose metrics go by their plain names
@@ -158,7 +158,7 @@ def _lowest(cell: Cell) -> Value:
 
 
 def _spread(cell: Cell, side: int) -> Value:
-    """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
+    """Return the mean SD over trials at all times (0), or for a low (-1) or high (1) truth."""
     deviation = cell.deviation
     known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
     chosen = deviation[
@@ -201,7 +201,7 @@ OWN: dict[str, tuple[str, Callable[[Cell], Value]]] = {
     "failed": ("trials", lambda cell: np.nan),
     "seconds": ("s", lambda cell: weighted_mean(cell.durations, cell.weights)),
 }
-"""Metrics of a study that the catalogue does not have, or that are there of a single trial: unit and function."""
+"""Unit and function of further metrics: those beside the catalogue, and of a single trial."""
 UNITS = {
     name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
 } | {name: unit for name, (unit, _) in OWN.items()}  # fmt: skip
@@ -370,7 +370,7 @@ def _cell(
 
 
 def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Value, Value]]:
-    """Each metric, its value, and its replicates for trials drawn with replacement, weights (draw, trial)."""
+    """Return each metric with its value and its replicates for weights (draw, trial)."""
     if not main and not (np.isfinite(cell.truth).any() and np.isfinite(cell.estimates).any()):
         return
     names = [name for name in (UNITS if main else OF_QUANTITY) if name != "failed"]
@@ -405,7 +405,7 @@ def _undraw(found: dict[str, Value], count: int) -> None:
 
 
 def time_spent(results: xr.Dataset) -> dict[str, float]:
-    """Seconds that each stage of the trials and each method took, over all workers, in the order of the work."""
+    """Return the seconds of each stage and each method over all workers, in order of the work."""
     stages = results.stage_seconds.sum(["scenario", "trial"])
     methods = results.seconds.sum(["scenario", "trial"])
     before, after = (

@@ -1,4 +1,4 @@
-"""What studies of either kind share: settings that are checked, read from TOML files, and explained where wrong."""
+"""Settings that studies of both kinds share, read from TOML files and checked."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class StudySettings(Settings):
 
     @property
     def units(self) -> dict[str, str]:
-        """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
+        """Units by quantity, of the package and of methods that state them in ``quantities``."""
         said = [method.quantities for method in self.named_methods.values()]
         return {
             name: plain_text(unit)
@@ -60,7 +60,7 @@ class StudySettings(Settings):
 
     @property
     def scheduled(self) -> dict[str, int]:
-        """What methods say that they estimate over variables of their own, and at how many values at most."""
+        """Quantities that methods estimate over variables, and the largest number of values."""
         every = [method.scheduled_quantities for method in self.named_methods.values()]
         return {
             name: max(each.get(name, 0) for each in every)

@@ -309,7 +309,7 @@ class Study(_Grid, StudySettings):
 
     @cached_property
     def parts(self) -> dict[str, Any]:
-        """Systems, profiles and perturbations by setting and label, such as ``"stiffness square"``."""
+        """Systems, profiles and perturbations by setting and label (``"stiffness square"``)."""
         return {
             f"{name} {label_of(value)}": resolve(value, known, what)
             for name, (known, what, verb) in KINDS.items()
@@ -325,7 +325,7 @@ class Study(_Grid, StudySettings):
 
     @cached_property
     def methods_of(self) -> dict[Scenario, frozenset[str]]:
-        """Labels of the methods that identify each scenario: those of every grid that it belongs to."""
+        """Labels of the methods that identify each scenario, from every grid that it belongs to."""
         found: dict[Scenario, frozenset[str]] = {}
         for settings in (self, *self.also):
             chosen = {
@@ -371,7 +371,7 @@ class Study(_Grid, StudySettings):
 
     @cached_property
     def known(self) -> Known:
-        """What the simulations know, from two of each system and profile, the second as long as the longest scenario.
+        """Truth of the simulations, from a short and a long one of each system and profile.
 
         Where these know other things from realization to realization, the truth is that of a
         simulation as long as the scenario.

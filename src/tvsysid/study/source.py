@@ -34,7 +34,7 @@ class Source(ABC):
         """The task for a place of the store."""
 
     def rank(self, place: Place) -> tuple[int, int]:
-        """The higher, the longer its task is expected to take: in a study, that of the last scenario."""
+        """Return the priority of a task: the higher, the longer it is expected to take."""
         return place
 
     def begin(self, store: Store) -> None:  # noqa: B027  # most have nothing to do

@@ -1,4 +1,4 @@
-"""Where a study's results are kept: xarray on Zarr, a chunk of each variable for each task, whole or absent.
+"""Store of a study's results: xarray on Zarr, each task's chunks either whole or absent.
 
 A task's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's
 file, and of these checksums. A task is done if its files are as its checksums say. A file that is
@@ -44,7 +44,7 @@ TEXT = "TO"
 
 
 class Found(NamedTuple):
-    """What there is of a task: its state, and its chunks' contents and checksums by variable if it is whole."""
+    """State of a task; if it is complete, its chunks' contents and checksums by variable."""
 
     state: str
     contents: Mapping[str, bytes] = {}
@@ -194,7 +194,7 @@ class Store:
         return Found(files.DAMAGED, damaged=tuple(str(self._file(name, place)) for name in names))
 
     def _kept_where_failed(self, place: Place, outcome: Outcome) -> Outcome:
-        """Outcome of a task that is done again, with what is there already of methods that failed this time only."""
+        """Return a repeated task's outcome, with earlier results of methods that failed now."""
         there = self._found(place).contents
         if not there:
             return outcome

@@ -110,7 +110,7 @@ def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
 
 
 def by_full_name(summary: pd.DataFrame) -> pd.DataFrame:
-    """A summary in which metrics of all but the stiffness have their quantity before them: "viscosity bias_error"."""
+    """Return a summary whose metrics other than stiffness name their quantity."""
     own = summary.quantity.isin(["", MAIN])
     return summary.assign(metric=summary.metric.where(own, summary.quantity + " " + summary.metric))
 
@@ -186,7 +186,7 @@ def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
 
 
 def mean_over_draws(values: Array) -> Array:
-    """Mean over the draws that did not fail, from (recording, analysis, bootstrap, time) to one axis less."""
+    """Return the mean over successful draws, from (recording, analysis, bootstrap, time)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # where all failed
         return np.asarray(np.nanmean(values, axis=2))
@@ -213,7 +213,7 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
 
 
 def alignments(results: xr.Dataset) -> pd.DataFrame:
-    """What aligning to the target does to the mean stiffness of each recording's survivors, identified by sds.
+    """Return the change of each recording's mean stiffness by its alignment, identified by sds.
 
     A row for each recording that was aligned: recording, participant, perturbation; aligned,
     unshifted, difference and its standard_error in N·m/rad; percent, the difference in per cent
@@ -234,7 +234,7 @@ def alignments(results: xr.Dataset) -> pd.DataFrame:
 
 
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
-    """What became of every realization that was recorded, from what :func:`prepared_recordings` gives.
+    """Return which realizations were excluded, from :func:`prepared_recordings`.
 
     A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s,
     excluded_by (empty for one that was kept), reached, limit, unit.

@@ -1,4 +1,4 @@
-"""A unit of work: what is sent to a worker, how a method is run and measured there, and what comes back."""
+"""Task of a study: what a worker gets, how it runs and measures a method, what it returns."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ Outcome = dict[
     str, NDArray[Any]
 ]  # what a task measured: an array for each variable of its study's layout
 Row = dict[str, Any]
-"""What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
+"""Result of one identification: numbers by name, ``warnings``, ``failure``, ``spent`` (s)."""
 Known = Mapping[str, Array | None]
-"""Noiseless torque of each pathway that is measured, shape (realization, time), where it is known."""
+"""Noiseless torque of each measured pathway, shape (realization, time), if it is known."""
 SKIPPED = "skipped: "  # what the warning begins with of a method that cannot serve the data
 Shapes = Mapping[
     str, tuple[int, ...]
@@ -110,7 +110,7 @@ class Task(ABC):
 
 
 def carry_out(task: Task) -> Outcome:
-    """Do a task, one at a time in a process, which must have the software of the one that sent it."""
+    """Do a task, one at a time in a process, with the same software as the sender."""
     if (here := versions()) != task.versions:
         raise InputError(f"run: a worker has other software: {differences(task.versions, here)}")
     # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
@@ -193,7 +193,7 @@ def explained(torque: Array, predicted: Array, sampling_rate: float) -> Row:
 
 
 def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
-    """Torque of each pathway that a model has, RMS over realizations, and its VAF where it is known.
+    """Return the RMS torque of each pathway of a model, and its VAF if the truth is known.
 
     Torques have shape (realization, time). Nothing of a model with one pathway.
     """
@@ -259,7 +259,7 @@ def statistics(values: Array) -> Array:
 
 
 def digests(items: Mapping[str, object]) -> dict[str, str]:
-    """Return a digest of the file that holds each method from outside the package, to notice that it was changed."""
+    """Return a digest of the file of each method from outside the package, to detect changes."""
     found = {}
     for label, item in items.items():
         file = getattr(_module_of(item), "__file__", None)

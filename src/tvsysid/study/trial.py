@@ -1,4 +1,4 @@
-"""The unit of work of a simulation study: one trial, simulated once, identified by every method, and scored."""
+"""Task of a simulation study: one trial, simulated once and identified by every method."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ A little more where the rate after decimation is no part of it.
 
 
 class Setting(NamedTuple):
-    """How a trial is simulated and cut, and what is measured: quantities over time or otherwise, and pathways."""
+    """How a trial is simulated and cut, and which quantities and pathways are measured."""
 
     duration_s: float
     snr_db: float

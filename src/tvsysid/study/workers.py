@@ -205,7 +205,7 @@ def processes(workers: int, ready: bool = True, notes: str = "") -> Iterator[Poo
 
 
 def _close_results(pool: Pool) -> None:
-    """Leave only the workers able to write results: one that ends halfway through would be read from for ever."""
+    """Close the parent's end of the result pipe. The reader then notices a worker that ends."""
     results: Any = getattr(pool, "_result_queue", None)
     if results is not None:
         results._writer.close()

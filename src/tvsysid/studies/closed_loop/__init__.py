@@ -1,4 +1,4 @@
-"""A joint on an actuator that gives way: methods with and without a reference, and what is said of them."""
+"""Study of a compliant actuator: methods with and without a reference, and claims on them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a study of joints in closed loop: bias against the actuator's stiffness, methods side by side, bands."""
+"""Figures of the closed-loop study: bias over the actuator's stiffness, methods, bands."""
 
 from __future__ import annotations
 

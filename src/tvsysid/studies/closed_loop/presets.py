@@ -43,6 +43,6 @@ PRESETS: dict[str, dict[str, object]] = {
         ),
     }
 }
-"""Twenty realizations of a joint whose stiffness varies in a sine, on actuators from 30 to 1000 N·m/rad and on one that
-imposes the angle, with noise of the torque up to 2, 5 and 40 Hz; a square wave, and a longer
-record."""
+"""Twenty realizations of a joint whose stiffness varies in a sine, on actuators from 30 to
+1000 N·m/rad and on one that imposes the angle, with noise of the torque up to 2, 5 and 40 Hz; a
+square wave, and a longer record."""

@@ -1,4 +1,4 @@
-"""A leaderboard as a table and a page, the same whenever they are made: no time, machine or folder is in them."""
+"""Leaderboard as a table and a page, without times, machines or folders, so that it repeats."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def scores_of(errors: Array, counts: Array | None = None) -> Array:
 
 
 def replicates_of(errors: Array) -> Array:
-    """Scores of trials drawn with replacement, (draw, entry), as far apart as those of fresh trials; NaN for one."""
+    """Return scores of resampled trials, (draw, entry), with the spread of new trials."""
     scenarios, trials = errors.shape[:2]
     if trials < 2:
         return np.full((2, errors.shape[2]), np.nan)
@@ -72,7 +72,7 @@ def replicates_of(errors: Array) -> Array:
 
 
 def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
-    """Rank of each entry, and how far it is ``behind`` who led when it was its turn, with ``behind_error``."""
+    """Rank the entries, with the gap ``behind`` the best remaining one and ``behind_error``."""
     order = np.argsort(scores, kind="stable").tolist()
     rank, leader = np.ones(len(scores), dtype=np.int64), order[0]
     behind, error = np.full((2, len(scores)), np.nan)

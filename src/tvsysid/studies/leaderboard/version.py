@@ -54,7 +54,7 @@ SCENARIOS = (
 def study_of(
     entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any
 ) -> Study:
-    """Leaderboard as a study: the package's methods, those of installed packages, and further entries.
+    """Return the leaderboard's study: methods of the package, of installed packages, and others.
 
     Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as
     its digest shows. An installed method that cannot be made as it is is left out, with a
@@ -88,7 +88,7 @@ def _usable(name: str) -> bool:
 
 
 def digest(study: Study) -> str:
-    """Tells scenarios from others: all settings, and the size of the first seconds of each to four digits."""
+    """Return a hash of all settings and of the size of the first seconds of each scenario."""
     lines = [
         f"{study.trials} trials at {study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
     ]

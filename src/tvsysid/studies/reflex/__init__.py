@@ -1,4 +1,4 @@
-"""A joint with a stretch reflex: methods with one pathway and with two, and what the literature says of them."""
+"""Study of a joint with a stretch reflex: methods with one and two pathways, and claims on them."""
 
 from __future__ import annotations
 

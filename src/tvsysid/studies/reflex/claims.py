@@ -1,4 +1,4 @@
-"""What is said of methods that know no reflex, and of those that do, held against the scores of a study.
+"""Claims on methods with and without a reflex, tested against the scores of a study.
 
 The limits are those of drawing trials. The literature gives no thresholds: those here are ours,
 and part of the sentences.
@@ -67,7 +67,7 @@ def _takes_reflex_for_stiffness(scores: Scores) -> Iterator[Replicated]:
 
 
 def _in_proportion(scores: Scores) -> Iterator[Replicated]:
-    """That twice the reflex makes twice the bias, beside what there is without any, to within a quarter."""
+    """Test that twice the reflex doubles its share of the bias, to within a quarter."""
     for method, (one, other) in itertools.product(ONE_PATH, itertools.pairwise(GAINS)):
         if found := scores.of(
             *((CONSTANT[gain], method, "mean_bias") for gain in (0.0, one, other))

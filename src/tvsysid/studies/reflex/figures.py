@@ -1,4 +1,4 @@
-"""Figures of a study of joints with a reflex: both pathways over time, and what the reflex does to a stiffness."""
+"""Figures of the reflex study: both pathways over time, and the reflex's bias of stiffness."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ PRESETS: dict[str, dict[str, object]] = {
         ),
     }
 }
-"""Forty realizations of a joint whose stiffness and reflex gain vary in a sine, by noise, PRBS, pulses, and with slow
-noise; without a reflex; in a square wave; of a constant joint, with little and much noise.
-Beside these, what the reflex's gain does to methods of one pathway, and the amount of data to
-the ensemble cascade, with its window and without."""
+"""Forty realizations of a joint whose stiffness and reflex gain vary in a sine, by noise, PRBS,
+pulses, and with slow noise; without a reflex; in a square wave; of a constant joint, with little
+and much noise. Further scenarios vary the reflex gain, for methods of one pathway, and the amount
+of data, for the ensemble cascade with and without its window."""

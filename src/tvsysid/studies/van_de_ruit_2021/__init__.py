@@ -1,4 +1,4 @@
-"""Van de Ruit, Cavallo, Lataire, van der Helm, Mugge, van Wingerden and Schouten 2021: its studies and its claims."""
+"""Studies and claims of van de Ruit, Cavallo, Lataire, van der Helm, Mugge et al. 2021."""
 
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import (

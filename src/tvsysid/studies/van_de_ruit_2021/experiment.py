@@ -56,7 +56,7 @@ COUNTS = {
     )
     for perturbation, excluded in EXCLUDED.items()
 }
-"""Realizations recorded, excluded by each step, and kept, as the paper says it of either perturbation."""
+"""Realizations recorded, excluded by each step, and kept, by perturbation, in the paper."""
 LEVELS = {"prbs": (74.8, 87.2), "noise": (49.4, 62.7)}
 """Lowest and highest mean VAF of the four methods in the paper, from 150 s (section 4.4)."""
 NEAR = 5.0  # percentage points within which a VAF is near the paper's
@@ -87,7 +87,7 @@ class Paired:
 
 
 class Figures:
-    """Figures of an experiment by name, perturbation, method and amount of data, each over participants."""
+    """Numbers of each participant by name, perturbation, method and amount of data."""
 
     def __init__(self, results: xr.Dataset) -> None:
         recorded = np.where(results.recorded.values, results.recorded.values, np.nan)
@@ -128,7 +128,7 @@ class Figures:
         return int(self._realizations[self._analyses[method][0]])
 
     def of(self, name: str, perturbation: str, method: str, amount: int = 0) -> Array:
-        """A figure for each participant, with the smaller (0) or the larger (1) number of realizations."""
+        """Return a number for each participant, with less (0) or more (1) realizations."""
         return self._over_participants(
             perturbation, self._values[name][:, self._analyses[method][amount]]
         )
@@ -169,7 +169,7 @@ def _rising(stiffness: Array, torque: Array) -> Array:
 
 
 def _dips(results: xr.Dataset) -> Array:
-    """Time-varying VAF at the quarters of a period less that about its beginning and middle, (recording, analysis)."""
+    """Return the VAF at a period's quarters less that at ends and middle, (recording, analysis)."""
     phase = results.time.values / (
         results.time.values[-1] + results.time.values[1] - results.time.values[0]
     )
@@ -180,7 +180,7 @@ def _dips(results: xr.Dataset) -> Array:
 
 
 def _changes(stiffness: Array, pairs: Sequence[Sequence[int]]) -> Array:
-    """Root mean square change of the mean stiffness from less to more data, in per cent of it, (recording, analysis).
+    """Return the RMS change of stiffness from less to more data in per cent, (recording, analysis).
 
     A mean over few bootstraps is off by chance; what that adds is taken off.
     """

@@ -106,7 +106,7 @@ def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
 
 
 def _of_one(given: Container[str], results: xr.Dataset, preferred: str) -> list[str]:
-    """Labels of one participant's recordings for which something was given: of the preferred one if there are any."""
+    """Return labels of a participant's usable recordings, of the preferred perturbation if any."""
     people = {
         str(label): str(person)
         for label, person in zip(results.recording.values, results.participant.values, strict=True)
@@ -117,7 +117,7 @@ def _of_one(given: Container[str], results: xr.Dataset, preferred: str) -> list[
 
 
 def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
-    """Participant who stands for all: with the most analyses that have a VAF, and a mean VAF in the middle of those."""
+    """Return the representative participant: most analyses with a VAF, and a median mean VAF."""
     participants = unique(results.participant.values)
     rows = summary[(summary.metric == "vaf") & np.isfinite(summary.value.astype(float))]
     if rows.empty:
@@ -243,12 +243,11 @@ def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> I
         f"{done[name]}: {np.count_nonzero(~step.kept)} excluded"
         for name, step in preparation.steps.items()
     )
+    below = f"Below, step by step: {steps}." if steps else "No step excluded realizations."
     text = (
         f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "
-        "realizations as it was "
-        f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their "
-        "mean subtracted. "
-        f"{f'Below, step by step: {steps}.' if steps else 'No step was taken that excludes realizations.'}"
+        f"realizations as it was recorded, and that of the {len(preparation.ensemble)} that were "
+        f"kept, {aligned} their mean subtracted. {below}"
     )
     return Illustration(partial(preparation_steps, preparation, title), title, text)
 
@@ -256,7 +255,7 @@ def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> I
 def _sentences(
     summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffness", "vaf"), least: bool = True
 ) -> str:
-    """For each perturbation the means over participants by each method, with the least data or with every amount."""
+    """Return the means over participants by method, with the least data or with every amount."""
     sentences = []
     for perturbation in unique(summary.perturbation.to_numpy()):
         parts = []

@@ -94,7 +94,7 @@ def _covarying(traits: Any) -> str:
 
 
 def _middle(rows: pd.DataFrame) -> tuple[float, float]:
-    """Duration and signal-to-noise ratio to look at closely: the paper's if they are there, or those in the middle."""
+    """Return the duration and signal-to-noise ratio to show: the paper's, or the middle ones."""
     pairs = sorted(set(zip(rows.duration_s.astype(float), rows.snr_db.astype(float), strict=True)))
     return USUAL if USUAL in pairs else pairs[len(pairs) // 2]
 
@@ -242,7 +242,7 @@ def _responses(responses: xr.Dataset) -> Illustration:
 
 
 def example_responses(seed: int = 0) -> xr.Dataset:
-    r"""Impulse responses of the square wave's first trial of 150 s, PRBS, like figure 2 of van de Ruit et al. 2021.
+    r"""Draw impulse responses of the first trial of 150 s (square wave, PRBS), like figure 2.
 
     The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the
     Nyquist frequency), for a response that holds all frequencies has no finite values.

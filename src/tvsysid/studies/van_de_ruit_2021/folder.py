@@ -1,4 +1,4 @@
-"""What a study writes to its folder, with the paper's claims held against it: tables, figures and pages."""
+"""Write a study's tables, figures and pages to its folder, with tests of the paper's claims."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Written(NamedTuple):
 
 
 def judge(found: xr.Dataset) -> pd.DataFrame:
-    """Hold every claim that the paper makes of its simulations, or of its experiment, against a study.
+    """Test every claim of the paper on its simulations, or on its experiment, against a study.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def write_experiment(
 
 
 def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
-    """Channel that a method takes as the disturbance that was applied, if any does and it was recorded."""
+    """Return the recorded channel that a method takes as the applied disturbance, if any."""
     every = (item for method in experiment.named_methods.values() for item in method.inputs)
     return next(
         (

@@ -79,7 +79,7 @@ SINES: Where = SQUARES | {"profile": ("sine",)}
 
 
 class Scores:
-    """Scores of a study's scenarios with the paper's joint, rate and period, known by their other settings."""
+    """Scores of a study's scenarios that have the paper's joint, rate and period."""
 
     def __init__(self, scores: xr.Dataset) -> None:
         settings = (scores[name].values.tolist() for name in Scenario._fields)
@@ -105,7 +105,7 @@ class Scores:
         ]
 
     def of(self, scenario: Scenario, method: str, metric: str) -> Array:
-        """A metric and its replicates behind it, so that what is done with the one is done with the others."""
+        """Return a metric followed by its bootstrap replicates."""
         place = (
             self.scenarios[scenario],
             self._methods.get_loc(method),
@@ -163,7 +163,7 @@ def judge_simulations(scores: xr.Dataset) -> pd.DataFrame:
 def _all_above(
     scores: Scores, where: Where, name: str, floor: float, source: str
 ) -> tuple[object, ...]:
-    """Row for the claim that every VAF is above a floor, with a limit on the share of trials that are not."""
+    """Return the row for the claim that every VAF exceeds a floor in nearly all trials."""
     sentence, unit = f"Every VAF is above {floor:g} % ({name})", "percentage points"
     nothing = (np.nan, np.nan, np.nan, unit)
     lowest = {
@@ -304,7 +304,7 @@ def _alike(logarithms: Array) -> Array:
 
 
 def _mostly_alike(metric: str) -> Margins:
-    """That a metric differs little between perturbations in most conditions: methods and durations."""
+    """Test that a metric differs little between perturbations in most conditions."""
 
     def margins(scores: Scores) -> Iterator[Replicated]:
         pairs = list(_to_prbs(SQUARES, metric)(scores))

@@ -17,6 +17,7 @@ far too wide for stiffness. See docs/tuning.md, with figures.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -31,25 +32,30 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
 
 DEALS = 6  # how often the realizations are dealt into halves
-# standard deviations over deals by which settings must be better than those given to be chosen
-BEYOND = 1.0
-FEWEST = 8  # realizations below which halves say nothing
-KNOWN = 0.5  # share of the times that the settings given know which others must know too
-DETERMINED = 4  # samples for each lag from which on the reference is determined
+MIN_GAIN = 1.0  # standard deviations over deals by which other settings must be better
+MIN_REALIZATIONS = 8
+MIN_KNOWN = 0.5  # share of the times known with the settings given
+SAMPLES_PER_LAG = 4  # from which on the reference is determined
 
 
 class Halves:
-    """Estimates of stiffness from halves of an ensemble, and how good settings are by them.
+    """Halves of an ensemble, and how good settings are by them.
 
-    The reference has lags of ``max_lag`` seconds to either side; ``seed`` is of the deals.
+    Parameters
+    ----------
+    ensemble
+        Realizations that are dealt into halves.
+    max_lag
+        Lags of the reference to either side in s.
+    seed
+        Random seed of the deals.
     """
 
     def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
-        if len(ensemble) < FEWEST:
+        if len(ensemble) < MIN_REALIZATIONS:
             raise InputError(
-                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} "
-                "are too few; give at "
-                f"least {FEWEST}"
+                "tuned: settings are chosen by halves of the realizations, and "
+                f"{len(ensemble)} are too few; give at least {MIN_REALIZATIONS}"
             )
         random = np.random.default_rng(seed)
         hands = [random.permutation(len(ensemble)) % 2 for _ in range(DEALS)]
@@ -57,32 +63,30 @@ class Halves:
         self.references = self._of_halves(lambda half: reference_stiffness(half, max_lag))
 
     def estimates(self, method: Method) -> Array:
-        """Stiffness from each half, shape (deal, half, time); raises what the method does."""
+        """Return the stiffness from each half, shape (deal, half, time)."""
         return self._of_halves(lambda half: method.fit(half).stiffness)
 
     def errors(self, stiffness: Array) -> Array:
-        """Estimated mean square error in (N·m/rad)², shape (deal, method).
+        """Return the mean square error in (N·m/rad)², shape (deal, method).
 
-        ``stiffness`` (method, deal, half, time) holds all methods that are to be compared: the
-        error is a mean over the times that all of them know.
+        It is a mean over the times at which all methods know ``stiffness``, whose shape is
+        (method, deal, half, time).
         """
-        known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(
-            axis=(0, 1)
-        )
-        off = stiffness[..., known] - self.references[..., known]
-        apart = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
-        return np.asarray(
-            np.mean(off[:, :, 0] * off[:, :, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4
-        ).T
+        known = np.isfinite(stiffness).all(axis=(0, 1, 2))
+        known &= np.isfinite(self.references).all(axis=(0, 1))
+        bias = stiffness[..., known] - self.references[..., known]
+        difference = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
+        errors = np.mean(bias[:, :, 0] * bias[:, :, 1] + difference**2 / 4, axis=-1)
+        return np.asarray(errors).T
 
     def _of_halves(self, estimate: Callable[[Ensemble], Array]) -> Array:
         return np.array([[estimate(half) for half in pair] for pair in self.halves])
 
 
 def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
-    """Stiffness as :class:`ShortDataSegments` gives it, over the shortest window that determines it; shape (time,)."""
+    """Return stiffness (time,) by :class:`ShortDataSegments` with the shortest window possible."""
     lags = fitting_lags("tuned", max_lag, ensemble)
-    samples = DETERMINED * (2 * lags + 1) / len(ensemble)
+    samples = SAMPLES_PER_LAG * (2 * lags + 1) / len(ensemble)
     half = min(math.ceil(max(0.0, (samples - 1) / 2)), (ensemble.samples - 1) // 2)
     solution = solve_windows(ensemble, lags, half)
     return padded(solution.weights.sum(axis=1), missing_edge(lags, ensemble))
@@ -95,34 +99,40 @@ def evidence_by_halves(
     grids: Mapping[str, Sequence[float]],
     max_lag: float,
 ) -> Evidence:
-    """Settings chosen one after another, each the best of its grid, or left alone if none is clearly better.
+    """Choose settings one after another, each the best of its grid if that is clearly better.
 
-    ``grids`` are values to be tried by name, in the order of choice; the last is what the
-    evidence is drawn against.
+    Parameters
+    ----------
+    method, ensemble, seed
+        As for :meth:`tvsysid.methods.Method.tuned`.
+    grids
+        Values to try by setting, in the order of choice. The last setting is the figure's axis.
+    max_lag
+        Lags of the reference to either side in s.
     """
     halves = Halves(ensemble, max_lag, seed)
     tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]
     estimates, chosen = [halves.estimates(method)], 0
-    enough = KNOWN * _known(estimates[0])
+    enough = MIN_KNOWN * _known_times(estimates[0])
     for name, grid in grids.items():
-        settings = tried[chosen]
         for value in grid:
-            if value == settings[name]:
+            settings = {**tried[chosen], name: value}
+            if settings == tried[chosen]:
                 continue
             try:
-                found = halves.estimates(with_settings(method, **{**settings, name: value}))
-            except InputError:  # it does not fit the ensemble
+                estimate = halves.estimates(with_settings(method, **settings))
+            except InputError:  # the settings do not fit the ensemble
                 continue
-            if _known(found) >= enough:
-                tried.append({**settings, name: value})
-                estimates.append(found)
+            if _known_times(estimate) >= enough:
+                tried.append(settings)
+                estimates.append(estimate)
         errors = halves.errors(np.array(estimates))
         gains = errors[:, chosen, None] - errors
         best = int(np.argmax(gains.mean(axis=0)))
-        if gains[:, best].mean() > BEYOND * gains[:, best].std(ddof=1):
+        if gains[:, best].mean() > MIN_GAIN * gains[:, best].std(ddof=1):
             chosen = best
-    axis = list(grids)[-1]
-    others = [name for name in grids if name != axis]
+    *others, axis = grids
+    edges = [edge_of(each, tried[chosen][each], [one[each] for one in tried]) for each in grids]
     return Evidence(
         criterion="cross-validated mean square error of stiffness (two halves)",
         unit="(N·m/rad)²",
@@ -133,17 +143,11 @@ def evidence_by_halves(
         chosen=chosen,
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
-        lines=tuple(
-            ", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried
-        ),
-        edges=tuple(
-            edge
-            for name in grids
-            for edge in edge_of(name, tried[chosen][name], (each[name] for each in tried))
-        ),
+        lines=tuple(", ".join(f"{each} {one[each]:g} s" for each in others) for one in tried),
+        edges=tuple(itertools.chain(*edges)),
     )
 
 
-def _known(estimates: Array) -> int:
-    """Number of times that estimates know in all halves."""
+def _known_times(estimates: Array) -> int:
+    """Return the number of times that estimates know in all halves."""
     return int(np.isfinite(estimates).all(axis=(0, 1)).sum())

@@ -394,7 +394,7 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.EnsembleSpectral(stiffness="ac"), "stiffness must be one of"),
         (lambda: tv.KernelRegression(gamma=0.0), "gamma must be a positive number"),
         (lambda: tv.KernelRegression(period=-2.0), "period must be a positive number"),
-        (lambda: tv.KernelRegression(band=(20.0, 0.0)), "band must rise"),
+        (lambda: tv.KernelRegression(band=(20.0, 0.0)), "which rise from 0"),
         (lambda: tv.KernelRegression(band=20.0), "two frequencies"),
         (lambda: tv.KernelRegression.preset("real"), "'simulation', 'experiment'; got 'real'"),
         (lambda: tv.CubicBSplines(3), "at least 4"),

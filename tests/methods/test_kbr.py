@@ -357,7 +357,7 @@ def test_a_lag_remembers_what_came_before_in_the_run(ensemble_of):
         ({"order": 3}, "order must be 0 .a spring., 1 .* got 3"),
         ({"order": True}, "got True"),
         ({"order": 1.0}, "got 1.0"),
-        ({"lag": -0.01}, "lag must be a positive number, got -0.01"),
+        ({"lag": -0.01}, "lag must be a number of zero or more, got -0.01"),
         ({"lag": np.nan}, "got nan"),
         ({"lag": "long"}, "got 'long'"),
     ],

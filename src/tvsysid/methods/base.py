@@ -27,7 +27,7 @@ from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Ensemble
-from tvsysid.validators import at_least, one_of, positive, with_settings
+from tvsysid.validators import one_of, with_settings
 
 if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
@@ -331,23 +331,6 @@ def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDAr
         return values
     edges = [(early, late)] + [(0, 0)] * (values.ndim - 1)
     return np.pad(values, edges, constant_values=np.nan)
-
-
-def check_positive(method: object, **settings: object) -> None:
-    """Raise for a setting that is not a positive finite number."""
-    for name, value in settings.items():
-        positive.check(type(method).__name__, name, value)
-
-
-def check_whole(method: object, least: int, **settings: object) -> None:
-    """Raise for a setting that is not a whole number from ``least`` on."""
-    for name, value in settings.items():
-        at_least(least).check(type(method).__name__, name, value)
-
-
-def check_choice(method: object, name: str, allowed: object) -> None:
-    """Raise for a setting that is none of a Literal's values."""
-    one_of(allowed).check(type(method).__name__, name, getattr(method, name))
 
 
 def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:

@@ -14,6 +14,7 @@ from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrder
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import one_of, positive
 
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
@@ -68,10 +69,12 @@ class BasisIRF(base.Method):
     how well that, or the parametric model, explains the torque that answers to the angle.
     """
 
-    max_lag: float = 0.12
-    basis: Basis = attrs.field(factory=CubicBSplines)
-    model: Structure = "parametric"
-    prior: Prior = "ard"
+    max_lag: float = attrs.field(default=0.12, validator=positive)
+    basis: Basis = attrs.field(
+        factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
+    )
+    model: Structure = attrs.field(default="parametric", validator=one_of(Structure))
+    prior: Prior = attrs.field(default="ard", validator=one_of(Prior))
     reference: str | None = None
 
     key = "birf"
@@ -88,10 +91,6 @@ class BasisIRF(base.Method):
     cites = ("guarin2017", "guarin2018", "vanderuit2021")
 
     def __attrs_post_init__(self) -> None:
-        base.check_positive(self, max_lag=self.max_lag)
-        base.check_choice(self, "model", Structure)
-        base.check_choice(self, "prior", Prior)
-        check_basis(self, self.basis)
         if self.reference is not None and self.model != "parametric":
             raise InputError(
                 "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"

@@ -18,6 +18,7 @@ from tvsysid.models import Diagnostics, FrequencyResponseModel
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import ShortTimeSpectra
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import one_of, positive
 
 Stiffness = Literal["dc", "fit"]
 
@@ -92,8 +93,8 @@ class EnsembleSpectral(base.Method):
     window smooths.
     """
 
-    window: float = 0.30
-    stiffness: Stiffness = "dc"
+    window: float = attrs.field(default=0.30, validator=positive)
+    stiffness: Stiffness = attrs.field(default="dc", validator=one_of(Stiffness))
     reference: str | None = None
 
     key = "esm"
@@ -111,8 +112,6 @@ class EnsembleSpectral(base.Method):
     cites = ("vanderuit2021",)
 
     def __attrs_post_init__(self) -> None:
-        base.check_positive(self, window=self.window)
-        base.check_choice(self, "stiffness", Stiffness)
         if self.reference is not None and self.stiffness != "fit":
             raise InputError(
                 "EnsembleSpectral: with a reference, stiffness must be 'fit' "

@@ -14,6 +14,7 @@ from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import optional, positive
 
 LEAST = 0.25  # share of the largest torque from which on a peak counts as an impulse
 ABOUT = 0.06  # s about its peak in which an impulse acts
@@ -67,8 +68,8 @@ class ModalDecomposition(base.Method):
     Piovesan, Pierobon, DiZio & Lackner 2012, J. Neurosci. Methods 209, 70-83.
     """
 
-    inertia: float | None = None
-    window: float = 0.05
+    inertia: float | None = attrs.field(default=None, validator=optional(positive))
+    window: float = attrs.field(default=0.05, validator=positive)
 
     key = "modal"
     title = "Modal decomposition"
@@ -85,11 +86,6 @@ class ModalDecomposition(base.Method):
     uses_recorded_angle = True
     perturbation = "pulses:duration=0.02,interval=1"
     system = "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
-
-    def __attrs_post_init__(self) -> None:
-        base.check_positive(self, window=self.window)
-        if self.inertia is not None:
-            base.check_positive(self, inertia=self.inertia)
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where the torque is no impulses, or the joint is damped too much."""

@@ -16,6 +16,7 @@ from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import Validator, at_least, optional, positive
 
 ComplexArray = NDArray[np.complex128]
 
@@ -31,6 +32,9 @@ NOISELESS = 1e-5  # share of the torque's variance below which what is left is r
 # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 ON_GRID = 0.02
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
+
+
+FREQUENCIES = Validator("positive numbers", lambda several: all(map(positive.is_valid, several)))
 
 
 @attrs.frozen
@@ -67,8 +71,10 @@ class SkirtDecomposition(base.Method):
     Lataire, Pintelon & Louarroudi 2012, Automatica 48, 783-791.
     """
 
-    frequencies: tuple[float, ...] | None = None
-    harmonics: int | None = None
+    frequencies: tuple[float, ...] | None = attrs.field(
+        default=None, validator=optional(FREQUENCIES)
+    )
+    harmonics: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
     key = "skirt"
     title = "Skirt decomposition"
@@ -83,12 +89,6 @@ class SkirtDecomposition(base.Method):
     )
     cites = ("lataire2012",)
     perturbation = "multisine"
-
-    def __attrs_post_init__(self) -> None:
-        if self.harmonics is not None:
-            base.check_whole(self, 0, harmonics=self.harmonics)
-        for frequency in self.frequencies or ():
-            base.check_positive(self, frequencies=frequency)
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Where the angle is no multisine, or its lines are too few or too close."""

@@ -14,8 +14,6 @@ from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError, impedan
 from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods.base import (
     Method,
-    check_positive,
-    check_whole,
     fitting_lags,
     missing_edge,
     padded,
@@ -27,6 +25,7 @@ from tvsysid.models import Diagnostics
 from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import at_least, optional, positive
 
 LARGEST_HORIZON = 60  # samples beyond which the Hankel matrices have thousands of columns
 STEPS = 4  # fits in the time of one window
@@ -99,11 +98,11 @@ class SubspaceCascade(Method):
     Measurement of dynamic joint stiffness from multiple short data segments, IEEE Trans. Neural Syst. Rehabil. Eng.
     """
 
-    delay: float = 0.04
-    terms: int = 11
-    order: int | None = 2
-    horizon: float = 0.2
-    window: float | None = None
+    delay: float = attrs.field(default=0.04, validator=positive)
+    terms: int = attrs.field(default=11, validator=at_least(1))
+    order: int | None = attrs.field(default=2, validator=optional(at_least(1)))
+    horizon: float = attrs.field(default=0.2, validator=positive)
+    window: float | None = attrs.field(default=None, validator=optional(positive))
 
     key = "sdss"
     uses_recorded_angle = True
@@ -120,14 +119,6 @@ class SubspaceCascade(Method):
         "It is one constant, or a mean over its window, some mean where the joint changes faster."
     )
     cites = ("jalaleddini2017", "jalaleddini2017segments")
-
-    def __attrs_post_init__(self) -> None:
-        check_positive(self, delay=self.delay, horizon=self.horizon)
-        if self.window is not None:
-            check_positive(self, window=self.window)
-        check_whole(self, 1, terms=self.terms)
-        if self.order is not None:
-            check_whole(self, 1, order=self.order)
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]

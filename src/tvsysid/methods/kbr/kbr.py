@@ -17,6 +17,7 @@ from tvsysid.methods.kbr import fitting, record, search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import Validator, is_number, not_negative, one_of, optional, positive
 
 Preset = Literal["simulation", "experiment"]
 Weights = Literal["white", "residual"]
@@ -30,6 +31,32 @@ PRESETS: dict[str, dict[str, float]] = {
 LOST = 5.0  # points of VAF that tuning may lose without saying so
 # times that residual weights are found; a third changes stiffness by a hundredth of its error
 REWEIGHTED = 2
+
+
+def _one_or_three(method: object, field: attrs.Attribute[Any], gamma: Any) -> None:
+    """Raise for anything but one positive number, or three."""
+    several = gamma if isinstance(gamma, tuple) else (gamma,) * 3
+    if len(several) != 3:
+        raise InputError(
+            "KernelRegression: gamma must be one number, or three: of stiffness, viscosity and "
+            f"inertia; got {gamma!r}"
+        )
+    for each in several:
+        positive(method, field, each)
+
+
+def _is_band(band: Any) -> bool:
+    """Whether a band is two frequencies that rise."""
+    numbers = isinstance(band, tuple) and len(band) == 2 and all(map(is_number, band))
+    return numbers and 0 <= band[0] < band[1]
+
+
+USUAL = PRESETS["simulation"]
+BAND = Validator("two frequencies in Hz, which rise from 0 or more", _is_band)
+ORDER = Validator(
+    "0 (a spring), 1 (with viscosity) or 2 (with inertia too)",
+    lambda order: type(order) is int and 0 <= order <= 2,
+)
 
 
 @attrs.frozen
@@ -129,16 +156,18 @@ class KernelRegression(base.Method):
     about a switch, the truth lies outside.
     """
 
-    period: float | None = None
-    length_periodic: float = PRESETS["simulation"]["length_periodic"]
-    length_decay: float = PRESETS["simulation"]["length_decay"]
-    gamma: float | tuple[float, float, float] = PRESETS["simulation"]["gamma"]
-    band: tuple[float, float] = (0.0, 20.0)
-    order: int = 2
-    lag: float = 0.0
-    scale: float | None = None
+    period: float | None = attrs.field(default=None, validator=optional(positive))
+    length_periodic: float = attrs.field(default=USUAL["length_periodic"], validator=positive)
+    length_decay: float = attrs.field(default=USUAL["length_decay"], validator=positive)
+    gamma: float | tuple[float, float, float] = attrs.field(
+        default=USUAL["gamma"], validator=_one_or_three
+    )
+    band: tuple[float, float] = attrs.field(default=(0.0, 20.0), validator=BAND)
+    order: int = attrs.field(default=2, validator=ORDER)
+    lag: float = attrs.field(default=0.0, validator=not_negative)
+    scale: float | None = attrs.field(default=None, validator=optional(positive))
     reference: str | None = None
-    weighting: Weights = "white"
+    weighting: Weights = attrs.field(default="white", validator=one_of(Weights))
 
     key = "kbr"
     contiguous = True
@@ -157,39 +186,6 @@ class KernelRegression(base.Method):
         "ripples beside it."
     )
     cites = ("lataire2017", "cavallo2020", "vanderuit2021")
-
-    def __attrs_post_init__(self) -> None:
-        base.check_choice(self, "weighting", Weights)
-        for name in ("length_periodic", "length_decay", "period", "scale"):
-            if (size := getattr(self, name)) is not None:
-                base.check_positive(self, **{name: size})
-        several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
-        if len(several) != 3:
-            raise InputError(
-                "KernelRegression: gamma must be one number, or three: of stiffness, viscosity "
-                "and inertia; got "
-                f"{self.gamma!r}"
-            )
-        for gamma in several:
-            base.check_positive(self, gamma=gamma)
-        try:
-            low, high = (float(edge) for edge in self.band)
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}"
-            ) from error
-        if not 0 <= low < high < math.inf:
-            raise InputError(
-                f"KernelRegression: band must rise from 0 Hz or more, got {self.band!r}"
-            )
-        if type(self.order) is not int or not 0 <= self.order <= 2:
-            raise InputError(
-                "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with "
-                "inertia too), got "
-                f"{self.order!r}"
-            )
-        if self.lag != 0:
-            base.check_positive(self, lag=self.lag)
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:

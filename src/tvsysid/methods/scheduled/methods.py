@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, Estimate
 from tvsysid.methods import base
 from tvsysid.methods.cascade.pathways import Stretch, history
@@ -19,6 +18,7 @@ from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 
 ORDERS = range(11)  # of the polynomials, that are tried
 # per cent of the torque's variance by which an order must predict better than the one given
@@ -41,47 +41,18 @@ ALONE = 0.02  # share of a fold's samples that the others' range may lack
 class Scheduled(base.Method):
     """Settings and steps that both methods share; see :class:`ScheduledIRF`."""
 
-    variable: str = "scheduling"
-    order: int | None = None
-    reflex: bool = True
-    reflex_order: int | None = None
-    rest_order: int = 0
-    delay: float = 0.05
-    memory: float = 0.76
-    filters: int = 9
-    time_constant: float = 0.03
-    threshold: float = 0.0
+    variable: str = attrs.field(default="scheduling", validator=text)
+    order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
+    reflex: bool = attrs.field(default=True, validator=boolean)
+    reflex_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
+    rest_order: int = attrs.field(default=0, validator=at_least(0))
+    delay: float = attrs.field(default=0.05, validator=not_negative)
+    memory: float = attrs.field(default=0.76, validator=positive)
+    filters: int = attrs.field(default=9, validator=at_least(1))
+    time_constant: float = attrs.field(default=0.03, validator=positive)
+    threshold: float = attrs.field(default=0.0, validator=not_negative)
 
     uses_recorded_angle = True
-
-    def __attrs_post_init__(self) -> None:
-        name = type(self).__name__
-        base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
-        orders = {
-            "order": self.order,
-            "reflex_order": self.reflex_order,
-            "rest_order": self.rest_order,
-        }
-        base.check_whole(
-            self, 0, **{name: order for name, order in orders.items() if order is not None}
-        )
-        base.check_whole(self, 1, filters=self.filters)
-        for setting in ("delay", "threshold"):
-            value = getattr(self, setting)
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, float))
-                or not 0 <= value < np.inf
-            ):
-                raise InputError(
-                    f"{name}: {setting} must be a finite number from 0 on, got {value!r}"
-                )
-        if not isinstance(self.variable, str) or not isinstance(self.reflex, bool):
-            raise InputError(
-                f"{name}: expected the name of a channel as variable, and true or false as "
-                "reflex; got "
-                f"{self.variable!r} and {self.reflex!r}"
-            )
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
@@ -266,7 +237,7 @@ class ScheduledIRF(Scheduled):
     the study of dynamic joint stiffness, IFAC-PapersOnLine 48.
     """
 
-    max_lag: float = 0.04
+    max_lag: float = attrs.field(default=0.04, validator=positive)
 
     key = "lpv"
     title = "Impulse response that follows a measured variable (LPV)"
@@ -280,10 +251,6 @@ class ScheduledIRF(Scheduled):
         "averaged over."
     )
     cites = ("sobhani2013", "sobhani2015")
-
-    def __attrs_post_init__(self) -> None:
-        super().__attrs_post_init__()
-        base.check_positive(self, max_lag=self.max_lag)
 
     def _lags(self, ensemble: Ensemble) -> int:
         return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)

@@ -320,7 +320,10 @@ def test_models_travel_and_are_told_whole(noisy, found):
 @pytest.mark.parametrize(
     ("create", "message"),
     [
-        (lambda: tv.ScheduledIRF(order=-1), "order must be a whole number from 0 on, or None, got -1"),
+        (
+            lambda: tv.ScheduledIRF(order=-1),
+            "order must be a whole number from 0 on, or None, got -1",
+        ),
         (lambda: tv.ScheduledIRF(filters=0), "filters must be a whole number from 1 on"),
         (lambda: tv.ScheduledIRF(delay=-0.1), "delay must be a number of zero or more"),
         (lambda: tv.ScheduledIRF(variable=3), "variable must be a text"),

@@ -15,7 +15,6 @@ from tvsysid.simulate import (
     Joint,
     SineWave,
 )
-from tvsysid.simulate.motion import driven_motion
 
 perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS)
 
@@ -23,28 +22,6 @@ perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS)
 def simulate(system, duration=10.0, **settings):
     return system.simulate(
         duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
-    )
-
-
-@pytest.mark.slow
-def test_motion_equals_the_differential_equation(random):
-    time = np.arange(560) / 1000  # two blocks, the last of which is not whole
-    stiffness, damping = 2000 + 1500 * np.sin(9 * time), 40 + 20 * np.cos(3 * time)
-    force = np.cumsum(random.standard_normal(560))
-    motion = driven_motion(stiffness, damping, np.stack([force, -2 * force]), 1000.0)
-    np.testing.assert_allclose(motion[:, 1], -2 * motion[:, 0])
-
-    def slope(t, state):
-        held = [np.interp(t, time, values) for values in (force, damping, stiffness)]
-        return [state[1], held[0] - held[1] * state[1] - held[2] * state[0]]
-
-    solution = solve_ivp(
-        slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-8, atol=1e-12, max_step=2e-3
-    )
-    for found, expected in zip(motion[:2, 0], solution.y, strict=True):
-        assert np.abs(found - expected).max() < 1e-3 * np.std(expected)
-    np.testing.assert_allclose(
-        motion[2, 0], force - damping * motion[1, 0] - stiffness * motion[0, 0]
     )
 
 
@@ -71,13 +48,15 @@ LOADS = {"elastic": (30.0, None, 0.05), "viscous": (0.0, 3.0, 0.0), "inertial": 
 
 @pytest.mark.parametrize("load", LOADS)
 def test_a_torque_on_a_load_equals_the_differential_equation(load):
-    # Torque and noise as recorded, linear between samples; two switches of the stiffness within the
-    # 2 s.
+    # Torque and noise as recorded, linear between samples. The stiffness switches twice in 2 s.
     stiffness, viscosity, inertia = LOADS[load]
     system = CompliantActuator(
-        actuator_stiffness=stiffness, actuator_viscosity=viscosity, actuator_inertia=inertia, disturbance="torque",
+        actuator_stiffness=stiffness,
+        actuator_viscosity=viscosity,
+        actuator_inertia=inertia,
         noise_bandwidth=5.0,
-    )  # fmt: skip
+        disturbance="torque",
+    )
     simulation = simulate(system, 2.0, perturbation=FilteredNoise(20.0), snr_db=5.0)
     recording, time = simulation.recording, simulation.recording.time
     noise = recording.torque - simulation.noiseless.torque
@@ -88,11 +67,8 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
         whole, part = divmod(1000 * t, 1)
         now, then = force[1000 + int(whole) : 1002 + int(whole)]
         own = stiffness + (150 if 0.5 <= t < 1.5 else 50)
-        return [
-            state[1],
-            (now + part * (then - now) - (2.2 + viscosity) * state[1] - own * state[0])
-            / (0.02 + inertia),
-        ]
+        net = now + part * (then - now) - (2.2 + viscosity) * state[1] - own * state[0]
+        return [state[1], net / (0.02 + inertia)]
 
     inside, angle = slice(1000, 3001), recording.angle
     velocity = (angle[998] - 8 * angle[999] + 8 * angle[1001] - angle[1002]) / 12e-3
@@ -104,17 +80,14 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
 
 @perturbed
 @pytest.mark.parametrize("actuator", [10.0, 1e3])
-def test_torque_and_angle_belong_together_however_soft_the_actuator(actuator, perturbation):
-    # Of a soft actuator the angle is a small part of the reference.
+def test_torque_and_angle_fit_on_soft_and_stiff_actuators(actuator, perturbation):
     system = CompliantActuator(Constant(100.0), actuator_stiffness=actuator)
     recording = simulate(
         system, 2.0, perturbation=PERTURBATIONS[perturbation], snr_db=np.inf
     ).recording
-    angle = CubicSpline(recording.time, recording.angle)
-    answer = (
-        100 * recording.angle + 2.2 * angle(recording.time, 1) + 0.02 * angle(recording.time, 2)
-    )
-    assert np.std((recording.torque - answer)[10:-10]) < 0.01 * np.std(recording.torque)
+    time, angle = recording.time, CubicSpline(recording.time, recording.angle)
+    torque = 100 * recording.angle + 2.2 * angle(time, 1) + 0.02 * angle(time, 2)
+    assert np.std((recording.torque - torque)[10:-10]) < 0.01 * np.std(recording.torque)
 
 
 def test_the_disturbance_alone_moves_the_angle_by_half_a_degree():
@@ -160,10 +133,7 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
             "actuator_inertia must be a number of zero or more",
         ),
         ({"disturbance": "force"}, "disturbance must be one of 'angle', 'torque', got 'force'"),
-        (
-            {"noise_bandwidth": 600.0},
-            "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz",
-        ),
+        ({"noise_bandwidth": 600.0}, "noise_bandwidth must be below half the sampling rate"),
         (
             {"stiffness": Constant(-150.0)},
             r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together",

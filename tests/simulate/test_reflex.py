@@ -21,7 +21,7 @@ def simulate(system, duration=10.0, **settings):
 
 
 def slowly(reflex, velocity, gain, rate):
-    """Reflex torque sample by sample: late, beyond the threshold, through the muscle by the trapezoidal rule."""
+    """Reflex torque sample by sample, by the trapezoidal rule."""
     late, state, before, torque = round(reflex.delay * rate), np.zeros(2), 0.0, []
     for sample in range(len(velocity)):
         frequency = (
@@ -77,14 +77,6 @@ def test_the_emg_is_what_arrives_at_the_muscle_10_ms_before_it_pulls(direction, 
     assert max(products) / np.dot(stretch, stretch) == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_noise_of_the_torque_may_be_slow():
-    usual, slow = (simulate(ReflexJoint(noise_bandwidth=band)) for band in (40.0, 1.0))
-    np.testing.assert_array_equal(usual.recording.angle, slow.recording.angle)
-    noise = [each.recording.torque - each.noiseless.torque for each in (usual, slow)]
-    assert np.std(np.diff(noise[1])) < 0.05 * np.std(np.diff(noise[0]))
-    assert np.std(noise[1][1000:-1000]) == pytest.approx(np.std(noise[0][1000:-1000]))
-
-
 @pytest.mark.parametrize("pulses", [Pulses(), Pulses(0.1, 0.35, 0.0)])
 def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
     samples = pulses.generate(200_000, 1000.0, random)
@@ -98,8 +90,6 @@ def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
         assert np.abs(own - mean).max() <= pulses.variation * mean + 0.0011
         assert own.mean() == pytest.approx(mean, rel=0.03)
     assert abs(samples.sum()) < 0.2 * np.abs(samples).sum()
-    starts = [pulses.generate(2000, 1000.0, np.random.default_rng(seed)) for seed in range(5)]
-    assert len({start.tobytes() for start in starts}) == 5
 
 
 def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
@@ -140,10 +130,6 @@ def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
             "reflex_gain must be a finite number or a callable of time",
         ),
         (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),
-        (
-            lambda: simulate(ReflexJoint(reflex_gain=lambda time: 8.0)),
-            r"ReflexJoint: reflex_gain .* shape \(\)",
-        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(create, message):

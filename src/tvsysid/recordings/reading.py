@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError
 from tvsysid.validators import boolean, finite, not_negative, one_of, optional, positive
 
 if TYPE_CHECKING:  # the command line imports this module for its options, and must start quickly
-    from tvsysid.recordings.channel import Channel
-    from tvsysid.signals import Array, Recording
+    from tvsysid.signals import Recording
 
 AngleUnit = Literal["rad", "deg"]
 TorqueUnit = Literal["Nm", "Nmm"]
 Columns = Literal["contiguous", "trials"]
 TorqueSign = Literal[1, -1]
 
-RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
-NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
 OPTION_NAMES = {"sampling_rate": "rate", "channels": "channel"}
 """Names of command-line options that differ from the names of the settings."""
 
@@ -136,18 +131,9 @@ class Reading:
             states another unit or sampling rate; if angle or torque stand still while the joint
             moves, or a channel does throughout.
         """
-        from tvsysid.checked import checked_array  # noqa: PLC0415
+        from tvsysid.recordings.read import read  # noqa: PLC0415
 
-        file = Path(path)
-        content = self.signals(file)
-        signals = {
-            name: checked_array(f"{file.name}: {name}", matrix, ("time", "trial")).ravel(order="F")
-            for name, matrix in content.matrices.items()
-        }
-        recording = self.recording(signals, content.trial_starts)
-        for text in self.warnings(content.channels, recording):
-            warnings.warn(f"{file.name}: {text}", DataQualityWarning, stacklevel=3)
-        return recording
+        return read(Path(path), self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -165,104 +151,6 @@ class Reading:
                     "inspect FILE` lists the channels of a file"
                 )
         return tuple(map(str, dict.fromkeys((self.angle, self.torque, *self.channels.values()))))
-
-    def signals(self, file: Path) -> Signals:
-        """Read the signals that a recording is made of, each of one shape (time, trial)."""
-        from tvsysid.checked import checked_array  # noqa: PLC0415
-        from tvsysid.recordings.channel import COPIES, check_memory  # noqa: PLC0415
-        from tvsysid.recordings.formats import describe_file  # noqa: PLC0415
-
-        names = self.names
-        found = describe_file(file, self.header)
-        for name in names:
-            if name not in found:
-                there = (
-                    ", ".join(f"{own} ({channel.described})" for own, channel in found.items())
-                    or "nothing"
-                )
-                raise InputError(f"{file.name}: no channel {name!r}; it holds {there}")
-        channels = {name: found[name] for name in names}
-        # Channels without numbers are refused when they are read.
-        shapes = {
-            name: _time_first(channel.shape)
-            for name, channel in channels.items()
-            if channel.values is not None
-        }
-        if len(set(shapes.values())) > 1:
-            _refuse_lengths(file, channels, shapes)
-        check_memory(file.name, sum(COPIES * channels[name].size for name in shapes))
-        matrices = {}
-        for name, channel in channels.items():
-            values = channel.read(f"{file.name}: {name}")
-            matrices[name] = values.reshape(_time_first(values.shape))
-            if matrices[name].ndim != 2 or not matrices[name].size:
-                checked_array(f"{file.name}: {name}", matrices[name], ("time", "trial"))
-        shape = matrices[names[0]].shape
-        return Signals(channels, matrices, self._trial_starts(file, channels, shape))
-
-    def _trial_starts(
-        self, file: Path, channels: Mapping[str, Channel], shape: tuple[int, ...]
-    ) -> tuple[int, ...]:
-        """First sample of each trial: of each column, or where the file states that one begins."""
-        stated = {channel.trial_starts for channel in channels.values()}
-        if len(stated) > 1:
-            raise InputError(
-                f"{file.name}: the channels are cut into trials at different samples; cut them "
-                "alike"
-            )
-        segments = next(iter(stated))
-        if self.columns == "trials":
-            return segments or tuple(range(0, shape[0] * shape[1], shape[0]))
-        if len(segments) > 1:
-            raise InputError(
-                f"{file.name}: the channels are {len(segments)} segments with gaps between them; "
-                "read each as a trial (--columns trials)"
-            )
-        return (0,)
-
-    def recording(
-        self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
-    ) -> Recording:
-        """Return the recording of signals of shape (time,), by their names in the file."""
-        from tvsysid.signals import Recording  # noqa: PLC0415
-
-        angle, torque = self.names[:2]
-        return Recording(
-            angle=_scaled(signals[angle], RAD_PER_UNIT[self.angle_unit]),
-            torque=_scaled(signals[torque], self.torque_sign * NM_PER_UNIT[self.torque_unit]),
-            sampling_rate=self.sampling_rate or math.nan,
-            start=self.start,
-            channels={name: signals[in_file] for name, in_file in self.channels.items()},
-            trial_starts=trial_starts,
-        )
-
-    def warnings(self, channels: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
-        """Yield a sentence for all that the file states otherwise, or that looks wrong."""
-        from tvsysid.recordings.plausible import contradictions, implausible  # noqa: PLC0415
-
-        angle, torque = self.names[:2]
-        units = {angle: self.angle_unit, torque: self.torque_unit}
-        yield from contradictions(channels, recording.sampling_rate, units)
-        yield from implausible(recording, angle, torque, self.angle_unit)
-
-
-@attrs.frozen
-class Signals:
-    """Signals of a file.
-
-    Parameters
-    ----------
-    channels
-        What the file states of each signal, by name.
-    matrices
-        Values of shape (time, trial), by name.
-    trial_starts
-        First sample of each trial, where all columns follow each other.
-    """
-
-    channels: dict[str, Channel]
-    matrices: dict[str, Array]
-    trial_starts: tuple[int, ...]
 
 
 @attrs.frozen(kw_only=True)
@@ -316,33 +204,3 @@ def read_recording(path: str | Path, **settings: Any) -> Recording:
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
     return Reading(**settings).read(path)
-
-
-def _refuse_lengths(
-    file: Path, channels: Mapping[str, Channel], shapes: Mapping[str, tuple[int, ...]]
-) -> None:
-    lengths = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in shapes.items())
-    rates = {name: channels[name].sampling_rate for name in shapes if channels[name].sampling_rate}
-    if len(set(rates.values())) > 1:
-        stated = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
-        lengths += f" (sampled at {stated})"
-    raise InputError(
-        f"{file.name}: the channels have different lengths: {lengths}; name channels that were "
-        "sampled together, or cut or resample them to one rate before"
-    )
-
-
-def _scaled(values: Array, factor: float) -> Array:
-    """Return values times a factor, without a copy where the factor is 1."""
-    if factor == 1:
-        return values
-    scaled = values * factor
-    scaled.flags.writeable = False
-    return scaled
-
-
-def _time_first(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Shape of a vector of any orientation as (time, 1); that of a matrix as it is."""
-    if len(shape) < 2 or (len(shape) == 2 and shape[0] == 1):
-        return (math.prod(shape), 1)
-    return shape

@@ -1,24 +1,14 @@
-"""Damaged files of every format, read by processes with limits: what is not read is refused, and nothing worse.
+"""Damaged files of every format. A mutant follows from the seed, its number and the sound files."""
 
-A mutant follows from the seed, its number and the sound files. Run by itself, any number of them
-are tried::
-
-    python -m tests.recordings.fuzzing --count 10000 --seed 1 --keep FOLDER
-"""
-
-import argparse
-import json
+import contextlib
+import multiprocessing
 import os
-import select
-import subprocess
-import sys
-import tempfile
-import time
-from collections import Counter
-from contextlib import contextmanager
+import resource
+import traceback
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -26,14 +16,20 @@ import pandas as pd
 from scipy.io import savemat
 from scipy.sparse import csc_array
 from tests.recordings import files, mutations
-from tests.recordings.reading import GIB, memory
 
-import tvsysid
-from tvsysid import Ensemble, Recording
-from tvsysid.recordings import write_ensemble, write_recording
+from tvsysid import Ensemble, InputError, Recording
+from tvsysid.recordings import (
+    describe_file,
+    load_ensemble,
+    load_recording,
+    worker,
+    write_ensemble,
+    write_recording,
+)
 
-HANG = 90  # seconds, on a machine that has other work; `reading.py` counts those of the processor
-MOST = 4 * GIB  # of memory that a process takes before it is ended
+MAX_BYTES = 8 * 2**30  # of addresses, for each process
+MAX_SECONDS = 90  # on a machine that has other work
+LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
 
 
 def write_mat_5(file, angle, torque, **settings):
@@ -181,146 +177,80 @@ def mutant(sound, seed, number):
         return name, mutations.spliced(random, content, sound[names[random.integers(len(names))]])
     if chosen < 0.7 and name in INSIDE:
         return name, INSIDE[name](random, content)
-    content = mutations.damaged(random, content)
-    return name, mutations.with_checksums(content) if chosen < 0.9 else content
+    return name, mutations.damaged(random, content)
 
 
-class Outcome(NamedTuple):
-    """What became of one mutant."""
+def read(file):
+    """Return the number of channels that could be read, and what went wrong."""
+    wrong, count = [], 0
 
-    name: str
-    number: int
-    content: bytes
-    read: int = 0
-    wrong: tuple[str, ...] = ()
-    seconds: float = 0.0
-    bytes: int = 0
+    @contextlib.contextmanager
+    def judged():
+        try:
+            yield
+        except InputError as error:
+            if file.name not in str(error):
+                wrong.append(f"the message does not name the file: {error!r}")
+        except BaseException as error:
+            wrong.append(f"{error!r} at {traceback.extract_tb(error.__traceback__)[-1]}")
+
+    channels = {}
+    with judged():
+        channels = describe_file(file)
+    for name, channel in channels.items():
+        with judged():
+            channel.described.encode("utf-8")
+            channel.read(f"{file.name}: {name}")
+            count += 1
+    for kind, load in LOADERS.items():
+        if kind in file.name:
+            with judged():
+                load(file)
+    if printed := os.pread(2, 1000, 0).decode("utf-8", "replace"):
+        os.truncate(2, 0)
+        wrong.append(f"printed: {printed}")
+    return count, wrong
 
 
 class Reader:
-    """A process that reads files until one kills it; the next gets another."""
+    """Reads files in a process of its own, in limits, until one kills it."""
 
-    def __init__(self, folder, warm):
-        self.errors, self.warm, self.process = folder / "errors.txt", warm, None
-
-    def start(self):
-        place = os.pathsep.join(
-            [str(Path(tvsysid.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-        )
-        with self.errors.open("a+") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "tests.recordings.reading", *self.warm],
-                cwd=Path(__file__).parents[2],
-                env=os.environ | {"PYTHONPATH": place, "OPENBLAS_NUM_THREADS": "1"},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-            )
-        if not self.answer(120):
-            raise RuntimeError(f"sound files cannot be read: {self.last_words()}")
-
-    def answer(self, seconds, room=MOST):
-        """One line; nothing if it does not come in time, or takes more memory than that."""
-        end, most = time.monotonic() + seconds, memory("VmRSS", self.process.pid) + room
-        while time.monotonic() < end and memory("VmRSS", self.process.pid) < most:
-            if select.select([self.process.stdout], [], [], 0.1)[0]:
-                return self.process.stdout.readline()
-        return None
-
-    def last_words(self):
-        """What it printed before it died, without the list of modules."""
-        return self.errors.read_text(errors="replace").partition("Extension modules")[0][-1500:]
+    def __init__(self, folder):
+        self.folder, self.pool = folder, None
 
     def read(self, file):
-        """What happened, as `reading.py` reports it."""
-        if self.process is None or self.process.poll() is not None:
-            self.start()
-        os.truncate(self.errors, 0)
-        print(file, file=self.process.stdin, flush=True)
-        answer = self.answer(HANG)
-        if answer:
-            return json.loads(answer)
-        taken = memory("VmRSS", self.process.pid)
-        self.end()
-        how = f"was ended after {HANG} s or at {taken / 1e9:.3g} GB" if answer is None else "died"
-        return {"wrong": [f"the process {how}: {self.last_words()}"]}
+        if self.pool is None:
+            spawn = multiprocessing.get_context("spawn")
+            self.pool = ProcessPoolExecutor(1, spawn, _limit, (self.folder,))
+        try:
+            return self.pool.submit(read, file).result(MAX_SECONDS)
+        except (BrokenProcessPool, TimeoutError) as error:
+            self.end()
+            return 0, [f"the process ended or was late: {error!r}"]
 
     def end(self):
-        if self.process is not None:
-            self.process.kill()
-            self.process.communicate()
+        for process in ((self.pool and self.pool._processes) or {}).values():
+            process.kill()
+        self.pool = None
 
 
-@contextmanager
-def reader_of(folder):
-    """Sound files, and a process that has read them."""
-    sound = sound_files(folder)
-    reader = Reader(folder, [str(folder / name) for name in SEEDS])
-    try:
-        yield sound, reader
-    finally:
-        reader.end()
+def _limit(folder):
+    warnings.simplefilter("ignore")
+    os.dup2(os.open(folder / "printed.txt", os.O_CREAT | os.O_RDWR | os.O_APPEND), 2)
+    os.dup2(2, 1)
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
+    worker.SECONDS = 1.0  # so small a file need not wait for its end
 
 
 def attack(folder, sound, reader, seed, numbers):
-    """Outcome of each mutant."""
+    """Yield the name of each mutant, how many channels could be read, and what went wrong."""
     for number in numbers:
         name, content = mutant(sound, seed, number)
         for other in (MOTION, *DESCRIPTIONS):  # the others are sound
             (folder / f"mutant-{other}").write_bytes(sound[other])
         file = folder / f"mutant-{name}"
         file.write_bytes(content)
-        yield Outcome(
-            name,
-            number,
-            content,
-            **reader.read(file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file),
+        count, wrong = reader.read(
+            file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file
         )
-
-
-def main():
-    parser = argparse.ArgumentParser(description="Read damaged files of every format.")
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--keep", type=Path, default=Path("findings"), help="folder for what was found"
-    )
-    options = parser.parse_args()
-    read, refused, found = Counter(), Counter(), Counter()
-    slowest, most = Counter(), Counter()
-    numbers = range(options.first, options.first + options.count)
-    with tempfile.TemporaryDirectory() as folder, reader_of(Path(folder)) as (sound, reader):
-        for outcome in attack(Path(folder), sound, reader, options.seed, numbers):
-            name = outcome.name
-            (found if outcome.wrong else read if outcome.read else refused)[name] += 1
-            slowest[name], most[name] = (
-                max(slowest[name], outcome.seconds),
-                max(most[name], outcome.bytes),
-            )
-            if outcome.wrong:
-                keep(options, outcome)
-    print(
-        f"{'format':15}{'read':>8}{'refused':>8}{'findings':>9}{'longest':>10}{'most memory':>13}"
-    )
-    for name in SEEDS:
-        print(
-            f"{name:15}{read[name]:8}{refused[name]:8}{found[name]:9}{slowest[name]:8.2f} "
-            f"s{most[name] / 1e6:10.0f} MB"
-        )
-    print(f"{'all':15}{read.total():8}{refused.total():8}{found.total():9}")
-    sys.exit(1 if found.total() else 0)
-
-
-def keep(options, outcome):
-    """The mutant, and what happened beside it."""
-    options.keep.mkdir(parents=True, exist_ok=True)
-    file = options.keep / f"{options.seed}-{outcome.number}-{outcome.name}"
-    file.write_bytes(outcome.content)
-    file.with_suffix(f"{file.suffix}.txt").write_text("\n".join(outcome.wrong), encoding="utf-8")
-    print(f"{file}: {outcome.wrong[0][:400]}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        yield name, count, [f"seed {seed}, number {number}: {each}" for each in wrong]

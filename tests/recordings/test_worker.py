@@ -102,7 +102,7 @@ def test_a_library_that_waits_is_ended_by_the_clock(sound, monkeypatch):
     describe_file(sound)
     os.kill(worker_pid(), signal.SIGSTOP)
     monkeypatch.setattr(worker, "WAIT_RATIO", 0.1)
-    with pytest.raises(tv.InputError, match=r"sound\.mat: the library .* did not end in 5 s"):
+    with pytest.raises(tv.InputError, match=r"sound\.mat: the library .* did not end in 3 s"):
         describe_file(sound)
 
 

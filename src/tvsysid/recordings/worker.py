@@ -25,7 +25,7 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-SECONDS, SECONDS_PER_BYTE = 5.0, 1e-6  # processor time, some ten times that of a sound file
+SECONDS, SECONDS_PER_BYTE = 3.0, 1e-6  # processor time, some ten times that of a sound file
 BYTES, BYTES_PER_BYTE = 2**30, 20  # memory, for all values of a compressed file and their copies
 WAIT_RATIO = 10  # time to wait, relative to the processor time: other programs may be at work
 

@@ -113,9 +113,9 @@ def test_a_channel_either_keeps_its_mean_or_loses_it():
     class Driven(Unused):
         inputs = (tv.Input("emg", "input", "V"),)
 
-    assert tv.methods.deviating_channels([Driven(), Unused()]) == ("emg",)
+    assert tv.methods.centered_channels([Driven(), Unused()]) == ("emg",)
     with pytest.raises(tv.InputError, match="channel 'emg' keeps its mean for one method"):
-        tv.methods.deviating_channels([Driven(), Level()])
+        tv.methods.centered_channels([Driven(), Level()])
 
 
 def test_names_in_a_dataset_are_told_apart():

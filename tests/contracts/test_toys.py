@@ -38,7 +38,7 @@ def simulated(toy):
         150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    return simulation, tv.preprocess.subtract_mean(ensemble, tv.methods.deviating_channels([toy()]))
+    return simulation, tv.preprocess.subtract_mean(ensemble, tv.methods.centered_channels([toy()]))
 
 
 @every_toy

@@ -372,7 +372,7 @@ def test_settings_that_cannot_be():
         tv.methods.parse("kbr:reference=command").identify(loop())
     with pytest.raises(tv.InputError, match="expected at least two, got one"):
         KBR.identify(loop().select([0]))
-    assert tv.methods.typed(tv.methods.parse("sds:reference=d")) == "sds:reference=d"
+    assert tv.methods.to_text(tv.methods.parse("sds:reference=d")) == "sds:reference=d"
 
 
 def test_settings_are_chosen_by_what_the_reference_moves():

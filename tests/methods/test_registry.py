@@ -17,7 +17,7 @@ from tvsysid.methods import (
     load,
     names,
     parse,
-    typed,
+    to_text,
 )
 from tvsysid.numerics.bases import CubicBSplines, FourierSeries
 
@@ -310,7 +310,7 @@ def test_what_is_run_by_default_is_the_same_whatever_is_installed():
     ],
 )
 def test_what_is_typed_makes_the_same_method(method):
-    assert parse(typed(method)) == method
+    assert parse(to_text(method)) == method
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,7 @@ def identify(
         Folder for the results.
     """
     from tvsysid.comparison import compare, prepare_recording
-    from tvsysid.methods import deviating_channels, parse
+    from tvsysid.methods import centered_channels, parse
     from tvsysid.report import write_estimates, write_folder
 
     if scheduling is not None:
@@ -156,7 +156,7 @@ def identify(
             "joint that is held still, any will do (--period 2); where nothing repeats, give the "
             "channel with a variable that the joint follows (--scheduling)"
         )
-    deviating = deviating_channels(map(parse, method))
+    deviating = centered_channels(map(parse, method))
     with shown_warnings():
         recording = reading.read(file)
         make_folder(out)
@@ -311,12 +311,12 @@ def _show_further(found: Comparison) -> None:
 
 def _show_settings(found: Comparison) -> None:
     """Print which settings were chosen from the data, and the options that repeat them."""
-    from tvsysid.methods import typed
+    from tvsysid.methods import to_text
 
     for label, item in found.evidence.items():
         say(f"{label}: {item}")
     if found.evidence:
-        labels = [typed(found.methods[label]) for label in found.evidence]
+        labels = [to_text(found.methods[label]) for label in found.evidence]
         say(f"the same settings again: --method {' --method '.join(map(shlex.quote, labels))}")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods import Method, deviating_channels
+from tvsysid.methods import Method, centered_channels
 from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
@@ -59,7 +59,7 @@ def _vaf_of(ensemble: Ensemble, left: NDArray[np.int64], method: Method, model: 
     unseen = np.array(torque)
     unseen[left] = 0.0  # a method that predicts cannot look at it
     channels = dict(ensemble.channels)
-    for name in deviating_channels([method]):
+    for name in centered_channels([method]):
         channels[name] = deviation(channels[name])
     angle = deviation(ensemble.angle)
     ensemble = attrs.evolve(ensemble, angle=angle, torque=unseen, channels=channels)

@@ -68,7 +68,7 @@ def prepare_recording(
         Period, rate and context. Without a period, the record is one realization.
     deviating
         Channels that lose their mean over realizations, as angle and torque do: see
-        :func:`tvsysid.methods.deviating_channels`. Names that the recording lacks are ignored.
+        :func:`tvsysid.methods.centered_channels`. Names that the recording lacks are ignored.
     method
         Method that judges in a single realization how much of a delay to correct.
     align_channels

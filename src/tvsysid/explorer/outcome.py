@@ -18,7 +18,7 @@ from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare_r
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Settings, SourceFile, command, python
 from tvsysid.figures import drawn, identified_quantity
-from tvsysid.methods import deviating_channels, parse
+from tvsysid.methods import centered_channels, parse
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Recording
@@ -107,7 +107,7 @@ def outcome(settings: Settings) -> Outcome:
 def _found(
     source: SourceFile | Recording, changed: int, how: Cutting, method: str
 ) -> Noted[tuple[PreparedRecording, Comparison]]:
-    cut, before = _cut(source, changed, how, tuple(deviating_channels([parse(method)])))
+    cut, before = _cut(source, changed, how, tuple(centered_channels([parse(method)])))
     found, notes = _noted(lambda: compare(cut.ensemble, [method]))
     return (cut, found), (*before, *notes)
 

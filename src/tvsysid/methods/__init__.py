@@ -1,7 +1,7 @@
 """The methods, one file or folder each. Each is a class with settings and ``fit(ensemble) -> Model``."""
 
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
-from tvsysid.methods.base import Choice, Input, Method, deviating_channels, reason_to_skip
+from tvsysid.methods.base import Choice, Input, Method, centered_channels, reason_to_skip
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -25,7 +25,7 @@ from tvsysid.methods.registry import (
     names,
     parse,
     resolve,
-    typed,
+    to_text,
 )
 from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
@@ -59,8 +59,8 @@ __all__ = [
     "SkirtDecomposition",
     "SubspaceCascade",
     "Tuned",
+    "centered_channels",
     "describe",
-    "deviating_channels",
     "from_text",
     "key_of",
     "label_of",
@@ -69,5 +69,5 @@ __all__ = [
     "parse",
     "reason_to_skip",
     "resolve",
-    "typed",
+    "to_text",
 ]

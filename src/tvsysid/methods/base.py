@@ -27,7 +27,7 @@ from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Ensemble
-from tvsysid.validators import one_of, with_settings
+from tvsysid.validators import at_least, one_of, with_settings
 
 if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
@@ -169,7 +169,9 @@ class Method(ABC):
                 *self._own_warnings(ensemble),
                 *_fit_warnings(self, ensemble, model),
             )
-        details = {**model.diagnostics.details, **aligned(ensemble)}
+        details = dict(model.diagnostics.details)
+        if ensemble.delay_removed:
+            details["delay_removed"] = ensemble.delay_removed
         diagnostics = attrs.evolve(
             model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details
         )
@@ -197,8 +199,7 @@ class Method(ABC):
             0 or more, or the method has no settings that can be chosen.
         """
         _check_ensemble(self, "tuned", ensemble)
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
+        at_least(0).check("tuned", "seed", seed)
         with single_thread():
             evidence = self._evidence(ensemble, seed)
         return Choice(with_settings(self, **evidence.settings), evidence)
@@ -225,7 +226,7 @@ def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
     return method.skip(ensemble)
 
 
-def deviating_channels(methods: Iterable[Method]) -> tuple[str, ...]:
+def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
     """Return the channels that lose their mean with the angle: inputs and references."""
     every = [item for method in methods for item in method.inputs]
     found = dict.fromkeys(item.name for item in every if item.kind != "scheduling")
@@ -236,11 +237,6 @@ def deviating_channels(methods: Iterable[Method]) -> tuple[str, ...]:
             "under two names"
         )
     return tuple(found)
-
-
-def aligned(ensemble: Ensemble) -> dict[str, float]:
-    """Return the delay between the channels that was corrected before, in s, if one was."""
-    return {"delay_removed": ensemble.delay_removed} if ensemble.delay_removed else {}
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
@@ -286,46 +282,42 @@ def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:
-    """Nearest number of samples."""
+    """Return the nearest number of samples."""
     return round(seconds * ensemble.sampling_rate)
 
 
 def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
-    """Lags to either side in samples, if a realization with its context is long enough for them."""
+    """Return lags to either side in samples. Raise if a realization is too short for them."""
     lags = whole_samples(max_lag, ensemble)
     if lags < 1:
         raise InputError(
             f"{name}: max_lag {max_lag:g} s is less than one sample at {ensemble.sampling_rate:g} "
-            "Hz; "
-            f"give at least {1 / ensemble.sampling_rate:g} s"
+            f"Hz; give at least {1 / ensemble.sampling_rate:g} s"
         )
     check_window(f"{name}: lags of ±{max_lag:g} s", 2 * lags + 1, ensemble)
     return lags
 
 
 def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
-    """Raise where no sample of a realization has a whole window about it."""
+    """Raise if no sample of a realization has a whole window around it."""
     if (
         missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples
         or samples > ensemble.angle.shape[1]
     ):
         raise InputError(
             f"{what} need {samples} samples, a realization has {ensemble.samples} with "
-            f"{ensemble.context} of "
-            "context on either side; give shorter ones, or longer realizations or context"
+            f"{ensemble.context} of context on either side; give shorter ones, or longer "
+            "realizations or context"
         )
 
 
 def missing_edge(reach: int, ensemble: Ensemble) -> int:
-    """Samples at either end of a realization from which a window would reach beyond its context."""
+    """Return how many samples at either end of a realization lack a whole window."""
     return max(0, reach - ensemble.context)
 
 
 def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDArray[Number]:
-    """Array with rows of NaN added at the ends of its first axis.
-
-    As many late ones as early ones by default.
-    """
+    """Add rows of NaN at the ends of the first axis, by default as many late as early ones."""
     late = early if late is None else late
     if early == late == 0:
         return values

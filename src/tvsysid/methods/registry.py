@@ -267,12 +267,12 @@ def _is_a(kind: str, value: object) -> bool:
     return hasattr(value, ATTRIBUTES.get(kind, "__doc__"))
 
 
-def typed(method: Method) -> str:
+def to_text(method: Method) -> str:
     """Return the text that :func:`parse` makes a method of the package of, without defaults.
 
     Examples
     --------
-    >>> typed(ShortDataSegments(window=0.2)), typed(KernelRegression())
+    >>> to_text(ShortDataSegments(window=0.2)), to_text(KernelRegression())
     ('sds:window=0.2', 'kbr')
     """
     default = type(method)()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 from contextlib import suppress
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -24,15 +25,8 @@ def split_settings(text: str) -> dict[str, str]:
     >>> split_settings("band=(1, 20),order=2")
     {'band': '(1, 20)', 'order': '2'}
     """
-    depth, pieces = 0, [""]
-    for sign in text:
-        depth += (sign in "([{") - (sign in ")]}")
-        if sign == "," and depth == 0:
-            pieces.append("")
-        else:
-            pieces[-1] += sign
     found = {}
-    for piece in filter(None, pieces):
+    for piece in filter(None, re.split(r",(?![^(\[{]*[)\]}])", text)):
         name, equals, value = piece.partition("=")
         if not equals:
             raise InputError(f"expected setting=value, got {piece!r}")
@@ -42,9 +36,7 @@ def split_settings(text: str) -> dict[str, str]:
 
 def names_of_settings(target: type) -> list[str]:
     """Return the names of the settings that a class takes."""
-    with suppress(TypeError, ValueError):  # a compiled class may not say
-        return list(inspect.signature(target).parameters)
-    return []
+    return list(inspect.signature(target).parameters)
 
 
 def further_settings(target: type) -> dict[str, type]:
@@ -64,11 +56,7 @@ def converted(target: Any, name: str, text: str) -> Any:
         If the text is no number, whole number, truth value or choice where one is expected. All
         else is left to the class.
     """
-    hints: dict[str, Any] = {}
-    for source in (target.__init__, target):
-        with suppress(Exception):  # names that exist for type checkers only
-            hints |= get_type_hints(source)
-    hint = (hints | further_settings(target)).get(name, Any)
+    hint = _type_hints(target).get(name, Any)
     if hint == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
         return basis_from_text(text)
     value: Any = text
@@ -84,6 +72,15 @@ def converted(target: Any, name: str, text: str) -> Any:
     elif not (expected := EXPECTED.get(hint, "")):
         return value
     raise InputError(f"{name} must be {expected}, got {text!r}")
+
+
+def _type_hints(target: Any) -> dict[str, Any]:
+    """Return the type hints of a class's settings, as far as its module has their names."""
+    hints: dict[str, Any] = {}
+    for source in (target.__init__, target):
+        with suppress(Exception):  # names that exist for type checkers only
+            hints |= get_type_hints(source)
+    return hints | further_settings(target)
 
 
 def _as_hinted(value: Any, hint: Any) -> Any:

@@ -20,7 +20,7 @@ from tvsysid.methods import (
     Tuned,
     key_of,
     parse,
-    typed,
+    to_text,
 )
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.adaptive.model import AdaptiveModel
@@ -251,7 +251,7 @@ def _agrees(method: Method, wanted: Method) -> bool:
     """Return whether a method has all settings of the wanted one that are not the default."""
     if type(method) is not type(wanted):
         return False
-    given, needed = (set(re.split("[:,]", typed(each))) for each in (method, wanted))
+    given, needed = (set(re.split("[:,]", to_text(each))) for each in (method, wanted))
     return needed <= given
 
 

@@ -14,7 +14,7 @@ import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import deviating_channels
+from tvsysid.methods import centered_channels
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import Preparation, prepare
 from tvsysid.recordings import read_usable_trials
@@ -176,7 +176,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
 
 
 def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
-    deviating = set(deviating_channels(experiment.named_methods.values())) & set(recording.channels)
+    deviating = set(centered_channels(experiment.named_methods.values())) & set(recording.channels)
     return prepare(recording, **experiment.preparation.model_dump(), channels=sorted(deviating))
 
 

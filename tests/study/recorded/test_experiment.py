@@ -81,7 +81,7 @@ def test_what_methods_need_of_recordings_is_known_without_their_code():
     again = Experiment.without_methods(experiment.to_json().replace("Driven", "nowhere:Driven"))
     assert again.recordings == experiment.recordings
     (stored,) = again.named_methods.values()
-    assert tv.methods.deviating_channels([stored]) == ("emg",)
+    assert tv.methods.centered_channels([stored]) == ("emg",)
     assert stored.inputs == Driven.inputs
     assert Experiment.without_methods(Experiment(virtual=3).to_json()).virtual == (3,)
 

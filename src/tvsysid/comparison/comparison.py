@@ -69,11 +69,6 @@ class Comparison(Shown):
         """
         return {label: _bands(model) for label, model in self.models.items()}
 
-    @property
-    def has_bands(self) -> bool:
-        """Whether any stiffness has a band."""
-        return any(np.isfinite(bands["stiffness"]).any() for bands in self.bands.values())
-
     @cached_property
     def vaf(self) -> dict[str, Array]:
         """Variance accounted for in each realization in %, by label, shape (realization,).
@@ -96,7 +91,7 @@ class Comparison(Shown):
 
     @cached_property
     def recommendation(self) -> Recommendation:
-        """Recommended method for the ensemble, given the reference or variable that a method uses."""
+        """Recommended method for the ensemble, given the channels that the methods use."""
         inputs = {
             item.kind: item.name for method in self.methods.values() for item in method.inputs
         }
@@ -115,7 +110,7 @@ class Comparison(Shown):
 
     @property
     def leading(self) -> str:
-        """Label of the recommended method. If that was not used, of ``adaptive``, or of the first."""
+        """Label of the recommended method; if that was not used, of ``adaptive`` or the first."""
         return next(iter(self.suited if len(self.models) > 1 else []), self._default)
 
     @property

@@ -82,9 +82,9 @@ def write_folder(
 
 
 def _title(account: Account) -> str:
-    """Return the title of the figures: the data, bands, and the correction of a delay."""
-    found, ensemble = account.found, account.found.ensemble
+    """Return the title of the figures: the data, and the correction of a delay."""
+    ensemble = account.found.ensemble
     title = "not valid: " if account.trust.level == "none" else ""
     title += f"{account.source.get('file', 'ensemble')}: {count(len(ensemble), 'realization')} of "
-    title += f"{ensemble.duration:g} s" + (", with 95 % bands" if found.has_bands else "")
+    title += f"{ensemble.duration:g} s"
     return f"{title}; {taken(ensemble.delay_removed)}" if ensemble.delay_removed else title

@@ -379,43 +379,27 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
 @pytest.mark.parametrize(
     ("create", "message"),
     [
-        (lambda: tv.EnsembleIRF(max_lag=-1), "max_lag must be a positive number"),
+        (lambda: tv.EnsembleIRF(max_lag=-1), "max_lag must be a positive number, got -1"),
         (lambda: tv.EnsembleIRF(max_lag=float("nan")), "max_lag must be a positive number"),
         (lambda: tv.EnsembleIRF(max_lag="long"), "max_lag must be a positive number, got 'long'"),
         (
             lambda: tv.EnsembleIRF(solver="svd"),
             "solver must be one of 'mdl', 'full', 'lstsq', got 'svd'",
         ),
-        (lambda: tv.EnsembleIRF(order="random"), "order must be one of"),
-        (lambda: tv.ShortDataSegments(window=0), "window must be a positive number"),
         (lambda: tv.BasisIRF(prior="flat"), "prior must be one of"),
-        (lambda: tv.BasisIRF(model="arx"), "model must be one of"),
         (lambda: tv.BasisIRF(basis=10), "basis must be a callable"),
-        (lambda: tv.EnsembleSpectral(stiffness="ac"), "stiffness must be one of"),
-        (lambda: tv.KernelRegression(gamma=0.0), "gamma must be a positive number"),
-        (lambda: tv.KernelRegression(period=-2.0), "period must be a positive number"),
-        (lambda: tv.KernelRegression(band=(20.0, 0.0)), "which rise from 0"),
-        (lambda: tv.KernelRegression(band=20.0), "two frequencies"),
+        (lambda: tv.KernelRegression(band=(20.0, 0.0)), "band must be two frequencies in Hz"),
+        (lambda: tv.KernelRegression(band=20.0), "band must be two frequencies in Hz"),
         (lambda: tv.KernelRegression.preset("real"), "'simulation', 'experiment'; got 'real'"),
         (lambda: tv.CubicBSplines(3), "at least 4"),
         (lambda: tv.GaussianBumps(10, width=0.0), "width must be a positive number"),
-        (lambda: tv.HaarWavelets(0), "at least 1"),
-        (
-            lambda: tv.methods.parse("arx"),
-            "unknown method 'arx'; the methods are eirf, sds, birf, esm, kbr",
-        ),
-        (
-            lambda: tv.methods.parse("sds:windw=1"),
-            "unknown setting 'windw'; its settings are max_lag, window",
-        ),
+        (lambda: tv.methods.parse("arx"), "unknown method 'arx'; the methods are eirf, sds, birf"),
         (
             lambda: tv.methods.parse("adaptive:reference=command"),
-            "unknown setting 'reference'; its settings are emg; methods with that setting "
-            "are sds, birf, esm",
+            "unknown setting 'reference'; its settings are emg; methods with that setting are sds",
         ),
         (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
-        (lambda: tv.methods.parse("sds:window"), "expected setting=value"),
-        (lambda: tv.methods.parse("nothing"), "unknown method 'nothing'"),
+        (lambda: tv.methods.parse("sds:window"), "expected setting=value, got 'window'"),
     ],
 )
 def test_wrong_settings_are_refused(create, message):

@@ -135,7 +135,7 @@ class JointCascade(base.Method):
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.methods.parse("cascade", delay="fit").delay
+    >>> tv.methods.parse("cascade:delay=fit").delay
     'fit'
     """
 

@@ -3,6 +3,7 @@
 import gc
 import multiprocessing
 import os
+import shlex
 import shutil
 import signal
 import sys
@@ -141,7 +142,7 @@ def quick_workers(monkeypatch, forking):
 def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     """Run the command line in this process, in a folder of its own.
 
-    Returns exit code, output and errors.
+    Takes words, or all of them in one text. Returns exit code, output and errors.
     """
     from tvsysid import cli
     from tvsysid.cli.console import errors, output
@@ -155,6 +156,8 @@ def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
         monkeypatch.setattr(console, "width", 200)
 
     def command(*words):
+        if len(words) == 1:
+            words = shlex.split(words[0])
         monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
         with pytest.raises(SystemExit) as stopped:
             cli.main()

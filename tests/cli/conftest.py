@@ -5,18 +5,7 @@ import pytest
 from tvsysid.errors import InputError
 from tvsysid.recommendation import Recommendation
 
-IDENTIFY = (
-    "--angle",
-    "angle",
-    "--torque",
-    "torque",
-    "--rate",
-    1000,
-    "--decimate",
-    100,
-    "--period",
-    2,
-)
+IDENTIFY = "--angle angle --torque torque --rate 1000 --decimate 100 --period 2"
 
 
 @pytest.fixture

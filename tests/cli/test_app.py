@@ -5,6 +5,7 @@ import sys
 from unittest.mock import Mock
 
 import pytest
+from tests.cli.conftest import IDENTIFY
 
 from tvsysid.cli.app import app
 
@@ -14,7 +15,7 @@ FILES = []
 def joint_file(tvsysid, folder):
     """A simulated recording of 40 s; made once."""
     if not FILES:
-        tvsysid("simulate", "joint.mat", "--duration", 40)
+        tvsysid("simulate joint.mat --duration 40")
         FILES.append((folder / "joint.mat").read_bytes())
     return FILES[0]
 
@@ -37,9 +38,7 @@ def test_version(tvsysid):
     assert tvsysid("--version")[:2] == (0, "tvsysid 0.1.0\n")
 
 
-IDENTIFY_JOINT = (
-    "identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 --period 2 "
-)
+IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -95,7 +94,7 @@ IDENTIFY_JOINT = (
 )
 def test_errors_are_one_line(tvsysid, tmp_path, command, message):
     (tmp_path / "joint.mat").write_bytes(joint_file(tvsysid, tmp_path))
-    code, _, err = tvsysid(*command.split())
+    code, _, err = tvsysid(command)
     assert code == 2
     assert message in err
     assert err.startswith("tvsysid: ")

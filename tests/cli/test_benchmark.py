@@ -10,17 +10,7 @@ import xarray as xr
 @pytest.mark.usefixtures("sketched")
 def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
-        "benchmark",
-        "--trials",
-        2,
-        "--duration",
-        40,
-        "--method",
-        "sds",
-        "--method",
-        "esm:window=0.4",
-        "--workers",
-        1,
+        "benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 --workers 1",
     )
     assert (code, err) == (0, "")
     assert "square-wave stiffness, filtered noise, 40 s, 10 dB, 2 trials" in out
@@ -56,16 +46,14 @@ def test_benchmark(tvsysid, tmp_path, request):
     for name in ("summary.csv", "report.html"):
         (folder / name).unlink()
     request.getfixturevalue("undrawn")
-    code, out, err = tvsysid("report", folder)
+    code, out, err = tvsysid(f"report {folder}")
     assert (code, err) == (0, "")
     assert (folder / "summary.csv").read_text() == before
     assert (folder / "report.html").exists()
 
 
 def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
-    code, out, _ = tvsysid(
-        "benchmark", "--preset", "paper", "--trials", 4, "--method", "birf", "--dry-run"
-    )
+    code, out, _ = tvsysid("benchmark --preset paper --trials 4 --method birf --dry-run")
     assert code == 0
     assert "4 trials of each of 12 scenarios, seed 0: 48 trials, 10,560 s of data" in out
     assert "nothing was run" in out
@@ -77,7 +65,7 @@ def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(
         'duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n'
     )
-    code, _, _ = tvsysid("benchmark", "study.toml", "--trials", 2, "--workers", 1, "--out", "out")
+    code, _, _ = tvsysid("benchmark study.toml --trials 2 --workers 1 --out out")
     assert code == 0
     table = pd.read_csv(tmp_path / "out" / "summary.csv")
     assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == (
@@ -94,19 +82,10 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     (tmp_path / "faulty.py").write_text(
         "import tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, ensemble):\n        raise KeyError('no key')\n"
     )
-    words = (
-        "--duration",
-        40,
-        "--perturbation",
-        "prbs",
-        "--trials",
-        2,
-        "--method",
-        "sds",
-        "--workers",
-        1,
+    code, _, err = tvsysid(
+        "benchmark --duration 40 --perturbation prbs --trials 2 --workers 1 --method sds "
+        "--method faulty:Mine"
     )
-    code, _, err = tvsysid("benchmark", *words, "--method", "faulty:Mine")
     assert code == 1
     assert (
         "error: faulty:Mine: 2 of 2 trials failed and are left out; the first: KeyError: 'no key'"
@@ -127,18 +106,10 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "sketched")  # claims about reflexes have figures of their own
 def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
-    words = (
-        "--system",
-        "reflex-sine",
-        "--stiffness",
-        "sine",
-        "--perturbation",
-        "noise",
-        "--duration",
-        20,
+    code, out, _ = tvsysid(
+        "benchmark --system reflex-sine --stiffness sine --perturbation noise --duration 20 "
+        "--trials 1 --method birf --method cascade --workers 1"
     )
-    words += ("--trials", 1, "--method", "birf", "--method", "cascade", "--workers", 1)
-    code, out, _ = tvsysid("benchmark", *words)
     assert code == 0
     (birf,), (cascade,) = (
         [line for line in out.splitlines() if f" {name} " in line][:1]
@@ -152,34 +123,21 @@ def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
-    def values(folder, *words):
-        options = (
-            "--trials",
-            2,
-            "--duration",
-            40,
-            "--method",
-            "birf",
-            "--perturbation",
-            "prbs",
-            "--workers",
-            1,
-        )
-        assert tvsysid("benchmark", *options, "--out", folder, *words)[0] == 0
+    def values(folder, seed=0):
+        options = "--trials 2 --duration 40 --method birf --perturbation prbs --workers 1"
+        assert tvsysid(f"benchmark {options} --out {folder} --seed {seed}")[0] == 0
         table = pd.read_csv(tmp_path / folder / "summary.csv")
         return table[table.metric != "seconds"].value.to_numpy()
 
     one = values("one")
     np.testing.assert_array_equal(one, values("two"))
-    assert not np.array_equal(one, values("three", "--seed", 7))
+    assert not np.array_equal(one, values("three", 7))
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):
-    code, _, err = tvsysid(
-        "benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1
-    )
+    code, _, err = tvsysid("benchmark --trials 2 --duration 40 --method eirf --workers 1")
     assert code == 0
     assert "warning: eirf: " in err
     assert "fewer than the 25 lags" in err
@@ -194,28 +152,13 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
         "class Joint(tv.simulate.Joint):\n    pass\n"
         "class Noise(tv.simulate.FilteredNoise):\n    pass\n"
     )
-    own = [
-        f"--{name}=mysystem:{what}" for name, what in (("system", "Joint"), ("stiffness", "ramp"))
-    ]
-    options = (
-        "--duration",
-        8,
-        "--period",
-        1,
-        "--rate",
-        125,
-        "--trials",
-        1,
-        "--method",
-        "birf",
-        "--workers",
-        1,
-    )
-    assert tvsysid("benchmark", *own, "--perturbation", "mysystem:Noise", *options)[0] == 0
+    own = "--system mysystem:Joint --stiffness mysystem:ramp --perturbation mysystem:Noise"
+    options = "--duration 8 --period 1 --rate 125 --trials 1 --method birf --workers 1"
+    assert tvsysid(f"benchmark {own} {options}")[0] == 0
     table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv")
     assert set(table.system) == {"mysystem:Joint"}
     assert set(table.quantity.dropna()) == {"stiffness", "viscosity", "inertia"}
-    code, _, err = tvsysid("benchmark", "--system", "ankle", "--dry-run")
+    code, _, err = tvsysid("benchmark --system ankle --dry-run")
     assert code == 2
     assert (
         "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, "
@@ -227,18 +170,8 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
 @pytest.mark.usefixtures("undrawn")
 def test_the_titles_of_tables_tell_systems_apart(tvsysid):
     code, out, _ = tvsysid(
-        *(
-            "benchmark",
-            "--system",
-            "joint",
-            "--system",
-            "reflex",
-            "--trials",
-            "1",
-            "--duration",
-            "20",
-        ),
-        *("--perturbation", "prbs", "--method", "birf", "--workers", "1"),
+        "benchmark --system joint --system reflex --trials 1 --duration 20 --perturbation prbs "
+        "--method birf --workers 1"
     )
     assert code == 0
     assert "\nreflex, square-wave stiffness, PRBS, 20 s, 10 dB, 1 trial" in out

@@ -1,4 +1,4 @@
-"""Further channels, further quantities, methods that are skipped, and names that look like markup."""
+"""Further channels and quantities, methods that are skipped, and names like markup."""
 
 import numpy as np
 import pandas as pd
@@ -45,7 +45,7 @@ class Lazy(Scheduled):
         return "it wants a [bold]holiday[/bold]"
 '''
 
-IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 100, "--period", 2)
+IDENTIFY = "--angle angle --torque torque --rate 100 --period 2"
 
 
 @pytest.fixture
@@ -69,15 +69,8 @@ def recording(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
-    words = (
-        "--channel",
-        "emg=EMG_SIGNAL",
-        "--method",
-        "channel_methods:Scheduled",
-        "--method",
-        "birf",
-    )
-    code, out, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    words = "--channel emg=EMG_SIGNAL --method channel_methods:Scheduled --method birf"
+    code, out, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
     assert (code, err) == (0, "")
     assert "[red]joint.npz: " in out
     # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of
@@ -114,8 +107,8 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
 @pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
-    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Driven")
-    code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    words = "--channel emg=EMG_SIGNAL --method channel_methods:Driven"
+    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
     assert (code, err) == (0, "")
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
     np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
@@ -126,15 +119,13 @@ def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
 def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(
     tvsysid, recording, tmp_path
 ):
-    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Lazy", "--method", "birf")
-    code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    words = "--channel emg=EMG_SIGNAL --method channel_methods:Lazy --method birf"
+    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
     assert code == 0
     assert err == "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]\n"
     assert set(pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").method) == {"birf"}
     # One that lacks its channel is skipped too; if no method is left, that is an error.
-    code, _, err = tvsysid(
-        "identify", recording, *IDENTIFY, "--method", "channel_methods:Scheduled"
-    )
+    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} --method channel_methods:Scheduled")
     assert code == 2
     assert "channel_methods:Scheduled: it needs the channel 'emg' (scheduling, V)" in err
     assert err.count("\n") == 1
@@ -143,9 +134,7 @@ def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_diagnosis_takes_channels(tvsysid, recording):
-    code, out, _ = tvsysid(
-        "inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL"
-    )
+    code, out, _ = tvsysid(f"inspect {recording} --diagnose {IDENTIFY} --channel emg=EMG_SIGNAL")
     assert code == 0
     assert "[red]joint.npz (angle, torque): 18 realizations" in out
 
@@ -155,15 +144,7 @@ def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
     np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})
     code, _, err = tvsysid(
-        "identify",
-        "degrees.npz",
-        "--angle",
-        "[/bold]angle",
-        *IDENTIFY[2:],
-        "--method",
-        "birf",
-        "--out",
-        "[b]out",
+        f"identify degrees.npz {IDENTIFY} --angle [/bold]angle --method birf --out [b]out"
     )
     assert code == 0
     assert "warning: " in err
@@ -188,20 +169,10 @@ def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
         torque=recording.torque,
         ankle=recording.channels["ankle"],
     )
-    signals = (
-        "moving.npz",
-        "--angle",
-        "angle",
-        "--torque",
-        "torque",
-        "--rate",
-        500,
-        "--decimate",
-        100,
-    )
-    code, _, err = tvsysid("identify", *signals)
+    signals = "moving.npz --angle angle --torque torque --rate 500 --decimate 100"
+    code, _, err = tvsysid(f"identify {signals}")
     assert (code, "--period is missing: the duration of one repetition" in err) == (2, True)
-    code, out, err = tvsysid("identify", *signals, "--scheduling", "ankle", "--out", "found")
+    code, out, err = tvsysid(f"identify {signals} --scheduling ankle --out found")
     assert code == 0, err
     assert "1 realization" in out
     assert "of five folds held out" in out

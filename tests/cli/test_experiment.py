@@ -39,18 +39,8 @@ ends = 1
 
 @pytest.mark.usefixtures("sketched")
 def test_virtual_participants(tvsysid, tmp_path, request):
-    words = (
-        "experiment",
-        "--virtual",
-        1,
-        "--perturbation",
-        "prbs",
-        "--method",
-        "birf",
-        "--realizations",
-        20,
-    )
-    code, _, err = tvsysid(*words, "--bootstraps", 3, "--workers", 1)
+    words = "experiment --virtual 1 --perturbation prbs --method birf --realizations 20"
+    code, _, err = tvsysid(f"{words} --bootstraps 3 --workers 1")
     assert code == 0
     assert " ".join(err.split()).startswith(
         "warning: P1-prbs: Aligning realizations to the target changes"
@@ -84,7 +74,7 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     for name in tables:
         (folder / name).unlink()
     request.getfixturevalue("undrawn")
-    assert tvsysid("report", folder)[0] == 0
+    assert tvsysid(f"report {folder}")[0] == 0
     assert {name: (folder / name).read_bytes() for name in tables} == tables
 
 
@@ -93,7 +83,7 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     write_trials(tmp_path)
     savemat(tmp_path / "trial3.mat", {"angle": np.zeros(3000)})
     (tmp_path / "study.toml").write_text(FILES)
-    code, _, err = tvsysid("experiment", "study.toml", "--out", "found")
+    code, _, err = tvsysid("experiment study.toml --out found")
     # What could not be done makes the exit code 1, and what could is there.
     assert code == 1
     assert "anna-noise: trial3.mat is left out: no channel 'torque'; it holds angle" in err
@@ -104,14 +94,14 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     page = (tmp_path / "found" / "report.html").read_text()
     assert "trial3.mat is left out" in page
     # Again, what was done is not done twice.
-    code, _, err = tvsysid("experiment", "study.toml", "--out", "found")
+    code, _, err = tvsysid("experiment study.toml --out found")
     assert code == 1
     assert "resuming: 4 of 8 analyses are done already" in err  # bert has no recording to analyse
     # The recordings are gone; tables and page can be had from the results all the same.
     for number in range(3):
         (tmp_path / f"trial{number}.mat").unlink()
     kept = (tmp_path / "found" / "exclusions.csv").read_bytes()
-    code, _, err = tvsysid("report", "found")
+    code, _, err = tvsysid("report found")
     assert code == 0
     assert "trial3.mat is left out" in (tmp_path / "found" / "report.html").read_text()
     assert "the recordings are missing or have changed" in err
@@ -120,14 +110,14 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
 
 def test_without_any_usable_recording_nothing_is_run(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(FILES)
-    code, _, err = tvsysid("experiment", "study.toml")
+    code, _, err = tvsysid("experiment study.toml")
     assert code == 2
     assert "no recording can be used; correct the errors above" in err
 
 
 def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(FILES.replace("bootstraps", "bootstrap"))
-    code, _, err = tvsysid("experiment", "study.toml")
+    code, _, err = tvsysid("experiment study.toml")
     assert code == 2
     assert "study.toml: experiment: bootstrap: unknown key; did you mean bootstraps?" in " ".join(
         err.split()
@@ -135,7 +125,7 @@ def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
 
 
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
-    code, out, _ = tvsysid("simulate", "P3-prbs.mat", "--participant", 3, "--perturbation", "prbs")
+    code, out, _ = tvsysid("simulate P3-prbs.mat --participant 3 --perturbation prbs")
     assert code == 0
     (tmp_path / "study.toml").write_text(out.split("put this into study.toml:")[1])
     experiment = tv.study.Experiment.from_toml(tmp_path / "study.toml")
@@ -144,4 +134,4 @@ def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
     (expected,) = tv.study.prepared_recordings(virtual)
     np.testing.assert_array_equal(prepared.ensemble.torque, expected.ensemble.torque)
     assert json.loads(experiment.to_json())["participants"] == {"P3": {"prbs": ["P3-prbs.mat"]}}
-    assert tvsysid("simulate", "P3.csv", "--participant", 3)[0] == 2
+    assert tvsysid("simulate P3.csv --participant 3")[0] == 2

@@ -1,7 +1,6 @@
 """`tvsysid identify`."""
 
 import re
-import shlex
 
 import numpy as np
 import pandas as pd
@@ -25,20 +24,19 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
         "    def fit(self, ensemble):\n        return tv.Model.of(ensemble, 80.0)\n"
         "class Faulty(tv.Method):\n    def fit(self, ensemble):\n        return 1 / 0\n"
     )
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    code, out, err = tvsysid(
-        "identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds"
-    )
+    tvsysid("simulate joint.mat --duration 40")
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} --method plainly:Mine --method sds")
     assert (code, err) == (0, "")
     assert "plainly:Mine" in out
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").groupby("method")
     assert set(table.get_group("plainly:Mine").stiffness) == {80.0}
     assert table.get_group("plainly:Mine").inertia.isna().all()
-    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Faulty")
+    code, _, err = tvsysid(f"identify joint.mat {IDENTIFY} --method plainly:Faulty")
     assert code == 2
     assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 7)" in err
-    methods = ["--method", "plainly:Faulty", "--method", "sds"]
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--out", "others")
+    code, out, err = tvsysid(
+        f"identify joint.mat {IDENTIFY} --method plainly:Faulty --method sds --out others"
+    )
     assert code == 1
     assert (
         "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 7)"
@@ -54,8 +52,8 @@ def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_pat
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", interrupted)
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf", "--out", "found")
+    tvsysid("simulate joint.mat --duration 40")
+    tvsysid(f"identify joint.mat {IDENTIFY} --method birf --out found")
     assert sorted(
         each.name for each in (tmp_path / "found").iterdir() if each.suffix in {".csv", ".nc"}
     ) == [
@@ -68,25 +66,14 @@ def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_pat
 
 @pytest.mark.slow
 def test_simulate_then_identify(tvsysid, tmp_path):
-    code, out, _ = tvsysid(
-        "simulate", "joint.mat", "--duration", 60, "--perturbation", "prbs", "--snr", 20
-    )
+    code, out, _ = tvsysid("simulate joint.mat --duration 60 --perturbation prbs --snr 20")
     assert code == 0
     assert (
         "tvsysid identify joint.mat --angle angle --torque torque --rate 1000 --decimate 100 "
         "--period 2" in out
     )
     code, out, err = tvsysid(
-        "identify",
-        "joint.mat",
-        *IDENTIFY,
-        "--method",
-        "sds",
-        "--method",
-        "kbr",
-        "--out",
-        "found",
-        "--sheet",
+        f"identify joint.mat {IDENTIFY} --method sds --method kbr --out found --sheet",
     )
     assert (code, err) == (0, "")
     assert "28 realizations of 2 s" in out
@@ -103,10 +90,10 @@ def test_simulate_then_identify(tvsysid, tmp_path):
         assert set(tree.children) == {"sds", "kbr"}
     assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
     assert "tvsysid identify joint" in (tmp_path / "found" / "report.html").read_text()
-    code, out, err = tvsysid("report", "found", "found", "--sheet")
+    code, out, err = tvsysid("report found found --sheet")
     assert (code, out, err) == (0, "wrote sheet.html to found/\n", "")
     assert "2. found" in (tmp_path / "found" / "sheet.html").read_text()
-    code, _, err = tvsysid("report", "found", "found")
+    code, _, err = tvsysid("report found found")
     assert code == 2
     assert "several visits of one person take --sheet" in err
 
@@ -114,8 +101,8 @@ def test_simulate_then_identify(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    code, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY)
+    tvsysid("simulate joint.mat --duration 40")
+    code, out, _ = tvsysid(f"identify joint.mat {IDENTIFY}")
     assert code == 0
     _, first, switch, other, between, *table = out.splitlines()
     found = re.fullmatch(
@@ -132,9 +119,8 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
 
 
 def told_with_period(tvsysid, period):
-    tvsysid("simulate", "joint.mat", "--duration", 60)  # of 2 s
-    options = [period if each == 2 else each for each in IDENTIFY]
-    code, out, err = tvsysid("identify", "joint.mat", *options, "--method", "birf")
+    tvsysid("simulate joint.mat --duration 60")  # of 2 s
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} --period {period} --method birf")
     assert code == 0
     return out, err
 
@@ -166,12 +152,12 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
 def test_no_stiffness_is_stated_from_wrong_channels_or_units(
     tvsysid, angle, torque, reason, remedy
 ):
-    tvsysid("simulate", "joint.mat", "--duration", 40)
+    tvsysid("simulate joint.mat --duration 40")
     signals = loadmat("joint.mat")
     more = {"degrees": np.degrees(signals["angle"]), "mm": 1000 * signals["torque"]}
     savemat("joint.mat", {"angle": signals["angle"], "torque": signals["torque"]} | more)
-    words = ("--angle", angle, "--torque", torque, *IDENTIFY[4:], "--method", "adaptive")
-    code, out, _ = tvsysid("identify", "joint.mat", *words)
+    channels = f"--angle {angle} --torque {torque}"
+    code, out, _ = tvsysid(f"identify joint.mat {IDENTIFY} {channels} --method adaptive")
     _, told, table, *_ = out.splitlines()
     assert code == 0
     assert told.startswith(f"no stiffness is stated. {reason}: ")
@@ -195,7 +181,7 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid
         "cmd": recording.channels["disturbance"],
     }
     savemat("loop.mat", signals)
-    _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, "--method", "adaptive")
+    _, out, _ = tvsysid(f"identify loop.mat {IDENTIFY} --method adaptive")
     told = out.splitlines()[1]
     assert told.startswith(
         "no stiffness is stated. Channel 'cmd' moves the angle, and was not named as the "
@@ -203,7 +189,7 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid
     )
     options = told.partition("identify by ")[2].removesuffix(".")
     assert options == "--channel cmd=cmd --method kbr:reference=cmd,weighting=residual"
-    _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, *options.split())
+    _, out, _ = tvsysid(f"identify loop.mat {IDENTIFY} {options}")
     assert float(re.search(r"│ kbr:reference\S* +│ +([\d.]+)", out)[1]) == pytest.approx(
         100, rel=0.1
     )
@@ -219,18 +205,9 @@ def test_a_period_twice_too_long_is_noted_once(tvsysid):
 
 
 def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
-    tvsysid("simulate", "joint.mat", "--duration", 10)
+    tvsysid("simulate joint.mat --duration 10")
     _, _, err = tvsysid(
-        "identify",
-        "joint.mat",
-        "--angle",
-        "angle",
-        "--torque",
-        "torque",
-        "--rate",
-        1000,
-        "--period",
-        99,
+        "identify joint.mat --angle angle --torque torque --rate 1000 --period 99",
     )
     note, *_ = err.splitlines()
     assert note.startswith(
@@ -241,7 +218,7 @@ def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_trials_and_degrees(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)
+    tvsysid("simulate joint.mat --duration 60 --snr 30")
     signals = loadmat("joint.mat")
     savemat(
         "trials.mat",
@@ -250,17 +227,8 @@ def test_trials_and_degrees(tvsysid, tmp_path):
             "torque": -signals["torque"].reshape(6, 10_000).T,
         },
     )
-    options = (
-        "--columns",
-        "trials",
-        "--angle-unit",
-        "deg",
-        "--torque-sign",
-        -1,
-        "--method",
-        "birf",
-    )
-    code, out, _ = tvsysid("identify", "trials.mat", *IDENTIFY, *options)
+    options = "--columns trials --angle-unit deg --torque-sign -1 --method birf"
+    code, out, _ = tvsysid(f"identify trials.mat {IDENTIFY} {options}")
     assert code == 0
     assert "18 realizations of 2 s" in out
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
@@ -270,7 +238,7 @@ def test_trials_and_degrees(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_identify_takes_other_formats(tvsysid, tmp_path):
-    code, out, _ = tvsysid("simulate", "joint.csv", "--duration", 40)
+    code, out, _ = tvsysid("simulate joint.csv --duration 40")
     assert code == 0
     assert (
         "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 "
@@ -282,7 +250,7 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
     )
     found = []
     for name in ("joint.csv", "joint.nc"):
-        code, out, err = tvsysid("identify", name, *IDENTIFY, "--method", "birf")
+        code, out, err = tvsysid(f"identify {name} {IDENTIFY} --method birf")
         assert (code, err) == (0, "")
         assert "18 realizations of 2 s" in out
         found.append((tmp_path / "tvsysid-identify" / "stiffness.csv").read_text())
@@ -292,32 +260,32 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.mat", "--duration", 40, "--perturbation", "prbs", "--snr", 20)
+    tvsysid("simulate joint.mat --duration 40 --perturbation prbs --snr 20")
     signals = loadmat(tmp_path / "joint.mat")
     savemat(
         tmp_path / "late.mat", {"angle": signals["angle"], "torque": np.roll(signals["torque"], 3)}
     )
     inertia, said = {}, {}
     for file, options in (
-        ("joint.mat", []),
-        ("late.mat", ["--no-align-channels"]),
-        ("late.mat", []),
+        ("joint.mat", ""),
+        ("late.mat", "--no-align-channels"),
+        ("late.mat", ""),
     ):
-        code, said[file, len(options)], err = tvsysid(
-            "identify", file, *IDENTIFY, "--method", "sds", *options
+        code, said[file, options], err = tvsysid(
+            f"identify {file} {IDENTIFY} --method sds {options}"
         )
         assert (code, err) == (0, "")
-        inertia[file, len(options)] = pd.read_csv(
+        inertia[file, options] = pd.read_csv(
             tmp_path / "tvsysid-identify" / "stiffness.csv"
         ).inertia.mean()
-    assert "corrected" not in said["joint.mat", 0] + said["late.mat", 1]
+    assert "corrected" not in said["joint.mat", ""] + said["late.mat", "--no-align-channels"]
     late = re.search(
         r"the torque is ([\d.]+) ± [\d.]+ ms late; all of it is corrected: held-out",
-        said["late.mat", 0],
+        said["late.mat", ""],
     )
     assert float(late[1]) == pytest.approx(3, abs=0.75)  # less is in order
-    assert inertia["late.mat", 1] < 0.7 * inertia["joint.mat", 0]
-    assert inertia["late.mat", 0] == pytest.approx(0.02, rel=0.06)
+    assert inertia["late.mat", "--no-align-channels"] < 0.7 * inertia["joint.mat", ""]
+    assert inertia["late.mat", ""] == pytest.approx(0.02, rel=0.06)
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
         assert 1000 * tree["sds"].attrs["delay_removed"] == pytest.approx(float(late[1]), abs=0.01)
 
@@ -326,7 +294,7 @@ def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
 def test_gaps_and_mains_are_taken_out_and_said(tvsysid, tmp_path):
     recording = faults.gapped(faults.humming(faults.simulated(40.0)))
     savemat(tmp_path / "joint.mat", {"angle": recording.angle, "torque": recording.torque})
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds")
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} --method sds")
     assert (code, err) == (0, "")
     assert re.search(
         r"both signals .* for 0\.051? s at .* 2 times more; 3 realizations with gaps were left out",
@@ -337,16 +305,15 @@ def test_gaps_and_mains_are_taken_out_and_said(tvsysid, tmp_path):
         in out
     )
     assert "16 realizations of 2 s" in out
-    _, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds", "--no-remove-mains")
+    _, out, _ = tvsysid(f"identify joint.mat {IDENTIFY} --method sds --no-remove-mains")
     assert "mains hum" not in out
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched", "only_identified")
 def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
-    tvsysid("simulate", "joint.mat", "--duration", 40)
-    methods = ("--method", "birf", "--method", "kbr")
-    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
+    tvsysid("simulate joint.mat --duration 40")
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} --method birf --method kbr --tune")
     assert (code, err) == (0, "")
     assert (
         "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, "
@@ -375,16 +342,12 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
     kept = pd.read_csv(folder / "stiffness.csv")
     request.getfixturevalue("undrawn")
-    code, out, err = tvsysid(
-        "identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2])
-    )
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} {again.partition(': ')[2]}")
     assert (code, err) == (0, "")
     repeated = pd.read_csv(folder / "stiffness.csv")
     np.testing.assert_array_equal(repeated.stiffness, kept.stiffness)
     # As in a study, one method may choose its settings and another not.
-    code, out, err = tvsysid(
-        "identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds"
-    )
+    code, out, err = tvsysid(f"identify joint.mat {IDENTIFY} --method birf:tuned=true --method sds")
     assert (code, err) == (0, "")
     assert "the same settings again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
 
@@ -392,12 +355,8 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
-    tvsysid(
-        "simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40
-    )
-    _, _, err = tvsysid(
-        "identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade"
-    )
+    tvsysid("simulate reflex.mat --system reflex --stiffness constant --duration 40")
+    _, _, err = tvsysid(f"identify reflex.mat {IDENTIFY} --method sds --method cascade")
     assert err.startswith(
         "warning: the stiffness of sds includes the torque of a reflex: positive velocity predicts "
     )

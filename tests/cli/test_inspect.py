@@ -8,8 +8,8 @@ from tvsysid.cli.options import decimation
 
 
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.mat", "--duration", 4)
-    code, out, err = tvsysid("inspect", "joint.mat")
+    tvsysid("simulate joint.mat --duration 4")
+    code, out, err = tvsysid("inspect joint.mat")
     assert (code, err) == (0, "")
     rows = [
         [cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line
@@ -20,15 +20,15 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     options = "--angle CHANNEL --torque CHANNEL --rate 1000 --decimate 100 --period SECONDS"
     assert f"identify it with\ntvsysid identify joint.mat {options}" in out
     assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
-    assert tvsysid("inspect", "joint.mat", "--plot", "deep/joint.svg")[0] == 0
+    assert tvsysid("inspect joint.mat --plot deep/joint.svg")[0] == 0
     assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_inspect_diagnoses(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.mat", "--duration", 60)
-    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
+    tvsysid("simulate joint.mat --duration 60")
+    code, out, err = tvsysid(f"inspect joint.mat --diagnose {IDENTIFY}")
     assert (code, err) == (0, "")
     assert (
         "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 "
@@ -44,7 +44,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
     assert "Diagnosis of joint.mat (angle, torque)" in page
     code, out, err = tvsysid(
-        "inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9"
+        f"inspect joint.mat --diagnose {IDENTIFY} --torque-sign -1 --period 1.9"
     )
     assert (code, err) == (0, "")
     assert "reversed-torque (-" in out
@@ -61,11 +61,11 @@ def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
         note=np.array("[red]hello"),
         **{f"c{number}": np.ones((3, 2)) for number in range(14)},
     )
-    code, out, err = tvsysid("inspect", "many.npz")
+    code, out, err = tvsysid("inspect many.npz")
     assert (code, err) == (0, "")
     assert "text" in out
     np.savez("none.npz", note=np.array("hello"))
-    assert tvsysid("inspect", "none.npz")[2] == "note: none.npz: no signals to draw\n"
+    assert tvsysid("inspect none.npz")[2] == "note: none.npz: no signals to draw\n"
 
 
 @pytest.mark.parametrize(

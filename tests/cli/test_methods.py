@@ -76,7 +76,7 @@ class Constant(tv.Method):
 @pytest.mark.slow
 def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     (tmp_path / "own_for_cli.py").write_text(OWN)
-    code, out, err = tvsysid("check-method", "own_for_cli:Constant")
+    code, out, err = tvsysid("check-method own_for_cli:Constant")
     assert (code, err) == (1, "")
     assert "✗ identifies a joint: Constant: fit returned an object of type float64; " in out
     assert "– predicts the torque: not run: 'identifies a joint' failed" in out
@@ -86,7 +86,7 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["sds", "esm:window=0.4", "tvsysid.methods:KernelRegression"])
 def test_check_method_passes_the_packages_own(tvsysid, name):
-    code, out, err = tvsysid("check-method", name)
+    code, out, err = tvsysid(f"check-method {name}")
     assert (code, err) == (0, "")
     assert out.count("✓") == 12
     assert f"{name} passes; use it: tvsysid benchmark --method {name}\n" in out

@@ -9,8 +9,6 @@ from tests.conftest import ensemble_of
 from tvsysid.cli.plan import _show
 from tvsysid.planning import Answer, Plan, Protocol
 
-CHANNELS = ("--angle", "angle", "--torque", "torque", "--rate", 100)
-
 
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     monkeypatch.setattr("tvsysid.planning.answers.MAX_REALIZATIONS", 40)
@@ -20,17 +18,8 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     }
     savemat(tmp_path / "pilot.mat", signals)
     code, shown, errors = tvsysid(
-        *(
-            "plan",
-            "--pilot",
-            "pilot.mat",
-            *CHANNELS,
-            "--method",
-            "birf",
-            "--method",
-            "sds:window=0.6",
-        ),
-        *("--precision", 6, "--resolution", 0.25, "--out", "planned", "--verify"),
+        "plan --pilot pilot.mat --angle angle --torque torque --rate 100 --method birf "
+        "--method sds:window=0.6 --precision 6 --resolution 0.25 --out planned --verify"
     )
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
@@ -63,23 +52,23 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
-        (("--pilot", "pilot.mat"), "angle is missing; give it (--angle)"),
+        ("--pilot pilot.mat", "angle is missing; give it (--angle)"),
         (
-            ("--pilot", "pilot.mat", "--noise", 1),
+            "--pilot pilot.mat --noise 1",
             "the pilot shows system, stiffness and noise; leave out",
         ),
-        (("--noise", 1, "--snr", 10), "--noise and --snr: give one of them"),
+        ("--noise 1 --snr 10", "--noise and --snr: give one of them"),
         (
-            ("--rate", 100, "--context", 1),
+            "--rate 100 --context 1",
             "options that describe a recording (such as --angle and --rate) need --pilot FILE",
         ),
-        (("--precision", 0), "precision must be a positive number"),
-        (("--stiffness", "squared"), "unknown profile 'squared'"),
+        ("--precision 0", "precision must be a positive number"),
+        ("--stiffness squared", "unknown profile 'squared'"),
     ],
 )
-def test_mistakes(tvsysid, words, message):
-    code, _, errors = tvsysid("plan", *words)
+def test_mistakes(tvsysid, options, message):
+    code, _, errors = tvsysid(f"plan {options}")
     assert code == 2
     assert message in errors

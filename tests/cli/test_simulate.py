@@ -1,4 +1,4 @@
-"""`tvsysid simulate` with every system, and with systems, profiles and perturbations of one's own."""
+"""`tvsysid simulate` with every system, and with parts of one's own."""
 
 import numpy as np
 import pytest
@@ -61,9 +61,7 @@ def own(tmp_path, monkeypatch):
     ],
 )
 def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further):
-    code, out, err = tvsysid(
-        "simulate", "joint.mat", "--system", name, "--duration", 8, "--seed", 3
-    )
+    code, out, err = tvsysid(f"simulate joint.mat --system {name} --duration 8 --seed 3")
     assert (code, err) == (0, "")
     signals = {
         name: values for name, values in loadmat("joint.mat").items() if not name.startswith("__")
@@ -94,92 +92,72 @@ def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further)
 
 @pytest.mark.usefixtures("own")
 def test_ones_own_profile_perturbation_and_system(tvsysid):
-    words = (
-        "--stiffness",
-        "own_systems:Steps",
-        "--perturbation",
-        "own_systems:Hum",
-        "--duration",
-        8,
+    code, out, err = tvsysid(
+        "simulate joint.mat --stiffness own_systems:Steps --perturbation own_systems:Hum "
+        "--duration 8"
     )
-    code, out, err = tvsysid("simulate", "joint.mat", *words)
     assert (code, err) == (0, "")
     assert "--period 4" in out
     assert set(np.unique(loadmat("joint.mat")["stiffness"])) == {60.0, 90.0}
-    words = (
-        "--system",
-        "tvsysid.simulate:ReflexJoint:inertia=0.03",
-        "--stiffness",
-        "sine",
-        "--duration",
-        8,
-    )
-    assert tvsysid("simulate", "reflex.mat", *words)[0] == 0
+    system = "tvsysid.simulate:ReflexJoint:inertia=0.03"
+    code, _, _ = tvsysid(f"simulate reflex.mat --system {system} --stiffness sine --duration 8")
+    assert code == 0
     assert set(np.unique(loadmat("reflex.mat")["inertia"])) == {0.03}
-    words = (
-        "--system",
-        "reflex-sine:inertia=0.03",
-        "--perturbation",
-        "pulses:duration=0.1",
-        "--duration",
-        8,
-    )
-    assert tvsysid("simulate", "pulses.mat", *words)[0] == 0
+    options = "--system reflex-sine:inertia=0.03 --perturbation pulses:duration=0.1 --duration 8"
+    assert tvsysid(f"simulate pulses.mat {options}")[0] == 0
     pulses = loadmat("pulses.mat")
     assert (pulses["inertia"] == 0.03).all()
     assert np.ptp(pulses["reflex_gain"]) == pytest.approx(8.0)
-    assert (
-        tvsysid("simulate", "rigid.mat", "--system", "own_systems:Rigid", "--duration", 8)[0] == 0
-    )
+    assert tvsysid("simulate rigid.mat --system own_systems:Rigid --duration 8")[0] == 0
     assert set(np.unique(loadmat("rigid.mat")["stiffness"])) == {400.0}
 
 
 @pytest.mark.usefixtures("own")
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
         (
-            ("--system", "arm"),
+            "--system arm",
             "unknown system 'arm'; expected one of joint, reflex, reflex-sine,",
         ),
         (
-            ("--stiffness", "step"),
+            "--stiffness step",
             "unknown profile 'step'; expected one of square, sine, constant, or",
         ),
         (
-            ("--perturbation", "pink"),
+            "--perturbation pink",
             "unknown perturbation 'pink'; expected one of noise, prbs, pulses, multisine, or",
         ),
-        (("--system", "own_systems:Hum"), "Hum has no simulate"),
-        (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
+        ("--system own_systems:Hum", "Hum has no simulate"),
+        ("--perturbation own_systems:Short", "each sample, shape (11000,); got shape (3,)"),
         (
-            ("--system", "own_systems:Empty"),
+            "--system own_systems:Empty",
             "simulate must return a tvsysid.simulate.Simulation, got int",
         ),
         (
-            ("--system", "own_systems:Rigid", "--stiffness", "sine"),
+            "--system own_systems:Rigid --stiffness sine",
             "has no setting stiffness; leave out --stiffness",
         ),
         (
-            ("--stiffness", "own_systems:broken"),
+            "--stiffness own_systems:broken",
             "system joint: ZeroDivisionError: division by zero (own_systems.py",
         ),
     ],
 )
-def test_errors_say_what_was_expected(tvsysid, words, message):
-    code, _, err = tvsysid("simulate", "joint.mat", *words, "--duration", 8)
+def test_errors_say_what_was_expected(tvsysid, options, message):
+    code, _, err = tvsysid(f"simulate joint.mat {options} --duration 8")
     assert code == 2
     assert message in err
     assert err.count("\n") == 1
 
 
 def test_a_file_that_exists_is_kept_unless_told(tvsysid, tmp_path):
-    words = ("simulate", "joint.csv", "--duration", 4)
-    assert tvsysid(*words)[0] == 0
+    command = "simulate joint.csv --duration 4"
+    assert tvsysid(command)[0] == 0
     before = (tmp_path / "joint.csv").read_bytes()
-    code, _, err = tvsysid(*words, "--seed", 1)
+    code, _, err = tvsysid(f"{command} --seed 1")
     assert code == 2
     assert "joint.csv exists already; give another name, or --overwrite" in err
     assert (tmp_path / "joint.csv").read_bytes() == before
-    assert tvsysid(*words, "--seed", 1, "--overwrite")[0] == 0
+    assert tvsysid(f"{command} --seed 1 --overwrite")[0] == 0
     assert (tmp_path / "joint.csv").read_bytes() != before

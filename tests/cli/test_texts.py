@@ -34,7 +34,7 @@ def steering(text):
 @pytest.mark.usefixtures("not_held_out")
 @pytest.mark.skipif(os.name != "posix", reason="names of files are bytes on POSIX only")
 def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
-    tvsysid("simulate", "joint.csv", "--duration", 40)
+    tvsysid("simulate joint.csv --duration 40")
     table = pd.read_csv(tmp_path / "joint.csv")[["angle", "torque"]]
     table.set_axis([ANGLE, TORQUE], axis=1).to_csv(tmp_path / "named.csv", index=False)
     os.replace(tmp_path / "named.csv", tmp_path / FILE)
@@ -63,11 +63,11 @@ def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_lef
 ):
     import resource
 
-    tvsysid("simulate", "joint.mat", "--duration", 40)
+    tvsysid("simulate joint.mat --duration 40")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
     try:  # HDF5 would end this process
-        code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds")
+        code, _, err = tvsysid(f"identify joint.mat {IDENTIFY} --method sds")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert code == 2

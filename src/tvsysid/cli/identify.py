@@ -164,8 +164,8 @@ def identify(
         if segmentation.decimate is None and rate > SLOW_RATE:
             remark(
                 "note",
-                f"identifying at {rate:g} Hz takes minutes, where seconds do; {decimation(rate)} is "
-                "usual, and enough for a joint (Ctrl-C, and give it)",
+                f"identifying at {rate:g} Hz takes minutes, where seconds do; "
+                f"{decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)",
             )
         prepared = prepare_recording(
             recording,

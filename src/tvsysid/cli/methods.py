@@ -9,7 +9,7 @@ FIRST = ("repeated behaviour", "two pathways", "closed loops")
 
 
 def methods() -> None:
-    """List the methods by their purpose, with what they need, report and assume, and their settings."""
+    """List the methods by their purpose, with needs, results, assumptions and settings."""
     from tvsysid.methods import CLOSED_LOOP, describe, names
 
     groups: dict[str, list[tuple[str, str]]] = {f"For {purpose}": [] for purpose in FIRST}

@@ -40,7 +40,7 @@ SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
 
 def decimation(rate: float) -> str:
-    """Return the option that makes a recording at a rate in Hz quick to identify, if it needs one."""
+    """Return the option that makes a recording of a high rate (Hz) quick to identify."""
     from tvsysid.preprocess.decimate import fitting_rates
 
     return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import progress, say, say_written, show_records, shown_warnings
-from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, Methods, ReadingOptions, given
+from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, given
 from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from tvsysid.planning import Plan
+    from tvsysid.planning import Pilot, Plan
     from tvsysid.planning.setups import Setup
+    from tvsysid.signals import Recording
 
 MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
 LARGE_EXCESS = 1.1  # ratio of pilot and simulated scatter that is printed
@@ -88,24 +89,33 @@ def plan(
     """
     import tvsysid
     from tvsysid.figures import save
+    from tvsysid.planning import Protocol
     from tvsysid.recordings import whole_file
+    from tvsysid.validators import with_settings
 
     joint = given(system=system, stiffness=stiffness, noise=noise, snr_db=snr)
-    if pilot is None:
-        if reading != Reading():
-            raise InputError(
-                "options that describe a recording (such as --angle and --rate) need --pilot FILE"
-            )
-        if noise is not None and snr is not None:
-            raise InputError("--noise and --snr: give one of them")
-        setups = _stated_setups(perturbation or ["noise"], amplitude, segmentation, joint)
+    if pilot is not None and joint:
+        raise InputError(
+            f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
+            "--stiffness, --noise and --snr"
+        )
+    if pilot is not None:
+        with shown_warnings():
+            first: Setup = _pilot(reading.read(pilot), segmentation)
+    elif reading != Reading():
+        raise InputError(
+            "options that describe a recording (such as --angle and --rate) need --pilot FILE"
+        )
+    elif noise is not None and snr is not None:
+        raise InputError("--noise and --snr: give one of them")
     else:
-        if joint:
-            raise InputError(
-                f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out "
-                "--system, --stiffness, --noise and --snr"
-            )
-        setups = _setups_like(pilot, reading, segmentation, perturbation, amplitude)
+        cutting = given(period=segmentation.period, rate=segmentation.decimate)
+        first = Protocol(**joint, **cutting)
+    setups = [
+        with_settings(first, perturbation=name, amplitude=size)
+        for name in perturbation or (first.perturbation,)
+        for size in amplitude or (first.amplitude,)
+    ]
     make_folder(out)
     with progress("planning") as advance:
         found = tvsysid.plan(setups, precision, resolution, method, seed=seed, progress=advance)
@@ -118,52 +128,17 @@ def plan(
         _verify(found)
 
 
-def _stated_setups(
-    perturbations: list[str],
-    amplitudes: list[float] | None,
-    segmentation: Segmentation,
-    joint: dict[str, Any],
-) -> list[Setup]:
-    """Return a protocol for each perturbation and amplitude."""
-    from tvsysid.planning import Protocol
-
-    return [
-        Protocol(
-            perturbation=name,
-            amplitude=size,
-            period=segmentation.period or PERIOD_S,
-            rate=segmentation.decimate or USUAL_RATE,
-            **joint,
-        )
-        for name in perturbations
-        for size in amplitudes or [Protocol().amplitude]
-    ]
-
-
-def _setups_like(
-    pilot: Path,
-    reading: Reading,
-    segmentation: Segmentation,
-    perturbations: list[str] | None,
-    amplitudes: list[float] | None,
-) -> list[Setup]:
-    """Return the setup of a pilot recording for each perturbation and amplitude."""
+def _pilot(recording: Recording, segmentation: Segmentation) -> Pilot:
+    """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid import preprocess
     from tvsysid.planning import Pilot
-    from tvsysid.validators import with_settings
 
-    with shown_warnings():
-        recording = reading.read(pilot)
-        if segmentation.decimate is not None:
-            recording = preprocess.decimate(recording, segmentation.decimate)
-        cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
-        first = Pilot.of(preprocess.subtract_mean(cut))
-    say(f"pilot: {first.described()}")
-    return [
-        with_settings(first, perturbation=name, amplitude=size)
-        for name in perturbations or (first.perturbation,)
-        for size in amplitudes or (first.amplitude,)
-    ]
+    if segmentation.decimate is not None:
+        recording = preprocess.decimate(recording, segmentation.decimate)
+    cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
+    pilot = Pilot.of(preprocess.subtract_mean(cut))
+    say(f"pilot: {pilot.described()}")
+    return pilot
 
 
 def _show(found: Plan) -> None:

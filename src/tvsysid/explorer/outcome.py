@@ -65,7 +65,7 @@ class Outcome:
                 return str(error)
 
     def picture(self, quantity: str = "stiffness", simultaneous: bool = False) -> bytes:
-        """A quantity over time with its band, as SVG."""
+        """Return a quantity over time with its band, as SVG."""
         with ONE_AT_A_TIME:
             return drawn(
                 identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg"
@@ -129,7 +129,7 @@ def _read(source: SourceFile, changed: int) -> Noted[Recording]:
 
 
 def _noted(work: Callable[[], T]) -> Noted[T]:
-    """What some work returns, and what it warns of."""
+    """Return the result of a function and its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         made = work()

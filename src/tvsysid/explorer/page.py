@@ -67,7 +67,7 @@ class Judged(NamedTuple):
 
 
 def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[str, str]) -> App:
-    """Application for a recording, or a file and its ``channels`` with labels.
+    """Return the application for a recording, or a file and its ``channels`` with labels.
 
     ``given`` are the controls' values.
     """
@@ -85,7 +85,7 @@ def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[
 
 
 def _methods(first: str) -> dict[str, dict[str, str]]:
-    """Settings of each method that can be chosen."""
+    """Return the settings of each method."""
     found = {first: method_settings(first)}  # raises for one that is not known
     for key in names():
         with suppress(InputError):  # an installed one that cannot be loaded
@@ -165,7 +165,7 @@ def _picture() -> ui.Tag:
 
 
 def _setting(place: int, name: str) -> str:
-    """Identifier of the control for a setting of the method at this place."""
+    """Return the identifier of the control for a setting of a method."""
     return f"setting_{place}_{name}"
 
 
@@ -179,7 +179,7 @@ def _number(name: str, label: str, value: float | None) -> ui.Tag:
 
 
 def _results() -> ui.Tag:
-    """What is shown of an outcome.
+    """Return the content of the page for an outcome.
 
     Only the answer and the diagnosis are announced when they change.
     """
@@ -264,7 +264,7 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
 
 
 def _shown(source: Source, said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
-    """Outcome of what the controls say; whatever goes wrong is shown, and the page goes on."""
+    """Return the outcome of the controls' settings. Errors are shown on the page."""
     try:
         settings = settings_from(said, source)
     except InputError as error:  # not all is chosen yet
@@ -307,7 +307,7 @@ def _figure(shown: Shown, quantity: str) -> ui.Tag | None:
 
 
 def _tables(found: Outcome | None) -> str:
-    """The picture in numbers: what the command line prints, and values over time."""
+    """Return the picture in numbers: the text of the command line, and values over time."""
     if found is None:
         return ""
     summary = found.found.summary().iloc[0]

@@ -65,11 +65,11 @@ class Exploration:
             time.sleep(0.01)
 
     def wait(self) -> None:
-        """Until it is closed, or the program is interrupted."""
+        """Wait until it is closed, or the program is interrupted."""
         self._thread.join()
 
     def close(self) -> None:
-        """End it, and let go of the recording; what is being identified is left."""
+        """Close the page and release the recording. A running identification is abandoned."""
         from tvsysid.explorer.outcome import forget  # noqa: PLC0415  # heavy
 
         self._server.should_exit = True

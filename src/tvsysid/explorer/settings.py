@@ -63,7 +63,7 @@ class Settings:
 
 
 def command(settings: Settings) -> str:
-    """The same by ``tvsysid identify``; empty for a recording that is in no file."""
+    """Return the command of the same analysis; empty for a recording without a file."""
     if isinstance(settings.source, Recording):
         return ""
     words = ["tvsysid", "identify", str(settings.source.file)]
@@ -84,7 +84,7 @@ def command(settings: Settings) -> str:
 def python(
     settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating: tuple[str, ...] = ()
 ) -> str:
-    """The same in Python, with ``delay`` (s) and ``mains`` (Hz) removed.
+    """Return Python code of the same analysis, with ``delay`` (s) and ``mains`` (Hz) removed.
 
     ``deviating`` channels lose their mean.
     """
@@ -119,12 +119,12 @@ def _changed(settings: Reading | Cutting) -> dict[str, object]:
 
 
 def _text(value: object) -> str:
-    """Value as it is typed, whole numbers without a point."""
+    """Return a value as typed, whole numbers without a point."""
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
 
 
 def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[str, Any]:
-    """What a page is ``given`` to begin with, if its controls can show it.
+    """Return the initial settings of a page, if its controls can show them.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
 
 
 def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
-    """Settings of what the controls ``said``, by name.
+    """Return the settings from the values of the controls.
 
     ``source`` has the file, and the settings of :class:`Reading` that have no control.
 
@@ -208,7 +208,7 @@ def _number(value: object, what: str, need: str = "") -> Any:
 
 
 def method_settings(key: str) -> dict[str, str]:
-    """Settings of a method and how their defaults are typed; none if a value must be given."""
+    """Return the settings of a method and their defaults as text; none if one is required."""
     try:
         method = parse(key)
     except InputError:
@@ -221,12 +221,12 @@ def method_settings(key: str) -> dict[str, str]:
 
 
 def method_text(key: str, given: Mapping[str, str]) -> str:
-    """Method as typed: its key, and the settings that were given."""
+    """Return a method as typed: its key and settings."""
     words = [f"{name}={text.strip()}" for name, text in given.items() if text.strip()]
     return ":".join(filter(None, (key, ",".join(words))))
 
 
 def method_parts(text: str) -> tuple[str, dict[str, str]]:
-    """Key of a method as typed, and the settings that were given."""
+    """Return the key of a method as typed, and its settings."""
     key = key_of(text)
     return key, split_settings(text[len(key) + 1 :])

@@ -78,7 +78,7 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
 
 
 def _limits(lower: Array, upper: Array, more: float) -> tuple[float, float]:
-    """Of a band with room above, wide enough that what hardly changes looks like it."""
+    """Return limits around a band, wide enough to show a small change as small."""
     low, high = float(np.nanmin(lower)), float(np.nanmax(upper))
     middle, half = (low + high) / 2, max(high - low, LEAST * max(abs(low), abs(high))) / 2 or 1.0
     return middle - 1.1 * half, middle + (1.1 + 2 * more) * half

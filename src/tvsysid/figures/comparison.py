@@ -50,7 +50,7 @@ def method_comparison(
     title: str = "",
     metrics: Mapping[str, str] = BARS,
 ) -> Figure:
-    """Estimates and time-varying VAF over time, and bars of every metric; a column for each method.
+    """Draw estimates and VAF over time, and bars of every metric; a column for each method.
 
     For each scenario shown a row of axes for each quantity and one for the VAF, and an axes for
     each metric that is known.
@@ -120,7 +120,7 @@ def method_comparison(
 
 
 def _shared(figure: Figure, spec: GridSpec, rows: int, columns: int) -> NDArray[Any]:
-    """Axes of the first rows of a grid, with common scales of time, and of values in each row."""
+    """Return the axes of the first rows of a grid, which share scales of time and values."""
     grid: NDArray[Any] = np.empty((rows, columns), dtype=object)
     for row, column in np.ndindex(rows, columns):
         axes = figure.add_subplot(
@@ -181,7 +181,7 @@ def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
 def _means(
     row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf
 ) -> None:
-    """Return mean and two standard deviations over trials of values that cannot exceed a limit."""
+    """Draw mean and two standard deviations over trials of values with an upper limit."""
     mean = values.mean("trial")
     spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
@@ -231,7 +231,7 @@ def _crowded(ticks: list[str]) -> bool:
 
 
 def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
-    """Bars of one metric of this label; values and standard errors of shape (method, scenario)."""
+    """Draw the bars of one metric from values and standard errors, shape (method, scenario)."""
     if "(%)" in label:
         _dots(axes, label, values, errors, methods)
         return

@@ -26,7 +26,7 @@ FARTHEST = 3.0  # multiple of what is usual at which a realization is drawn at t
 
 @styled
 def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
-    """Six pictures of what :func:`tvsysid.diagnose` saw in an ensemble.
+    """Draw the six pictures of a diagnosis of an ensemble.
 
     Power of the angle with the band that is needed, power of the torque and of what the joint's
     model leaves, coherence over time and frequency, stiffness in both halves of the experiment,
@@ -45,7 +45,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
 
 
 def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
-    """The six pictures of an ensemble of this name with a title, and in words what they show."""
+    """Return the six pictures of a diagnosis with a title and a description."""
     curves = diagnosis.curves
     measures = {
         key: f"{value:.3g} {unit}".removesuffix(" 1")
@@ -106,7 +106,7 @@ def _name(axes: Axes, title: str, below: str, beside: str = "", **legend: Any) -
 
 
 def _spectrum(axes: Axes, frequency: Array, power: Array, colour: str, label: str) -> None:
-    """Power where there is some, over a logarithmic axis."""
+    """Draw power where it is positive, over a logarithmic axis."""
     shown = (frequency > 0) & (frequency <= SHOWN)
     shown &= power > DYNAMIC_RANGE * power.max()
     axes.loglog(frequency[shown], power[shown], color=colour, linewidth=1.2, label=label)
@@ -175,7 +175,7 @@ def _realizations(axes: Axes, curves: Curves) -> None:
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
-    """Two combs side by side.
+    """Draw two combs side by side.
 
     A joint of second order that is moved from outside leaves both within the limits.
     """

@@ -75,7 +75,7 @@ def identified_impedance(
 
 
 def drawn_quantities(models: Mapping[str, Model], but_over: str = "") -> list[str]:
-    """Names of what :func:`identified_impedance` draws, stiffness first."""
+    """Return the names of the quantities to draw, stiffness first."""
     every = [each for model in models.values() for each in model.estimates.items()]
     further = [
         name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)
@@ -177,12 +177,12 @@ def _band(estimate: Estimate, samples: int, simultaneous: bool) -> list[Array] |
 
 
 def _width(label: str, models: Mapping[str, Model]) -> float:
-    """Of a line: the first of several methods stands out."""
+    """Return the style of a line: the first of several methods stands out."""
     return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.2
 
 
 def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
-    """The roughest curve behind, the first method in front."""
+    """Return the order of drawing: the roughest curve behind, the first method in front."""
     first, *others = found
     return [
         *sorted(others, key=lambda label: -float(np.nansum(np.abs(np.diff(found[label].values))))),
@@ -191,7 +191,7 @@ def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
 
 
 def _wide(found: Mapping[str, Found]) -> set[str]:
-    """Methods that reach so much farther than is usual that they would cover what the others found.
+    """Return the methods with outlying ranges, which would hide the others.
 
     Never the first.
     """
@@ -245,7 +245,7 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
 
 @style.styled
 def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
-    """By how much all settings that were tried are worse than the best.
+    """Draw by how much all settings tried are worse than the best.
 
     Axes for each method, three side by side.
     """

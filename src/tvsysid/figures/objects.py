@@ -102,7 +102,7 @@ def _evidence(evidence: Evidence, title: str = "") -> Figure:
 
 
 def _label(model: Model) -> str:
-    """Short name of the method that made a model."""
+    """Return the short name of a model's method."""
     name = model.method.partition("(")[0]
     return next((key for key, method in METHODS.items() if method.__name__ == name), name)
 

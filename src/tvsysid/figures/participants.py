@@ -158,7 +158,7 @@ LABELS = {"stiffness": "stiffness\n(N·m/rad)", "time_varying_vaf": "time-varyin
 def _bands(
     results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[str], title: str
 ) -> Figure:
-    """Rows of axes by what is written beside them, a column for each method."""
+    """Return rows of axes by their labels, a column for each method."""
     least, titles = least_data(results), headings(results, 15)
     here = results.sel(recording=list(recordings.values()), analysis=list(least.values()))
     rows, columns = len(names) * len(recordings), len(least)
@@ -235,7 +235,7 @@ def _behind(row: Sequence[Axes], time: Array, torque: Array, limits: tuple[float
 
 
 def _all_methods(axes: Axes, results: xr.Dataset, mean: xr.DataArray, label: str | None) -> None:
-    """Truth and every method's mean in one axes, or that there is nothing."""
+    """Draw the truth and every method's mean in one axes, or a note that there is none."""
     if label is None:
         style.remark(axes, "not recorded")
         return
@@ -257,7 +257,7 @@ def _all_methods(axes: Axes, results: xr.Dataset, mean: xr.DataArray, label: str
 def _torques(
     axes: Axes, results: xr.Dataset, participant: str, perturbations: Sequence[str]
 ) -> None:
-    """Torque to be followed, and what came under each perturbation."""
+    """Draw the target torque and the mean torque under each perturbation."""
     for (hue, width, dash), perturbation in zip(cycle(TORQUES), perturbations, strict=False):
         label = recording_of(results, participant, perturbation)
         if label is None:

@@ -23,7 +23,7 @@ PER_INCH = 11  # letters of the title
 
 @style.styled
 def planned_recording(plan: Plan, title: str = "") -> Figure:
-    """Half width of a 95 % band, bias included, against minutes.
+    """Draw the half width of a 95 % band, bias included, over minutes of data.
 
     A dot where the wish is met, and the rise times.
 

@@ -86,7 +86,7 @@ def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_
 
 
 def _limits(axes: Axes, time: Array, step: Step) -> None:
-    """The target torque, or mean and limits."""
+    """Draw the target torque, or the mean and its limits."""
     if step.half_width is None:
         axes.plot(time, step.mean, **REFERENCE)
         return

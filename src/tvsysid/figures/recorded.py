@@ -111,7 +111,7 @@ def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
 def recorded_signals(
     excerpts: Mapping[str, Recording], title: str = "", target: str = "target"
 ) -> Figure:
-    """Angle and torque over some seconds, with the torque to be followed where there is one.
+    """Draw angle and torque over some seconds, with the target torque if there is one.
 
     A row for each excerpt: the angle on the left, the torque on the right.
 

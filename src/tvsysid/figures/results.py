@@ -27,12 +27,12 @@ FAR = 0.75  # how far beyond the middle one of the methods' ranges an axis reach
 
 
 def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
-    """Traits of each scenario of a study, by its label."""
+    """Return the traits of each scenario of a study, by its label."""
     return results[list(TRAITS)].to_dataframe()[list(TRAITS)]
 
 
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Traits of each scenario by its label, as mappings."""
+    """Return the traits of each scenario as a mapping, by its label."""
     table = scenario_traits(results)
     return {
         str(label): dict(zip(TRAITS, traits, strict=True)) for label, *traits in table.itertuples()
@@ -40,7 +40,7 @@ def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """What the methods estimated, over time and the axes of the study.
+    """Return the estimates over time and the axes of the study.
 
     NaN where there is no estimate.
     """
@@ -48,7 +48,7 @@ def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
 
 
 def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """What the simulation knows, over scenario or recording and time; NaN where it is not known."""
+    """Return the truth over scenario or recording and time; NaN where it is unknown."""
     return _of(results.truth, quantity)
 
 
@@ -68,7 +68,7 @@ def knows_truth(results: xr.Dataset) -> bool:
 
 
 def unique(values: Iterable[object]) -> list[str]:
-    """Values as text, each once, in the order of their first appearance."""
+    """Return values as text, each once, in order of appearance."""
     return list(dict.fromkeys(map(str, values)))
 
 
@@ -84,12 +84,12 @@ def least_data(results: xr.Dataset) -> dict[str, str]:
 
 
 def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
-    """How much data was drawn for an analysis, as text: realizations times their duration."""
+    """Return the amount of data of an analysis as text: realizations times their duration."""
     return f"{int(results.realizations.sel(analysis=analysis))} × {_period(results):.4g} s"
 
 
 def _period(results: xr.Dataset) -> float:
-    """Duration of a realization in s: of all its samples."""
+    """Return the duration of a realization in s."""
     time = results.time.values
     return len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
 
@@ -129,7 +129,7 @@ def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> st
 
 
 def usual_range(values: Array, always: Array) -> tuple[float, float]:
-    """Limits of an axis that shows what methods have in common, and all of other values, with room.
+    """Return axis limits for the usual range of methods and all of some further values.
 
     From zero if near.
 
@@ -153,7 +153,7 @@ def usual_range(values: Array, always: Array) -> tuple[float, float]:
 
 
 def _without_spikes(values: Array) -> tuple[float, float]:
-    """Lowest and highest value, or not far beyond 98 % of them."""
+    """Return the lowest and highest value, without outliers beyond 98 %."""
     low, high = np.percentile(values, [1, 99])
     beyond = SPIKE * (high - low)
     return max(float(values.min()), float(low - beyond)), min(

@@ -52,7 +52,7 @@ class Picture:
 
 @contextmanager
 def helpers(workers: int) -> Iterator[Executor | None]:
-    """Processes that help :func:`share_out`, one less than ``workers``.
+    """Start the processes that help :func:`share_out`, one less than ``workers``.
 
     They start while the caller does other things.
 
@@ -96,7 +96,7 @@ def draw_all(
 def share_out(
     work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None
 ) -> dict[str, T]:
-    """Results of a function that can be pickled for several arguments by name, in their order.
+    """Return the results of a picklable function for several arguments by name, in order.
 
     Processes of :func:`helpers` begin with the first ones, this process with the last. What a
     helper that dies leaves undone is done here.
@@ -143,7 +143,7 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def drawn(figure: Figure, format: str) -> bytes:
-    """Figure as the content of a file: "svg" (its text stays text), "pdf" or "png".
+    """Return a figure as the content of an SVG (with text as text), PDF or PNG file.
 
     The same figure, the same bytes.
     """

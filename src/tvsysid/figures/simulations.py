@@ -102,7 +102,7 @@ def error_against(
     title: str = "",
     error: str = "mean bias of the stiffness (N·m/rad)",
 ) -> Figure:
-    """Error against something that varies, a line for each method: value ± standard error.
+    """Draw an error over a setting, a line for each method: value ± standard error.
 
     ``what`` varies and which ``error``, with their units; the rows have columns method, size (of
     what varies), value and standard_error.
@@ -127,7 +127,7 @@ def error_against(
 
 
 def _scale(axes: Axes, values: Array) -> None:
-    """Logarithmic where values span most of a decade, with plain numbers at its ticks.
+    """Use a logarithmic scale with plain numbers if values span most of a decade.
 
     From zero otherwise.
     """
@@ -188,7 +188,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
 
 
 def _averaged(held: Array, time: Array) -> Array:
-    """Per cent of the bands over a moving window that hold the truth, shape (time,).
+    """Return the coverage of the bands in per cent over a moving window, shape (time,).
 
     NaN where no trial has one.
     """
@@ -203,7 +203,7 @@ def _averaged(held: Array, time: Array) -> Array:
 
 @styled
 def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
-    """True and identified impulse responses on top of each other, an axes for each instant.
+    """Draw true and identified impulse responses over each other, an axes for each instant.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
 
 @styled
 def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
-    """How far the mean stiffness over bootstraps is from the truth, where the truth is known.
+    """Draw the error of the mean stiffness over bootstraps, where the truth is known.
 
     Above, the error over time: a column for each method with the fewest realizations that it was
     given, a row for each perturbation, a thin line for each participant and a thick one for their
@@ -112,7 +112,7 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
 
 
 def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[str]) -> None:
-    """Mean estimate minus truth: a column for each method, a row for each perturbation."""
+    """Draw mean estimate minus truth: a column for each method, a row for each perturbation."""
     least, titles = least_data(results), headings(results, 18)
     grid = figure.subplots(
         max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False
@@ -146,7 +146,7 @@ def _rows_of_bars(
     methods: Sequence[str],
     metrics: Mapping[str, str],
 ) -> None:
-    """A row of axes for each perturbation, a column for each metric."""
+    """Draw bars: a row of axes for each perturbation, a column for each metric."""
     for row, perturbation in zip(grid, perturbations, strict=False):
         for axes, (metric, label) in zip(row, metrics.items(), strict=True):
             rows = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
@@ -165,7 +165,7 @@ def _width(summary: pd.DataFrame, columns: int) -> float:
 
 
 def _below(rows: pd.DataFrame, method: str) -> str:
-    """What stands below the bars of a method: its label and the realizations drawn."""
+    """Return the text below the bars of a method: its label and the number of realizations."""
     amounts = sorted(rows.realizations[rows.method == method].unique())
     return "\n".join((wrapped(method, 12), " | ".join(f"{amount:g}" for amount in amounts))).strip()
 

@@ -143,7 +143,7 @@ def _as_written(figure: Figure) -> Figure:
 
 
 def blank(width: float, height: float, title: str = "") -> Figure:
-    """Figure of a size in inches without axes."""
+    """Return a figure of a size in inches without axes."""
     from tvsysid.figures.canvas import OwnFigure  # noqa: PLC0415  # heavy
 
     figure = OwnFigure(figsize=(width, height), layout="constrained")
@@ -154,7 +154,7 @@ def blank(width: float, height: float, title: str = "") -> Figure:
 def panels(
     rows: int, columns: int, width: float, height: float, title: str = "", **words: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Figure of a size in inches, and its axes of shape (rows, columns).
+    """Return a figure of a size in inches, and its axes of shape (rows, columns).
 
     Further words as of ``Figure.subplots``.
     """
@@ -191,7 +191,7 @@ def lines(methods: Sequence[str]) -> dict[str, Look]:
 
 
 def hues(methods: Sequence[str]) -> dict[str, str]:
-    """Colour of each method shown."""
+    """Return the colour of each method."""
     return {method: look.hue for method, look in lines(methods).items()}
 
 
@@ -204,7 +204,7 @@ def curve_with_band(
     opacity: float = 0.25,
     **look: Any,
 ) -> None:
-    """Curve over time above its band (lower and upper end) of a lighter shade.
+    """Draw a curve over time above its band of a lighter shade.
 
     A word where there is no value.
 
@@ -237,7 +237,7 @@ def curve_with_band(
 def realizations(
     axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6
 ) -> None:
-    """Line for each realization of values, shape (realization, time)."""
+    """Draw a line for each realization, from values of shape (realization, time)."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
 
     lines = [np.column_stack([time, each]) for each in values]
@@ -254,21 +254,21 @@ def remark(axes: Axes, text: str) -> None:
 
 
 def line_key(label: str, **look: Any) -> Artist:
-    """Line in a legend."""
+    """Return a line for a legend."""
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
 
     return Line2D([], [], label=label, **look)
 
 
 def patch_key(label: str, **look: Any) -> Artist:
-    """Patch of colour in a legend."""
+    """Return a patch of colour for a legend."""
     from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
 
     return Patch(label=label, linewidth=0, **look)
 
 
 def band_keys(draws: int, what: str) -> list[Artist]:
-    """What a mean with a band looks like in a legend: over so many trials or bootstraps."""
+    """Return the legend entry of a mean with a band over so many trials or bootstraps."""
     if draws == 1:
         return [line_key(f"the only {what}", color=GREY)]
     return [
@@ -278,7 +278,7 @@ def band_keys(draws: int, what: str) -> list[Artist]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
-    """Legend under all axes of a figure, in as few rows as its width allows."""
+    """Draw a legend under all axes of a figure, in as few rows as fit."""
     lengths = [0.5 + 0.07 * len(str(handle.get_label())) for handle in handles]
     columns = len(handles)
     while columns > 1:

@@ -43,7 +43,7 @@ class Visit(NamedTuple):
 
 @style.styled
 def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
-    """Stiffness over time with its 95 % band, a line for each visit.
+    """Draw stiffness over time with its 95 % band, a line for each visit.
 
     Beside it means and extremes over the visits.
     """
@@ -71,7 +71,7 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
 
 
 def _over_visits(axes: Axes, visits: Sequence[Visit]) -> None:
-    """Mean over time with the mean half width of its band, and both extremes."""
+    """Draw the mean over time with the mean half width of its band, and both extremes."""
     places = np.arange(len(visits))
     ends = [(np.fmin.reduce(each.stiffness), np.fmax.reduce(each.stiffness)) for each in visits]
     axes.vlines(places, *np.transpose(ends), color=style.GREY, linewidth=1.0, linestyle=":")

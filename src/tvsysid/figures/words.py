@@ -16,22 +16,22 @@ TRAITS = ("system", "profile", "perturbation", "duration_s", "snr_db", "viscosit
 
 
 def perturbation_name(perturbation: object) -> str:
-    """What a perturbation is called: the package's own in words, others by their names."""
+    """Return the name of a perturbation: the package's own in words, others as they are."""
     return PERTURBATIONS.get(str(perturbation), str(perturbation))
 
 
 def profile_name(profile: object) -> str:
-    """What a stiffness profile is called."""
+    """Return the name of a stiffness profile."""
     return PROFILES.get(str(profile), str(profile))
 
 
 def count(number: int, word: str) -> str:
-    """Number with its noun, as in "3 trials"."""
+    """Return a number with its noun, as in "3 trials"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def trait(name: str, value: object) -> str:
-    """Short text for one trait of a scenario, like "40 s", "PRBS", "b covarying"."""
+    """Return a short text for one trait of a scenario, like "40 s", "PRBS", "b covarying"."""
     if name == "duration_s":
         return f"{value:g} s"
     if name == "snr_db":
@@ -67,7 +67,7 @@ def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
 
 
 def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
-    """Scenario, given by its traits, in words.
+    """Describe a scenario from its traits.
 
     Viscosity is mentioned only where it varies with stiffness.
     """
@@ -106,5 +106,5 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
 
 
 def unit_name(unit: str) -> str:
-    """SI unit as it is printed: "N m s/rad" as "N·m·s/rad", "kg m2" as "kg·m²"."""
+    """Return an SI unit for print: "N m s/rad" as "N·m·s/rad", "kg m2" as "kg·m²"."""
     return "–" if unit in ("", "1") else unit.replace(" ", "·").replace("2", "²")

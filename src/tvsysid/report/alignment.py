@@ -26,13 +26,13 @@ REMEDY = (
 
 
 def notable(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of :func:`tvsysid.study.alignments` that call for something to be done."""
+    """Return the rows of :func:`tvsysid.study.alignments` that need action."""
     certain = table.difference.abs() > CERTAIN * table.standard_error
     return table[certain & (table.percent.abs() > NOTABLE)]
 
 
 def sentence(table: pd.DataFrame) -> str:
-    """What the alignment does to the stiffness of one or more recordings.
+    """Describe the effect of the alignment on the stiffness of one or more recordings.
 
     Empty if none was aligned.
     """
@@ -52,7 +52,7 @@ def sentence(table: pd.DataFrame) -> str:
 
 
 def alignment_table(table: pd.DataFrame) -> page.Table:
-    """What the alignment does to each recording."""
+    """Return a table of the effect of the alignment on each recording."""
     caption = (
         "Mean stiffness over time of the realizations that were kept, identified by sds with the "
         "shifts that align "

@@ -66,7 +66,7 @@ class Account:
         return self.found.trust(self.diagnosis, typical, self.unnamed_references)
 
     def held_out_mean(self, label: str) -> float:
-        """Held-out VAF of a method in per cent, mean over realizations or by the method itself.
+        """Return the mean held-out VAF of a method in per cent.
 
         NaN if not known.
         """
@@ -132,7 +132,7 @@ def is_recommended(found: Comparison) -> bool:
 
 
 def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
-    """Stiffness at both ends and in the middle of a variable that it was estimated over.
+    """Describe stiffness over a variable: at both ends and in the middle.
 
     Empty if there is none.
     """
@@ -154,13 +154,13 @@ def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
 
 
 def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
-    """Sudden changes that were found; none by a method that does not look for them."""
+    """Return the switches that a method found; none if it does not look for them."""
     found = getattr(model, "switches", ())
     return [each for each in found if each.quantity == quantity]
 
 
 def others(found: Comparison) -> str:
-    """What the other methods give for the mean stiffness; empty where there are none."""
+    """Describe the mean stiffness by the other methods; empty if there are none."""
     means = {
         label: mean_of(model.stiffness)
         for label, model in found.models.items()
@@ -207,14 +207,14 @@ def why_leading(account: Account) -> str:
 
 
 def taken(seconds: float) -> str:
-    """What is done about a delay of the torque, in words."""
+    """Describe the correction of a delay of the torque."""
     return (
         f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
     )
 
 
 def further(found: Comparison) -> Iterator[Further]:
-    """What the methods estimate beside stiffness, viscosity and inertia over time."""
+    """Yield the estimates beside stiffness, viscosity and inertia over time."""
     for label, model in found.models.items():
         for name, estimate in model.estimates.items():
             if name in IMPEDANCE_UNITS and set(estimate.axes) <= {"realization", "time"}:
@@ -233,7 +233,7 @@ def further(found: Comparison) -> Iterator[Further]:
 
 
 def reflex_shape(details: Mapping[str, float]) -> str:
-    """Delay, muscle and threshold of a reflex, and how much of the torque each pathway explains."""
+    """Describe the reflex: delay, muscle, threshold, and the share of torque of each pathway."""
     found = []
     for name, unit in REFLEX.items():
         if name in details:
@@ -256,7 +256,7 @@ def one_pathway(found: Comparison) -> list[str]:
 
 
 def reflex_found(account: Account) -> str:
-    """What the diagnosis says of a reflex; empty if it found none."""
+    """Return the finding of a reflex in words; empty if there is none."""
     checks = () if account.diagnosis is None else account.diagnosis.findings
     return next(
         (f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), ""

@@ -122,7 +122,7 @@ def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
 
 
 def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[page.Block]:
-    """Blocks about one ensemble."""
+    """Return the blocks about one ensemble."""
     checks = [
         page.Row(
             (
@@ -162,7 +162,7 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
 
 
 def findings_table(diagnosis: Diagnosis, name: str) -> list[page.Block]:
-    """What is wrong with an ensemble of this name, what that does to the result, and what to do.
+    """Return the findings of an ensemble, their effects and remedies.
 
     None if nothing is.
     """

@@ -153,7 +153,7 @@ def write_experiment_report(
 
 
 def _definitions(known: bool, several: bool) -> str:
-    """What the numbers mean."""
+    """Explain the numbers."""
     bias = (
         " Bias is the mean estimate over bootstraps minus the true stiffness: bias error is its "
         "root mean square over "
@@ -172,7 +172,7 @@ def _definitions(known: bool, several: bool) -> str:
 
 
 def over_participants(values: Array, decimals: int | None) -> page.Cell:
-    """Mean ± standard deviation of the values that are there; no deviation of a single one."""
+    """Return mean ± standard deviation of the known values; of one value no deviation."""
     known = values[np.isfinite(values)]
     if not len(known):
         return page.number(math.nan)
@@ -181,7 +181,7 @@ def over_participants(values: Array, decimals: int | None) -> page.Cell:
 
 
 def metrics(summary: pd.DataFrame, bootstraps: int) -> list[page.Block]:
-    """Metrics of each method, amount of data and perturbation.
+    """Return the metrics of each method, amount of data and perturbation.
 
     Those of every participant fold away.
     """
@@ -194,7 +194,7 @@ def metrics(summary: pd.DataFrame, bootstraps: int) -> list[page.Block]:
 
 
 def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> page.Table:
-    """Table of metrics for each ``"method"`` over participants, or for each ``"participant"``."""
+    """Return the metrics for each ``"method"`` over participants, or ``"participant"``."""
     alone, several = each == "participant", summary.participant.nunique() > 1
     names, perturbations = sections.metrics_there(summary, METRICS), unique(summary.perturbation)
     heads = [
@@ -294,7 +294,7 @@ def recordings(
 
 
 def _by_perturbation(results: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
-    """Recordings under each perturbation of which there are realizations."""
+    """Return the recordings with realizations under each perturbation."""
     recorded = results.isel(recording=results.recorded.values > 0)
     return [
         (perturbation, recorded.isel(recording=recorded.perturbation.values == perturbation))
@@ -303,7 +303,7 @@ def _by_perturbation(results: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 
 def _remarks(results: xr.Dataset) -> list[page.Block]:
-    """Recordings about which something was remarked, and what."""
+    """Return the remarks on recordings."""
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
     blocks: list[page.Block] = []
@@ -319,7 +319,7 @@ def outcome(
     claims: pd.DataFrame,
     reported: Reported = MappingProxyType({}),
 ) -> list[str]:
-    """The main outcome in sentences."""
+    """Describe the main result in sentences."""
     sentences = []
     for perturbation, chosen in _by_perturbation(results):
         recorded = unique(chosen.recorded.values)

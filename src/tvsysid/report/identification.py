@@ -147,7 +147,7 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
 
 
 def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
-    """The answer in a box, in pictures and in numbers."""
+    """Return the answer in a box, in pictures and in numbers."""
     found, trust, label = account.found, account.trust, account.found.leading
     first, *rest = answer(account)
     lines = [sentence(first), *([" ".join(map(sentence, rest))] if rest else [])]
@@ -161,7 +161,7 @@ def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
 
 
 def _differing(account: Account) -> list[str]:
-    """What the other methods find on average, and where it says why."""
+    """Describe the mean results of the other methods, and where the page explains them."""
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
     if not (means := others(account.found)):
@@ -180,7 +180,7 @@ def _differing(account: Account) -> list[str]:
 
 
 def _trust(account: Account) -> str:
-    """Held-out VAF and diagnosis in a sentence each."""
+    """Describe held-out VAF and diagnosis in a sentence each."""
     held_out, inside = (
         account.held_out_mean(account.found.leading),
         mean_of(account.found.vaf[account.found.leading]),
@@ -270,7 +270,7 @@ def _switches(account: Account) -> list[page.Block]:
 
 
 def _made(account: Account) -> page.Section:
-    """Where the data come from, and what was done to them."""
+    """Return the section on the source and the processing of the data."""
     ensemble = account.found.ensemble
     rate, ratio = ensemble.sampling_rate, ensemble.angle_as_recorded.shape[-1]
     context = f"{ensemble.context / rate:g} s on either side"
@@ -311,7 +311,7 @@ def _pairs(rows: dict[str, str]) -> list[page.Row]:
 
 
 def _diagnosed(account: Account) -> page.Section:
-    """What was found wrong with the data, and what to do about it."""
+    """Return the section on faults of the data and their remedies."""
     title = "What the diagnosis says"
     diagnosis = account.diagnosis
     if diagnosis is None:
@@ -335,7 +335,7 @@ def _diagnosed(account: Account) -> page.Section:
 
 
 def _suited(account: Account) -> page.Section:
-    """Which method suits the data, whether it was run or not, and by which properties."""
+    """Return the section on the recommended methods and the properties of the data."""
     suited = account.found.recommendation
     rows = [
         page.Row(
@@ -362,7 +362,7 @@ def _suited(account: Account) -> page.Section:
 
 
 def _methods(account: Account, figures: list[page.Block]) -> page.Section:
-    """All methods side by side, and why they differ."""
+    """Return the section on all methods side by side, and their differences."""
     found = account.found
     rows = [
         page.Row(
@@ -402,7 +402,7 @@ def _methods(account: Account, figures: list[page.Block]) -> page.Section:
 
 
 def _differences(account: Account) -> page.Table:
-    """Why each method's stiffness differs, with its settings."""
+    """Return a table of each method's difference in stiffness, its cause and settings."""
     rows = []
     for label, method in account.found.methods.items():
         if label in account.found.models:
@@ -421,7 +421,7 @@ def _differences(account: Account) -> page.Table:
 
 
 def _beside(account: Account) -> list[page.Section]:
-    """Reflex and what else was estimated; no section if there is nothing."""
+    """Return the section on the reflex and further estimates, if there are any."""
     found = account.found
     rows = [
         page.Row(
@@ -463,7 +463,7 @@ def _beside(account: Account) -> list[page.Section]:
 
 
 def _met(account: Account) -> page.Section:
-    """What failed, was skipped, or gave warnings."""
+    """Return the section on failures, skipped methods and warnings."""
     found = account.found
     rows = [page.Row((label, "failed", reason)) for label, reason in found.failed.items()]
     rows += [page.Row((label, "skipped", reason)) for label, reason in found.skipped.items()]
@@ -503,7 +503,7 @@ def _paragraph(account: Account) -> list[page.Section]:
 
 
 def _again(command: str) -> page.Section:
-    """How to repeat it, and where the numbers are."""
+    """Return the section on how to repeat the analysis, and on its files."""
     blocks: list[page.Block] = (
         ["This command made the page:", page.Code("Command", command)] if command else []
     )

@@ -43,7 +43,7 @@ class Column:
 
 
 def columns(kinds: Mapping[str, Kind]) -> list[Column]:
-    """Columns without units, by heading and kind."""
+    """Return columns without units, by heading and kind."""
     return [Column(heading, kind=kind) for heading, kind in kinds.items()]
 
 
@@ -189,7 +189,7 @@ def write_page(path: str | Path, page: Page) -> None:
 
 
 def html(blocks: Iterable[Block]) -> str:
-    """Blocks as part of another page, escaped; they take the style of this package's pages."""
+    """Return blocks as part of another page, escaped, in the style of this package."""
     show = getattr(_template("blocks.html").module, "show")  # noqa: B009  # a macro
     return printable("".join(str(show(block)) for block in blocks))
 
@@ -209,7 +209,7 @@ def _template(name: str) -> Template:
 
 
 def typeset(text: str) -> str:
-    """Text whose numbers have the minus sign of tables, and stay with their signs and units.
+    """Return text with typographic minus signs, and numbers joined to signs and units.
 
     Options stay as typed.
     """
@@ -219,7 +219,7 @@ def typeset(text: str) -> str:
 
 
 def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:
-    """Value ± standard error with so many decimals, or to three digits.
+    """Return value ± standard error with so many decimals, or to three digits.
 
     A dash where there is no value.
     """

@@ -45,13 +45,13 @@ def methods_paragraph(account: Account) -> str:
 
 
 def methods_bibliography(account: Account) -> str:
-    """BibTeX of all that the paragraph cites."""
+    """Return the BibTeX entries of all citations of the paragraph."""
     keys = [key for method in account.found.methods.values() for key in method.cites]
     return bibliography(["tvsysid", "vanderuit2021", *keys])
 
 
 def settings_of(method: Method) -> str:
-    """Settings of a method as they were used, such as ``max_lag=0.12, window=0.1``.
+    """Return the settings of a method as used, such as ``max_lag=0.12, window=0.1``.
 
     Empty where it has none.
 
@@ -69,7 +69,7 @@ def _short(value: object) -> str:
 
 
 def _named(account: Account, label: str) -> str:
-    """Method with its settings and where it comes from."""
+    """Describe a method with its settings and citation."""
     method = account.found.methods[label]
     title = method.title
     said = "; ".join(filter(None, (settings_of(method), cited(method.cites).strip("()"))))
@@ -130,7 +130,7 @@ def _chosen(account: Account) -> list[str]:
 
 
 def _pathways(account: Account, label: str) -> list[str]:
-    """What became of a reflex: it is no part of the stiffness, or it is, and of which methods'."""
+    """State whether, and for which methods, the stiffness includes a reflex."""
     blamed = one_pathway(account.found)
     if label not in blamed:
         if not reflex_shown(account.found.models[label]):
@@ -157,7 +157,7 @@ def _pathways(account: Account, label: str) -> list[str]:
 
 
 def _faults(account: Account) -> list[str]:
-    """What the diagnosis found."""
+    """Describe the findings of the diagnosis."""
     if account.diagnosis is None or not account.diagnosis.findings:
         return []
     titles = "; ".join(each.fault.title.lower() for each in account.diagnosis.findings)

@@ -52,7 +52,7 @@ class Problem(TypedDict):
 
 
 def problems(results: xr.Dataset) -> list[Problem]:
-    """What failed or gave warnings in a study: how often, and the first reason.
+    """Return failures and warnings of a study: how often, and the first reason.
 
     A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which
     nothing could be identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``),
@@ -110,7 +110,7 @@ LEFT_OUT = "What failed or was skipped is left out of the metrics; what gave a w
 
 
 def problems_section(found: Iterable[Problem], what: str, caption: str = LEFT_OUT) -> Section:
-    """Failures and warnings of a study."""
+    """Return the section on failures and warnings of a study."""
     rows = [
         Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"]))
         for each in found
@@ -122,7 +122,7 @@ def problems_section(found: Iterable[Problem], what: str, caption: str = LEFT_OU
 
 
 def claims_section(claims: pd.DataFrame, caption: str, fold: bool = False) -> Section:
-    """What a paper claims, and whether the study confirms it.
+    """Return the section on a paper's claims, and whether the study confirms them.
 
     Claims that it does not bear on may be folded away.
     """
@@ -167,7 +167,7 @@ def _claims(label: str, caption: str, claims: pd.DataFrame) -> Table:
 
 
 def verdicts(claims: pd.DataFrame) -> list[str]:
-    """How many claims hold, in a sentence; none if there are no claims."""
+    """Return a sentence on how many claims hold, if there are any."""
     if not len(claims):
         return []
     counts = claims.verdict.value_counts()
@@ -176,7 +176,7 @@ def verdicts(claims: pd.DataFrame) -> list[str]:
 
 
 def methods_section(labels: Iterable[str]) -> Section:
-    """What each method is called and assumes.
+    """Return the names and assumptions of the methods.
 
     Nothing is known of those that are not this package's.
     """
@@ -196,7 +196,7 @@ def methods_section(labels: Iterable[str]) -> Section:
 def run_section(
     results: xr.Dataset, settings: Mapping[str, object], seconds: float, failed: str
 ) -> Section:
-    """Settings of a study, and where it ran."""
+    """Return the section on the settings of a study and its machine."""
     versions = settings_of(results, "versions")
     rows = [(name, in_words(value)) for name, value in settings.items()]
     rows.append(("version of tvsysid", version_of(results)))
@@ -217,7 +217,7 @@ def run_section(
 
 
 def again_section(command: str, selection: str, toml: str = "", same: str = "") -> Section:
-    """How to repeat a study, and how to read its results in Python."""
+    """Return the section on how to repeat a study and read its results in Python."""
     blocks: list[Block] = []
     if command:
         blocks += ["This command made the page:", Code("Command", command)]
@@ -238,7 +238,7 @@ def again_section(command: str, selection: str, toml: str = "", same: str = "") 
 
 
 def numbered(pictures: Mapping[str, Picture], first: int = 1) -> list[Block]:
-    """Pictures as the figures of a page."""
+    """Return pictures as the figures of a page."""
     return [
         Figure(stem, picture, place)
         for place, (stem, picture) in enumerate(pictures.items(), start=first)
@@ -246,18 +246,18 @@ def numbered(pictures: Mapping[str, Picture], first: int = 1) -> list[Block]:
 
 
 def metrics_there(summary: pd.DataFrame, metrics: Iterable[str]) -> list[str]:
-    """Metrics that have a value somewhere, in their order."""
+    """Return the metrics that have a value somewhere, in order."""
     known = summary[np.isfinite(summary.value.astype(float))]
     return [name for name in metrics if (known.metric == name).any()]
 
 
 def version_of(results: xr.Dataset) -> str:
-    """Version of this package when the results came about."""
+    """Return the version of this package that made the results."""
     return str(settings_of(results, "versions").get("tvsysid", __version__))
 
 
 def unfinished(results: xr.Dataset, what: str) -> list[str]:
-    """How much of a study is missing, in a sentence; none if it is complete."""
+    """Return a sentence on the missing part of a study; none if it is complete."""
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
     there = results.checksums.values.any(axis=-1)
@@ -268,7 +268,7 @@ def unfinished(results: xr.Dataset, what: str) -> list[str]:
 
 
 def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
-    """Attribute that holds settings as JSON text.
+    """Return the settings in an attribute with JSON text.
 
     Empty where it is missing or is something else.
     """

@@ -52,7 +52,7 @@ class Known(NamedTuple):
 
 
 def facts(account: Account) -> dict[str, str | float]:
-    """What a sheet needs beside the models, as attributes of their file."""
+    """Return the facts for a sheet that models do not hold, as attributes of their file."""
     found, label = account.found, account.found.leading
     names = (
         None
@@ -125,7 +125,7 @@ def _files(known: Sequence[Known]) -> list[str]:
 
 
 def _read(folder: Path) -> Known:
-    """What ``tvsysid identify`` wrote to a folder."""
+    """Load the results that ``tvsysid identify`` wrote to a folder."""
     import xarray as xr  # noqa: PLC0415  # heavy
 
     file = folder / MODELS
@@ -156,7 +156,7 @@ def _read(folder: Path) -> Known:
 
 
 def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
-    """Variable over time, NaN where there is none.
+    """Return a variable over time, NaN if there is none.
 
     Limits of single realizations are none of the mean.
     """
@@ -174,7 +174,7 @@ def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
 
 
 def _table(known: Sequence[Known]) -> page.Table:
-    """A row for each visit."""
+    """Return a row for each visit."""
     rows = []
     for place, each in enumerate(known, start=1):
         visit, about = each.visit, each.about

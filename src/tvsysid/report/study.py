@@ -238,7 +238,7 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
 
 
 def _cell(table: pd.DataFrame, *key: str) -> page.Cell:
-    """A metric of one scenario and method, times in ms."""
+    """Return a metric of one scenario and method, times in ms."""
     if key not in table.index:
         return page.number(math.nan)
     value, error = table[["value", "standard_error"]].to_numpy(dtype=float)[
@@ -249,7 +249,7 @@ def _cell(table: pd.DataFrame, *key: str) -> page.Cell:
 
 
 def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) -> list[str]:
-    """The main outcome in sentences."""
+    """Describe the main result in sentences."""
     traits = traits_of(results)
     label = main_scenario(traits)
     here, sentences, parts = summary[summary.scenario == label], [], []

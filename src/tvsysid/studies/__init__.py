@@ -17,5 +17,5 @@ PRESETS = reflex.PRESETS | closed_loop.PRESETS
 
 
 def published(results: xr.Dataset) -> Published:
-    """What a simulation study is held against: the paper, if nothing else fits."""
+    """Return the claims for a simulation study: the paper's, if nothing else fits."""
     return reflex.published(results) or closed_loop.published(results) or PAPER

@@ -31,7 +31,7 @@ class Scores:
         self._scores = scores
 
     def of(self, *places: Place) -> list[Array]:
-        """Metrics and their replicates behind them; none if the study lacks any."""
+        """Return metrics followed by their replicates; none if the study lacks any."""
         indexes, found = self._scores.indexes, []
         for place in places:
             names = dict(
@@ -50,7 +50,7 @@ Margins = Callable[[Scores], Iterator[Replicated]]
 
 
 def judged_by(claims: Sequence[Claim], scores: xr.Dataset) -> pd.DataFrame:
-    """Table of claims, held against the scores of a study."""
+    """Return the table of claims, tested against the scores of a study."""
     known = Scores(scores)
     too_few = f"Needs at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
     with np.errstate(divide="ignore", invalid="ignore"):  # a draw of few trials may have no error
@@ -62,5 +62,5 @@ def judged_by(claims: Sequence[Claim], scores: xr.Dataset) -> pd.DataFrame:
 
 
 def margin(words: str, values: Array) -> Replicated:
-    """Margin and its replicates behind it."""
+    """Return a margin followed by its replicates."""
     return Replicated(words, float(values[0]), values[1:])

@@ -32,7 +32,7 @@ class Margin(Protocol):
         """The number."""
 
     def limits(self, tail: float) -> tuple[float, float]:
-        """Limits outside of which it lies with this probability on either side.
+        """Return the limits beyond which it lies with this probability on either side.
 
         NaN where nothing is known.
         """
@@ -63,7 +63,7 @@ def judged(
     too_few: str = "",
     more: str = "data",
 ) -> tuple[object, ...]:
-    """Row of ``COLUMNS`` for a claim; without margins it was not studied.
+    """Return the row of ``COLUMNS`` for a claim; without margins it was not studied.
 
     In words: what every claim needs ``also``, why there is ``too_few`` to decide by, and what to
     have ``more`` of.

@@ -186,11 +186,11 @@ class Layout:
         return known | {"variable": len(self.measured) + 1}
 
     def shape(self, dims: Sequence[str]) -> tuple[int, ...]:
-        """Lengths of some dimensions."""
+        """Return the lengths of some dimensions."""
         return tuple(self.lengths[dim] for dim in dims)
 
     def shapes(self, along: str) -> dict[str, tuple[int, ...]]:
-        """Shapes of the numbers that are measured along a dimension, of one place along it."""
+        """Return the shapes of the variables at one place along a dimension."""
         return {
             name: self.shape(variable.dims[1:])
             for name, variable in self.measured.items()
@@ -209,7 +209,7 @@ class Layout:
 
 
 def layout_of(study: Study | Experiment) -> Layout:
-    """Layout of a study's store."""
+    """Return the layout of a study's store."""
     return _of_simulations(study) if isinstance(study, Study) else _of_experiment(study)
 
 
@@ -262,7 +262,7 @@ def _of_simulations(study: Study) -> Layout:
 
 
 def _of_experiment(experiment: Experiment) -> Layout:
-    """Holds nothing of the recordings but their names."""
+    """Return the layout of an experiment's store. It depends on names of recordings only."""
     preparing, pathways = experiment.preparation, experiment.pathways
     recordings, analyses = experiment.recordings, experiment.analyses
     return Layout(
@@ -300,7 +300,7 @@ def _shared(
     period: float,
     rate: float,
 ) -> Iterator[Fixed]:
-    """What both kinds of study have."""
+    """Yield the variables that both kinds of study have."""
     yield Fixed("quantity", ("quantity",), list(quantities))
     yield Fixed("unit", ("quantity",), [study.units.get(name, "") for name in quantities])
     if pathways:
@@ -318,7 +318,7 @@ def _shared(
 
 
 def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Dataset:
-    """What became of each recording, over recording and time.
+    """Return the preparation of each recording, over recording and time.
 
     Kept beside the store, and made anew with each run.
     """

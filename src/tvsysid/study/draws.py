@@ -65,11 +65,11 @@ class DrawsTask(task.Task):
         return self._outcome(rows, warned, failure, sum(row["spent"] for row in found))
 
     def all_failed(self, reason: str) -> Outcome:
-        """Outcome where the method gave no result."""
+        """Return the outcome of a method without a result."""
         return self._outcome([task.failed(reason)] * self.bootstraps, "", reason, np.nan)
 
     def _row(self, name: str, ensemble: Ensemble, chosen: np.ndarray) -> Row:
-        """What one draw gives; VAFs are means over its realizations."""
+        """Return the results of one draw; VAFs are means over its realizations."""
         drawn = ensemble.select(chosen)
 
         def measure(model: Model) -> Row:
@@ -93,7 +93,7 @@ class DrawsTask(task.Task):
         return self.attempt(name, drawn, measure)
 
     def _warnings(self, count: int, rows: list[Row], failures: list[str]) -> Iterator[str]:
-        """Each warning once, whatever its numbers, with how often it was met.
+        """Yield each warning once, whatever its numbers, with its count.
 
         Draws are the same each time: what failed in some will fail in them again, and is a
         warning about the rest.

@@ -18,7 +18,7 @@ BLOCK = 4096  # bytes that a disk writes at once
 
 
 def content_of(file: str | Path) -> bytes:
-    """What a file holds; nothing if there is none.
+    """Return the content of a file; nothing if it does not exist.
 
     Raises an InputError if it is there and cannot be read.
     """
@@ -48,12 +48,12 @@ def write(file: str | Path, content: bytes) -> None:
 
 
 def checksum(content: bytes, key: int = 0) -> int:
-    """Length times 2**32 plus CRC-32, which begins with a key; 0 of nothing."""
+    """Return length times 2**32 plus CRC-32, which begins with a key; 0 of nothing."""
     return len(content) << 32 | zlib.crc32(content, key) if content else 0
 
 
 def key_of(path: str, key: int) -> int:
-    """Key of a file's checksum, from its path in the store and the store's key."""
+    """Return the key of a file's checksum, from its path in the store and the store's key."""
     return zlib.crc32(path.encode(), key)
 
 
@@ -69,18 +69,18 @@ def state(content: bytes, expected: int, key: int = 0) -> str:
 
 
 def sealed(content: bytes, key: int = 0) -> bytes:
-    """A content with its checksum as its last line."""
+    """Return a content with its checksum as the last line."""
     return content + b"\n%016x\n" % checksum(content, key)
 
 
 def unsealed(content: bytes, key: int = 0) -> bytes | None:
-    """What was sealed; None if it is not whole."""
+    """Return the content before its checksum line; None if it is not whole."""
     inner = content[:-SEAL]
     return inner if inner and sealed(inner, key) == content else None
 
 
 def torn(contents: Mapping[str, bytes], expected: Mapping[str, int], folder: Path) -> list[str]:
-    """Names of contents that are not whole.
+    """Return the names of contents that are not whole.
 
     Raises an InputError if there are damaged ones among them.
     """
@@ -91,7 +91,7 @@ def torn(contents: Mapping[str, bytes], expected: Mapping[str, int], folder: Pat
 
 
 def damage(files: Sequence[str]) -> InputError:
-    """The error that files are damaged."""
+    """Return the error for damaged files."""
     if len(files) == 1:
         what = f"{files[0]}: this file does not hold what was written there; remove it"
     else:
@@ -107,7 +107,7 @@ def damage(files: Sequence[str]) -> InputError:
 
 
 def to_disk(path: Path) -> None:
-    """See a file or folder through to the disk."""
+    """Flush a file or folder to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

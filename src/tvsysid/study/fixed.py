@@ -33,7 +33,7 @@ class Manifest(NamedTuple):
 
 
 def contents_of(layout: Layout) -> dict[str, bytes]:
-    """Files of a store without results, by their paths in it."""
+    """Return the files of a store without results, by their paths."""
     import zarr  # noqa: PLC0415  # heavy
     from zarr.storage import MemoryStore  # noqa: PLC0415
 
@@ -94,7 +94,7 @@ def make(path: Path, contents: Mapping[str, bytes], fresh: Path) -> None:
 
 
 def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
-    """See that a store is the study's, and write again what was cut short.
+    """Check that a store is the study's, and write torn files again.
 
     Raise if it is another's, or damaged.
     """
@@ -119,7 +119,7 @@ def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
 
 
 def verified(path: Path) -> tuple[dict[str, bytes], str]:
-    """The fixed files of a store of any study, and the machine that made it.
+    """Return the fixed files of a store, and the machine that made it.
 
     Raise if they are not whole.
     """
@@ -211,7 +211,7 @@ def _is_other(path: Path, contents: Mapping[str, bytes]) -> bool:
 
 
 def _attributes(root: bytes) -> dict[str, Any] | None:
-    """Attributes in a group's metadata; None if it cannot be read."""
+    """Return the attributes in a group's metadata; None if unreadable."""
     try:
         found = json.loads(root)
     except (UnicodeDecodeError, json.JSONDecodeError):
@@ -221,7 +221,7 @@ def _attributes(root: bytes) -> dict[str, Any] | None:
 
 
 def _manifest(path: Path) -> Manifest | None:
-    """That of a store; None if it is missing or not whole."""
+    """Return the manifest of a store; None if it is missing or not whole."""
     content = files.unsealed(files.content_of(path / MANIFEST))
     return None if content is None else Manifest(**json.loads(content))
 

@@ -103,7 +103,7 @@ def prepared_recordings(
 
 
 def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
-    """Excerpt of a recording and its whole preparation, for figures.
+    """Return an excerpt of a recording and its preparation, for figures.
 
     Raises if it cannot be read or prepared.
     """
@@ -137,7 +137,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     ensemble = preparation.ensemble
 
     def over_time(name: str | None) -> Array:
-        """Mean over the survivors of a channel, which moved and was cut as the torque was."""
+        """Return the mean of a channel over the kept realizations."""
         if name is None or name not in ensemble.channels:
             return unknown
         return np.asarray(ensemble.channels[name][:, ensemble.core].mean(axis=0))
@@ -189,7 +189,7 @@ def _simulated(recorded: Recorded) -> Simulation | None:
 def _recording(
     experiment: Experiment, recorded: Recorded, simulation: Simulation | None
 ) -> tuple[Recording, dict[str, str]]:
-    """All usable trials in one, each long enough for a realization, and why others are not.
+    """Return all usable trials as one recording, and why others cannot be used.
 
     Raises if there is none.
     """

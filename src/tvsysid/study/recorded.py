@@ -317,7 +317,7 @@ class Experiment(StudySettings):
         return names if len(names) > 1 else ()
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
-        """Seed of the draws from one recording, whatever else the experiment holds."""
+        """Return the seed of the draws from one recording; it depends on no other recording."""
         key = spawn_key(f"{recorded.label} {realizations}")
         return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
@@ -339,7 +339,7 @@ class Experiment(StudySettings):
         return {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
 
     def to_json(self) -> str:
-        """All settings as text."""
+        """Return all settings as text."""
         settings = self.identity
         virtual = dict.fromkeys(
             recorded.number for recorded in self.recordings if recorded.is_virtual
@@ -379,7 +379,7 @@ class Experiment(StudySettings):
 
 
 def _applied(value: Any) -> Any:
-    """A method as it may be written, as a mapping with all that belongs to it."""
+    """Return a method in any notation as a mapping of its settings."""
     if isinstance(value, Applied):
         return value
     given = dict(value) if isinstance(value, Mapping) else {}
@@ -391,5 +391,5 @@ def _applied(value: Any) -> Any:
 
 
 def _twice(labels: list[str]) -> str:
-    """First label that is there more than once, or nothing."""
+    """Return the first label that occurs twice, or nothing."""
     return next((label for number, label in enumerate(labels) if label in labels[:number]), "")

@@ -118,7 +118,7 @@ def run(
 
 
 def read_results(path: str | Path) -> xr.Dataset:
-    """Results of a study of either kind from the folder of its store, finished or not.
+    """Load the results of a study of either kind, finished or not.
 
     They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind. Every
     file is verified before it is used, and what tasks left that did not finish is NaN: neither can

@@ -98,7 +98,7 @@ class Cell:
         return np.asarray(np.sqrt(np.maximum(0.0, variance)))
 
     def measured(self, name: str) -> Value:
-        """Metric of the catalogue, or of this study's own; one for each set of weights."""
+        """Return a metric of the catalogue or the study, one value for each set of weights."""
         if name in OWN:
             return OWN[name][1](self)
         given = {each: getattr(self, each) for each in _arguments(name) if hasattr(self, each)}
@@ -111,7 +111,7 @@ def _arguments(name: str) -> tuple[str, ...]:
 
 
 def wave_of(time: Array, truth: Array) -> SquareWave | None:
-    """Square wave of two levels that a truth is over one realization, if it is one."""
+    """Return the square wave that a truth is over one realization, if it is one."""
     levels = np.unique(truth)
     if len(levels) != 2 or not np.isfinite(levels).all():
         return None
@@ -126,13 +126,13 @@ def wave_of(time: Array, truth: Array) -> SquareWave | None:
 
 
 def from_switch(time: Array, wave: SquareWave) -> Array:
-    """Seconds from the nearest switch."""
+    """Return the seconds from the nearest switch."""
     half = wave.period / 2
     return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
 
 
 def _rise(cell: Cell) -> Value:
-    """Time from 10 to 90 % of the step."""
+    """Return the time from 10 to 90 % of the step."""
     assert cell.wave is not None
     step = cell.wave.high - cell.wave.low
     low, high = cell.wave.low + 0.1 * step, cell.wave.high - (1 - 0.9) * step
@@ -142,7 +142,7 @@ def _rise(cell: Cell) -> Value:
 
 
 def _dip(cell: Cell) -> Value:
-    """How far the mean at the switches lies below that away from them."""
+    """Return the mean away from the switches less that at the switches."""
     over_time = cell.mean_over_time
     known = np.isfinite(over_time).reshape(-1, len(cell.time)).all(axis=0)
     at, away = known & cell.at, known & cell.away
@@ -218,7 +218,7 @@ OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
 
 
 def score(results: xr.Dataset) -> xr.Dataset:
-    """Every metric of every scenario and method, with bootstrap replicates.
+    """Return every metric of every scenario and method, with bootstrap replicates.
 
     A replicate is the metric of trials drawn with replacement. The same draws serve all methods and
     scenarios, so that the uncertainty of a difference between methods, which see the same data, is
@@ -327,7 +327,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
 
 
 def asked(results: xr.Dataset) -> NDArray[np.bool_]:
-    """Which methods identify each scenario, (scenario, method_key).
+    """Return which methods identify each scenario, (scenario, method_key).
 
     All of them unless the study says otherwise.
     """
@@ -340,7 +340,7 @@ def asked(results: xr.Dataset) -> NDArray[np.bool_]:
 
 
 def units_of(results: xr.Dataset) -> dict[str, str]:
-    """Unit of each quantity, as it is written in tables; empty if it is not known."""
+    """Return the unit of each quantity for tables; empty if unknown."""
     found = zip(results.quantity.values, results.unit.values, strict=True)
     changes = {"N m s": "N·m·s", "N m": "N·m", "kg m2": "kg·m²"}
     return {
@@ -352,7 +352,7 @@ def units_of(results: xr.Dataset) -> dict[str, str]:
 def _cell(
     time: Array, here: Mapping[str, Array], column: int, quantity: int, used: NDArray[np.bool_]
 ) -> Cell:
-    """One method's part of the used trials of a scenario."""
+    """Return one method's results in the used trials of a scenario."""
     truth = here["truth"][quantity]
     estimates = here["estimate"][used, column, quantity]
     if "trial_truth" in here:
@@ -370,7 +370,7 @@ def _cell(
 
 
 def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Value, Value]]:
-    """Return each metric with its value and its replicates for weights (draw, trial)."""
+    """Yield each metric with its value and its replicates for weights (draw, trial)."""
     if not main and not (np.isfinite(cell.truth).any() and np.isfinite(cell.estimates).any()):
         return
     names = [name for name in (UNITS if main else OF_QUANTITY) if name != "failed"]
@@ -387,7 +387,7 @@ def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Val
 
 
 def _undraw(found: dict[str, Value], count: int) -> None:
-    """Have replicates vary about what was measured: the one place where draws differ from samples.
+    """Centre the replicates on the measured value.
 
     A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random
     error's part twice, the sample's and that of drawing from it, so that of the random error, as

@@ -42,7 +42,7 @@ class StudySettings(Settings):
         """Method objects by the name that they have in results."""
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
-        """Names, and those that methods say in an attribute of theirs, each once."""
+        """Return the names, and those that methods state in an attribute, each once."""
         methods = self.named_methods.values()
         said = [name for method in methods for name in getattr(method, attribute)]
         return tuple(dict.fromkeys([*names, *said]))
@@ -69,7 +69,7 @@ class StudySettings(Settings):
 
     @classmethod
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
-        """Study from a TOML file whose keys are the settings.
+        """Read a study from a TOML file whose keys are the settings.
 
         Files that it names are sought beside it.
 
@@ -96,7 +96,7 @@ class StudySettings(Settings):
 
 
 def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[str, Any]:
-    """Settings with others in their place.
+    """Return settings with changes.
 
     Further scenarios follow where they are of the kind expected.
     """
@@ -115,7 +115,7 @@ def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[s
 
 
 def listed(value: Any) -> Any:
-    """One value stands for a list of one."""
+    """Return a list; one value becomes a list of one."""
     return value if isinstance(value, (list, tuple)) else (value,)
 
 
@@ -123,7 +123,7 @@ Listed = BeforeValidator(listed)
 
 
 def unique(values: tuple[Value, ...]) -> tuple[Value, ...]:
-    """The values, none of which may be given twice."""
+    """Return the values, after a check that none is given twice."""
     if len(set(map(repr, values))) < len(values):
         raise ValueError("the same value is given twice")
     return values
@@ -148,7 +148,7 @@ Whole = Annotated[int, BeforeValidator(_whole)]
 
 
 def in_words(value: object) -> str:
-    """Setting as text, like "1, eirf, none" or "alignment 2"."""
+    """Return a setting as text, like "1, eirf, none" or "alignment 2"."""
     if isinstance(value, list):
         return ", ".join(map(in_words, value))
     if isinstance(value, dict):
@@ -159,7 +159,7 @@ def in_words(value: object) -> str:
 
 
 def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: str = "") -> str:
-    """What differs between two mappings, in words.
+    """Describe the differences between two mappings.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: st
 
 
 def _by_name(value: object) -> object:
-    """Value, or mappings in a list by their names, or else by their numbers from 1."""
+    """Return a value; mappings in a list by their names, or by their numbers from 1."""
     if (
         not isinstance(value, list)
         or not value
@@ -193,13 +193,13 @@ def _by_name(value: object) -> object:
 
 
 def spawn_key(text: str) -> list[int]:
-    """Key of a stream of random numbers of its own."""
+    """Return the spawn key of independent random numbers."""
     digest = hashlib.sha256(text.encode()).digest()
     return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
 
 
 def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
-    """First fault in plain words: the key, what came, what was expected."""
+    """Describe the first fault: the key, the value and the expected value."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
@@ -221,7 +221,7 @@ def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
 
 
 def _model_at(kind: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseModel]:
-    """Settings that stand at a place within others."""
+    """Return the settings at a place within others."""
     for part in place:
         if part in kind.model_fields:
             kind = _model_within(kind.model_fields[str(part)].annotation) or kind

@@ -59,7 +59,7 @@ KINDS: dict[str, tuple[Mapping[str, object], str, str]] = {
 
 
 def _scenarios(values: Any) -> Any:
-    """Scenarios that are named in the place of their settings."""
+    """Replace names of scenarios by their settings."""
     named = {name: find(name, "scenario") for name in listed(values) if isinstance(name, str)}
     for name, found in named.items():
         if not isinstance(found, Mapping):
@@ -76,7 +76,7 @@ Methods = Annotated[tuple[AnyMethod, ...], Listed, Field(min_length=1)]
 
 
 def _said(expected: str, **limits: Any) -> Any:
-    """What a setting is expected to be, for messages, and its limits."""
+    """Return a field with its expected value, for messages, and its limits."""
     return Field(description=expected, **limits)
 
 
@@ -338,7 +338,7 @@ class Study(_Grid, StudySettings):
         return found
 
     def _as_taken(self, scenario: Scenario) -> Scenario:
-        """The scenario, without what its system does not take."""
+        """Return the scenario without settings that its system does not take."""
         system = self.parts[f"system {scenario.system}"]
         takes = settings_of(system).keys()
         return scenario._replace(
@@ -347,7 +347,7 @@ class Study(_Grid, StudySettings):
         )
 
     def simulated(self, scenario: Scenario) -> tuple[System, Perturbation]:
-        """System and perturbation of a scenario."""
+        """Return the system and perturbation of a scenario."""
         system, changes = self.parts[f"system {scenario.system}"], {}
         if scenario.stiffness != OWN:
             changes["stiffness"] = self.parts[f"stiffness {scenario.stiffness}"]
@@ -358,7 +358,7 @@ class Study(_Grid, StudySettings):
         ]
 
     def setting_of(self, scenario: Scenario) -> Setting:
-        """How a scenario is simulated and cut."""
+        """Return how a scenario is simulated and cut."""
         measured = self.known.quantities, self.known.pathways, self.scheduled
         return Setting(
             scenario.duration_s,
@@ -418,12 +418,12 @@ class Study(_Grid, StudySettings):
             ) from error
 
     def seed_of(self, scenario: Scenario, trial: int) -> np.random.SeedSequence:
-        """Seed of one trial of one scenario, whatever else the study holds."""
+        """Return the seed of one trial of a scenario; it depends on no other scenario."""
         parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
         return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), trial))
 
     def to_json(self) -> str:
-        """The settings as text, methods and parts by their labels.
+        """Return the settings as text, methods and parts by their labels.
 
         What tells one study from another.
         """

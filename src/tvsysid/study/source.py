@@ -31,17 +31,17 @@ class Source(ABC):
 
     @abstractmethod
     def task_at(self, place: Place) -> Task:
-        """The task for a place of the store."""
+        """Return the task for a place of the store."""
 
     def rank(self, place: Place) -> tuple[int, int]:
         """Return the priority of a task: the higher, the longer it is expected to take."""
         return place
 
     def begin(self, store: Store) -> None:  # noqa: B027  # most have nothing to do
-        """See to what is in the store before anything is run."""
+        """Prepare the store before tasks run."""
 
     def completed(self, results: xr.Dataset) -> xr.Dataset:
-        """Results with what is known beside them."""
+        """Return results with further facts."""
         return results
 
 
@@ -54,14 +54,14 @@ class Simulations(Source):
         self._simulated: dict[Scenario, bytes] = {}
 
     def task_at(self, place: Place) -> Trial:
-        """A trial of a scenario."""
+        """Return a trial of a scenario."""
         scenario = self._study.scenarios[place[0]]
         return self.trial(scenario, place[1], self._study.methods_of[scenario])
 
     def trial(
         self, scenario: Scenario, number: int, methods: frozenset[str] = frozenset()
     ) -> Trial:
-        """A trial of a scenario, which may be none of the study's own, by some methods, or all."""
+        """Return a trial of any scenario, by some methods or all."""
         label = scenario.label
         if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
@@ -97,7 +97,7 @@ class Recordings(Source):
         self._known = of_recordings(experiment, ready)
 
     def task_at(self, place: Place) -> DrawsTask:
-        """All bootstraps of one method from one recording."""
+        """Return the task of all bootstraps of one method from one recording."""
         item, analysis = self._ready[place[0]], self._experiment.analyses[place[1]]
         return DrawsTask(
             label=f"{analysis.label} of {item.recorded.label}",
@@ -117,11 +117,11 @@ class Recordings(Source):
         )
 
     def rank(self, place: Place) -> tuple[int, int]:
-        """The last methods, and most realizations, take longest, whatever the recording."""
+        """Return the priority: the last methods and most realizations take longest."""
         return place[1], place[0]
 
     def begin(self, store: Store) -> None:
-        """Forget what was identified from other data, and write what became of the recordings."""
+        """Delete results from other data, and write the preparation of the recordings."""
         changed = store.forget_unless("digest", lambda place: self._ready[place[0]].digest)
         labels = list(dict.fromkeys(self._ready[place[0]].recorded.label for place in changed))
         if labels:
@@ -133,17 +133,17 @@ class Recordings(Source):
         store.keep(RECORDINGS, bytes(self._known.to_netcdf(engine="h5netcdf")))
 
     def completed(self, results: xr.Dataset) -> xr.Dataset:
-        """Results with what is known of the recordings."""
+        """Return results with the facts of the recordings."""
         return with_recordings(results, self._known)
 
 
 def source_of(study: Study | Experiment, prepared: Sequence[Prepared] | None) -> Source:
-    """Source of a study of either kind."""
+    """Return the source of a study of either kind."""
     return Simulations(study) if isinstance(study, Study) else Recordings(study, prepared)
 
 
 def recordings_in(store: Store, results: xr.Dataset) -> xr.Dataset:
-    """What became of the recordings of an experiment.
+    """Return the prepared recordings of an experiment.
 
     Raises an InputError if it is damaged, or not of the results.
     """
@@ -160,7 +160,7 @@ def recordings_in(store: Store, results: xr.Dataset) -> xr.Dataset:
 
 
 def with_recordings(results: xr.Dataset, known: xr.Dataset) -> xr.Dataset:
-    """Results with what is known of the recordings, and all settings."""
+    """Return results with the facts of the recordings, and all settings."""
     names: dict[Any, Any] = {
         name: each for name, each in known.data_vars.items() if name != "digest"
     }

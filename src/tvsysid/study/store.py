@@ -81,7 +81,7 @@ class Store:
         return [(row, column) for row in range(first) for column in range(second)]
 
     def missing(self) -> list[Place]:
-        """Places whose tasks are to be done: those not there, cut short or with a failure."""
+        """Return the places of tasks to do: missing, torn or failed."""
         return [
             place
             for place, found in self._tasks()
@@ -98,7 +98,7 @@ class Store:
         files.write(self._file(CHECKSUMS, place), recorded + struct.pack("<Q", own))
 
     def forget_unless(self, name: str, expected: Callable[[Place], str]) -> list[Place]:
-        """Forget what tasks measured where a text among it is not the expected one.
+        """Delete tasks whose stored text differs from the expected one. Return their positions.
 
         The places forgotten.
         """
@@ -113,7 +113,7 @@ class Store:
         return forgotten
 
     def results(self) -> xr.Dataset:
-        """What is there; too much for the memory is read, and verified again, when it is used."""
+        """Return the results. Large variables are read, and verified again, on use."""
         small = self._opened.nbytes <= IN_MEMORY
         names = list(self._arrays) if small else [CHECKSUMS]
         read = {name: self._nothing(name, self._arrays[name].shape) for name in names}
@@ -144,7 +144,7 @@ class Store:
         files.write(self.path / name, files.sealed(content, files.key_of(name, self._key)))
 
     def kept(self, name: str) -> bytes:
-        """What such a file holds; raises an InputError if it is not whole."""
+        """Return the content of a file. Raise InputError if it is not whole."""
         content = files.unsealed(files.content_of(self.path / name), files.key_of(name, self._key))
         if content is None:
             raise InputError(
@@ -155,7 +155,7 @@ class Store:
         return content
 
     def _tasks(self) -> Iterator[tuple[Place, Found]]:
-        """What there is of each task.
+        """Yield the state of each task.
 
         Raises an InputError at the end if files of full length hold something else.
         """
@@ -208,7 +208,7 @@ class Store:
         return merged
 
     def _chunk(self, name: str, place: Place) -> str:
-        """Path of a chunk in the store, as Zarr calls it."""
+        """Return the path of a chunk in the store, as Zarr names it."""
         folder, below = self._parts[name]
         return f"{folder}/{place[0]}/{place[1]}{below}"
 
@@ -238,14 +238,14 @@ class Store:
         return files.checksum(content, self._key_of(name, place))
 
     def _nothing(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        """What a variable holds where nothing was measured."""
+        """Return the fill value of a variable."""
         dtype = self._arrays[name].dtype
         if dtype.kind in TEXT:
             return np.full(shape, "", dtype=np.dtypes.StringDType())
         return np.full(shape, 0 if dtype.kind == "u" else np.nan, dtype=dtype)
 
     def _values(self, name: str, content: bytes) -> NDArray[Any]:
-        """A task's part of a variable."""
+        """Return a task's part of a variable."""
         array = self._arrays[name]
         if not content:
             return self._nothing(name, array.shape[2:])
@@ -286,7 +286,7 @@ def open_store(path: Path, layout: Layout) -> Iterator[Store]:
 
 
 def stored(path: Path) -> Store:
-    """The store in a folder, to be read whether it is finished or not.
+    """Open the store in a folder for reading, finished or not.
 
     Raises an InputError if the folder is no such store, or its files are cut short or damaged.
     """
@@ -298,7 +298,7 @@ def stored(path: Path) -> Store:
 
 
 def _in_order(results: xr.Dataset) -> xr.Dataset:
-    """Variables in the order of the layout, and names as plain text."""
+    """Return variables in the order of the layout, and names as plain text."""
     texts = {
         name: (values.dims, values.values.astype(object).astype(str))
         for name, values in results.coords.items()
@@ -312,7 +312,7 @@ def _in_order(results: xr.Dataset) -> xr.Dataset:
 
 
 def _texts(content: bytes) -> NDArray[Any]:
-    """Texts of a chunk: their number, and each with its length before it."""
+    """Return the texts of a chunk: their number, and each with its length before it."""
     texts, place = [], 4
     while place < len(content):
         first = place + 4

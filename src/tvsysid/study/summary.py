@@ -41,7 +41,7 @@ OF_TRUTH = ("bias_error", "mean_bias")  # known of virtual participants only
 
 
 def summarize(found: xr.Dataset) -> pd.DataFrame:
-    r"""Metrics of a study as a table.
+    r"""Return the metrics of a study as a table.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _rows(cell: xr.Dataset) -> Iterator[tuple[object, ...]]:
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
-    """Rows of a summary that tell of a quantity, and of those that belong to none."""
+    """Return the rows of a summary on a quantity or on none."""
     return summary[summary.quantity.isin(["", quantity])]
 
 
@@ -148,7 +148,7 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
 
 
 def measured(results: xr.Dataset) -> dict[str, Array]:
-    """Metrics of the stiffness and of the torque, each over (recording, analysis).
+    """Return metrics of stiffness and torque, each over (recording, analysis).
 
     NaN where there is none.
     """
@@ -168,7 +168,7 @@ def measured(results: xr.Dataset) -> dict[str, Array]:
 
 
 def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
-    """Metrics of a quantity, each over (recording, analysis).
+    """Return the metrics of a quantity, each over (recording, analysis).
 
     NaN where it is not estimated, or not known.
     """
@@ -193,7 +193,7 @@ def mean_over_draws(values: Array) -> Array:
 
 
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
-    """Stiffness over time: mean and standard deviation over bootstraps.
+    """Return stiffness over time: mean and standard deviation over bootstraps.
 
     Columns are participant, perturbation, method, realizations, time_s, stiffness,
     standard_deviation (N·m/rad) and time_varying_vaf (%).

@@ -53,7 +53,7 @@ Shapes = Mapping[
 
 @cache
 def versions() -> dict[str, str]:
-    """What the last bits of a result depend on; looked up once, for every task carries it."""
+    """Return the software that decides the last bits of a result. Every task carries it."""
     libraries = {name: version(name) for name in ("numpy", "scipy", "zarr")}
     return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
@@ -78,7 +78,7 @@ class Task(ABC):
 
     @abstractmethod
     def all_failed(self, reason: str) -> Outcome:
-        """Outcome where no method gave a result."""
+        """Return the outcome without any result."""
 
     def attempt(self, name: str, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
         """Identify an ensemble by one of the methods and measure the model.
@@ -120,7 +120,7 @@ def carry_out(task: Task) -> Outcome:
 
 
 def note_tasks_in(file: Path) -> None:
-    """Have this process write into a file what it works on."""
+    """Write the current task of this process to a file."""
     global _NOTES  # noqa: PLW0603  # one for a process
     _NOTES = file
 
@@ -152,7 +152,7 @@ class Clock:
 
 
 def failed(reason: str) -> Row:
-    """Row without numbers."""
+    """Return a row without numbers."""
     return {"warnings": [], "failure": reason, "spent": 0.0}
 
 
@@ -165,7 +165,7 @@ def _check_found(model: Model) -> None:
 
 
 def stacked(rows: Sequence[Row], shapes: Shapes) -> Outcome:
-    """Numbers of all rows, NaN where a row has none."""
+    """Return the numbers of all rows, NaN where a row has none."""
     return {
         name: np.array([row.get(name, np.full(shape, np.nan)) for row in rows], dtype=np.float64)
         for name, shape in shapes.items()
@@ -173,18 +173,18 @@ def stacked(rows: Sequence[Row], shapes: Shapes) -> Outcome:
 
 
 def as_text(values: str | Sequence[str]) -> NDArray[Any]:
-    """Texts as they are stored."""
+    """Return texts as they are stored."""
     texts = printable(values) if isinstance(values, str) else [printable(text) for text in values]
     return np.array(texts, dtype=np.dtypes.StringDType())
 
 
 def over_time(model: Model, quantities: Sequence[str]) -> Array:
-    """Estimates, shape (quantity, time); NaN where the model has none."""
+    """Return the estimates, shape (quantity, time); NaN where the model has none."""
     return np.stack([model.over_time(name) for name in quantities])
 
 
 def explained(torque: Array, predicted: Array, sampling_rate: float) -> Row:
-    """Variance of a torque that a prediction accounts for; both of shape (realization, time)."""
+    """Return the VAF of a prediction; torques have the shape (realization, time)."""
     return {
         "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
         "vaf": statistics(metrics.vaf(torque, predicted)),
@@ -215,7 +215,7 @@ def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
 
 
 def over_schedule(model: Model, lengths: Mapping[str, int]) -> Row:
-    """Estimates over a variable of the method's own, their standard errors, and its values.
+    """Return estimates over a method's variable, their standard errors, and its values.
 
     Shape (quantity, value).
 
@@ -249,7 +249,7 @@ STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
 
 
 def statistics(values: Array) -> Array:
-    """``STATISTICS`` of the values that there are."""
+    """Return the ``STATISTICS`` of the known values."""
     known = values[np.isfinite(values)]
     return (
         np.array([known.mean(), known.std(), known.min()])

@@ -50,11 +50,11 @@ class Setting(NamedTuple):
         return checked_simulation(made, type(system).__name__)
 
     def cut(self, recording: Recording) -> Ensemble:
-        """Realizations of a simulated recording."""
+        """Return the realizations of a simulated recording."""
         return segment(decimate(recording, self.rate), self.period)
 
     def torques(self, simulation: Simulation) -> dict[str, Array]:
-        """Noiseless ``"torque"``, and those of pathways, such as ``"reflex pathway"``.
+        """Return the noiseless ``"torque"`` and pathways, such as ``"reflex pathway"``.
 
         (realization, time).
         """
@@ -126,7 +126,7 @@ class Trial(task.Task):
         return self._outcome(rows, list(clock.seconds.values()), truth)
 
     def all_failed(self, reason: str) -> Outcome:
-        """Outcome where no method gave a result."""
+        """Return the outcome without any result."""
         unknown = np.full(self.shapes["estimate"], np.nan)
         return self._outcome(
             [task.failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown
@@ -145,7 +145,7 @@ class Trial(task.Task):
 
 
 def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[str, ...]) -> Array:
-    """Means over an ensemble's realizations of what a simulation knows, (quantity, time).
+    """Return the mean truth over an ensemble's realizations, (quantity, time).
 
     NaN where it does not.
     """
@@ -159,12 +159,12 @@ def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[st
 
 
 def _mean(values: Array) -> Array:
-    """Mean over the first axis, to the last bit where all are the same."""
+    """Return the mean over the first axis, exact where all values are equal."""
     return np.asarray(values[0] if (values == values[0]).all() else values.mean(axis=0))
 
 
 def _bands(model: Model, truth: Array, quantities: tuple[str, ...]) -> Row:
-    """Standard errors, and whether the 95 % bands hold the truth, 1 or 0; NaN where there is none.
+    """Return standard errors, and whether the 95 % bands hold the truth (1, 0, NaN).
 
     (quantity, time).
     """

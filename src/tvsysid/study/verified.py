@@ -40,7 +40,7 @@ class Verified(MemoryStore):
         return cpu.Buffer.from_bytes(content)
 
     def dataset(self) -> xr.Dataset:
-        """What xarray makes of it."""
+        """Return the decoded dataset of xarray."""
         # Chunks of the size of a task, read as they are needed: no need for Dask.
         results: xr.Dataset = xr.open_zarr(self, chunks=None)
         return results

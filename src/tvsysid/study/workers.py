@@ -33,7 +33,7 @@ UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
 
 
 def cores() -> int:
-    """Cores that this process may use; a job on a cluster may have fewer than the machine."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -97,7 +97,7 @@ def _from(
     workers: int,
     cancel: bool = False,
 ) -> Generator[tuple[Place, Outcome]]:
-    """Outcomes as they come; never more than a few trials are under way.
+    """Yield outcomes as they finish. Only a few trials are under way at a time.
 
     Tasks under way at an early end are cancelled, but not in a local pool: its workers are
     ended, and Python 3.11 hangs when it tells a task that was cancelled that its worker died.
@@ -120,7 +120,7 @@ def _from(
 
 
 def _outcome(result: Callable[[], Outcome], task: Task) -> Outcome:
-    """What a task gives, or that it failed where it raised what is nobody's word to the user."""
+    """Return the outcome of a task, or a failure for an unexpected exception."""
     try:
         return result()
     except (BrokenExecutor, CancelledError, InputError):
@@ -162,7 +162,7 @@ def _from_processes(
 
 @contextmanager
 def processes(workers: int, ready: bool = True, notes: str = "") -> Iterator[Pool]:
-    """So many local worker processes, which end with this one and leave an interruption to it.
+    """Start local workers, which end with this process and ignore interruptions.
 
     They are waited for until ``ready``; an InputError says that they do not start. Each writes the
     task that it works on into a file in the folder ``notes``, if there is one.
@@ -224,7 +224,7 @@ def _interruptions_ignored() -> Iterator[None]:
 
 
 def _start_worker(notes: str) -> None:
-    """Have a worker end with its parent, even one that is killed, and note its tasks."""
+    """Make a worker end with its parent, even a killed one, and note its tasks."""
     if notes:
         note_tasks_in(Path(notes, str(os.getpid())))
     parent = multiprocessing.parent_process()

@@ -24,7 +24,7 @@ LITERATURE = Published(
 
 
 def published(results: xr.Dataset) -> Published | None:
-    """What a simulation study is held against, if all its systems are closed loops."""
+    """Return the claims for a simulation study, if all its systems are closed loops."""
     return (
         LITERATURE if all(loop_of(label) is not None for label in results.system.values) else None
     )

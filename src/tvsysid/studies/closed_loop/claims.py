@@ -52,7 +52,7 @@ PLACES = tuple(
 
 
 def scenario(actuator: float, noise: float, duration_s: float = SHORT) -> Scenario:
-    """Sine wave on this actuator with this noise."""
+    """Return the scenario of a sine wave on this actuator with this noise."""
     return Scenario(
         "sine", "noise:cutoff=20", duration_s, SNR[noise], "constant", system(actuator, noise)
     )
@@ -71,7 +71,7 @@ def _where(actuator: float, noise: float) -> str:
 
 
 def _bias(methods: Sequence[str], noises: Sequence[float], limit: float, loses: bool) -> Margins:
-    """That each method's mean bias is below -limit, or within it."""
+    """Test that each method's mean bias is below -limit, or within it."""
 
     def margins(scores: Scores) -> Iterator[Replicated]:
         for method, noise, actuator in itertools.product(methods, noises, ACTUATORS):
@@ -95,7 +95,7 @@ def _stays(scores: Scores) -> Iterator[Replicated]:
 
 
 def _covers(*methods: str) -> Margins:
-    """That the bands of methods hold the truth as often as they should, in every closed loop."""
+    """Test that the bands of methods have their nominal coverage in every closed loop."""
 
     def margins(scores: Scores) -> Iterator[Replicated]:
         for method, (noise, actuator) in itertools.product(methods, PLACES):
@@ -112,7 +112,7 @@ def _covers(*methods: str) -> Margins:
 def _ratio(
     scores: Scores, place: Scenario, one: str, other: str, where: str
 ) -> tuple[str, Array] | None:
-    """Logarithm of the ratio of two methods' random errors, and what was compared, in words."""
+    """Return the log ratio of two methods' random errors, and its description."""
     found = scores.of(*((place, method, "random_error") for method in (one, other)))
     if not found:
         return None

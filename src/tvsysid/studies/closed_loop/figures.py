@@ -20,7 +20,7 @@ SIZE = "stiffness of the actuator (N·m/rad)"
 
 
 def loop_of(label: object) -> CompliantActuator | None:
-    """System of this label, if it is a closed loop of the package's own."""
+    """Return the system of this label, if it is a closed loop of the package."""
     name, _, _ = str(label).partition(":")
     usual = SYSTEMS.get(name)
     if not isinstance(usual, CompliantActuator):
@@ -30,7 +30,7 @@ def loop_of(label: object) -> CompliantActuator | None:
 
 
 def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """All figures of a study, by the stem of a file's name.
+    """Return all figures of a study, by the stem of the file's name.
 
     ``"bias-5Hz"``: mean bias of the stiffness against the stiffness of the actuator, for each
     noise; ``"comparison-5Hz"``: estimates over time, with bars of all scenarios of that noise;

@@ -72,7 +72,7 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
 
 
 def _groups(study: Study) -> dict[str, list[str]]:
-    """Labels of scenarios by what they ask for."""
+    """Return labels of scenarios by their kind."""
     found: dict[str, list[str]] = {}
     for scenario in study.scenarios:
         system, _ = study.simulated(scenario)
@@ -135,7 +135,7 @@ def _seed_in_words(seed: int) -> str:
 
 
 def _told(table: pd.DataFrame, kinds: Iterable[str]) -> list[str]:
-    """Who leads, in all and in scenarios of each kind, and which ranks are shared."""
+    """Describe who leads, overall and by kind of scenario, and which ranks are shared."""
     ranks = {
         each: list(table.entry[table["rank"] == each]) for each in table["rank"].unique().tolist()
     }

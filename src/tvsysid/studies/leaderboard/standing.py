@@ -35,7 +35,7 @@ SCORE = (
 
 
 def errors_of(results: xr.Dataset) -> xr.DataArray:
-    """Relative error of the stiffness, at most 1, over (scenario, trial, method_key)."""
+    """Return the relative error of stiffness, at most 1, (scenario, trial, method_key)."""
     truth = (results.trial_truth if "trial_truth" in results else results.truth).sel(quantity=MAIN)
     off = results.estimate.sel(quantity=MAIN).fillna(0.0) - truth
     found: xr.DataArray = np.sqrt((off**2).mean("time")) / truth.mean("time")
@@ -92,7 +92,7 @@ def answered(results: xr.Dataset) -> xr.DataArray:
 
 
 def standings(results: xr.Dataset, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
-    """A row for each entry, in order of score.
+    """Return a row for each entry, in order of score.
 
     Columns rank, entry, origin, score, score_error (standard), behind (who led when it was its
     turn), behind_error, coverage (mean over scenarios with a band), answered (scenarios with an

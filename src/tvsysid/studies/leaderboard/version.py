@@ -116,7 +116,7 @@ def digest(study: Study) -> str:
 
 
 def commitment(seed: int) -> str:
-    """SHA-256 that is published before its seed.
+    """Return the SHA-256 that is published before its seed.
 
     Whoever is later given the seed can check that it is the same one.
     """

@@ -25,7 +25,7 @@ LITERATURE = Published(
 
 
 def published(results: xr.Dataset) -> Published | None:
-    """What a simulation study is held against, if its reflexes are known, and some method's."""
+    """Return the claims for a simulation study of a joint with a reflex."""
     if (
         "reflex_gain" not in results.quantity.values
         or results.truth.sel(quantity="reflex_gain").isnull().any()

@@ -45,7 +45,7 @@ def judge(scores: xr.Dataset) -> pd.DataFrame:
 
 
 def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) -> Margins:
-    """That a metric of each method in its scenario is below a limit.
+    """Test that a metric of each method in its scenario is below a limit.
 
     The words name ``method`` and ``value``.
     """

@@ -18,7 +18,7 @@ QUANTITIES = ["stiffness", "reflex_gain"]
 
 
 def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """All figures of a study, by the stem of a file's name.
+    """Return all figures of a study, by the stem of the file's name.
 
     ``"pathways-reflex-sine-sine"``: stiffness and reflex gain over time of the first scenario of a
     system and a profile, with bars of all its scenarios; ``"bias-reflex-sine"``: bias of the
@@ -113,7 +113,7 @@ def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustrat
 
 
 def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.DataFrame, str]:
-    """Rows of a metric for scenarios of these sizes, of methods that have several.
+    """Return rows of a metric for scenarios of these sizes, of methods with several.
 
     And them in words.
     """

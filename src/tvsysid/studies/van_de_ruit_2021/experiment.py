@@ -76,7 +76,7 @@ class Paired:
         return float(self.values.mean()) if len(self.values) else math.nan
 
     def limits(self, tail: float) -> tuple[float, float]:
-        """Limits of a t distribution."""
+        """Return limits of a t distribution."""
         count = len(self.values)
         if count < FEWEST:
             return math.nan, math.nan
@@ -124,7 +124,7 @@ class Figures:
         )
 
     def drawn(self, method: str) -> int:
-        """The smallest number of realizations."""
+        """Return the smallest number of realizations."""
         return int(self._realizations[self._analyses[method][0]])
 
     def of(self, name: str, perturbation: str, method: str, amount: int = 0) -> Array:
@@ -134,7 +134,7 @@ class Figures:
         )
 
     def share(self, name: str, perturbation: str) -> Array:
-        """A number of realizations for each participant, of as many as the paper recorded."""
+        """Return a number of realizations for each participant, scaled to the paper's."""
         return self._over_participants(perturbation, self._counts[name])
 
     def _over_participants(self, perturbation: str, values: Array) -> Array:
@@ -157,7 +157,7 @@ def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
 
 
 def _rising(stiffness: Array, torque: Array) -> Array:
-    """Correlation over time of the mean stiffness with the mean torque, (recording, analysis)."""
+    """Return the correlation of mean stiffness and mean torque, (recording, analysis)."""
     mean = mean_over_draws(stiffness)
     found = np.full(mean.shape[:2], np.nan)
     for recording, analysis in np.ndindex(*found.shape):
@@ -210,7 +210,7 @@ def _paired(words: str, *margins: Array) -> Iterator[Paired]:
 
 
 def _within(words: str, found: Array, low: float, high: float) -> Iterator[Paired]:
-    """That a figure is in a range: a margin at each end."""
+    """Test that a number is in a range: a margin at each end."""
     return _paired(words, found - low, *([high - found] if math.isfinite(high) else []))
 
 
@@ -222,7 +222,7 @@ def _with_either(
     low: float = 0.0,
     high: float = math.inf,
 ) -> Margins:
-    """How a metric with noise compares with that with PRBS.
+    """Compare a metric under noise with that under PRBS.
 
     The words say the means of both, and the method.
     """
@@ -243,7 +243,7 @@ def _of_each(
     methods: Sequence[str] = FIVE,
     amounts: int = 1,
 ) -> Margins:
-    """A metric under each perturbation by each method, with one or two amounts of data.
+    """Return a metric by perturbation and method, with one or two amounts of data.
 
     The words say its means.
     """
@@ -267,7 +267,7 @@ def _there(figures: Figures) -> list[str]:
 
 
 def _extreme(best: str, margin: Callable[[Array, Array], Array]) -> Margins:
-    """That a method's random error is beyond that of all others."""
+    """Test that a method's random error exceeds that of all others."""
 
     def margins(figures: Figures) -> Iterator[Paired]:
         for perturbation in _there(figures) if figures.has() else ():

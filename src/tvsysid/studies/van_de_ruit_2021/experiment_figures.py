@@ -52,7 +52,7 @@ def experiment_figures(
     excerpts: Mapping[str, Recording],
     preparations: Mapping[str, Preparation],
 ) -> dict[str, Illustration]:
-    """All figures of an experiment.
+    """Return all figures of an experiment.
 
     By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
     (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is
@@ -83,7 +83,7 @@ def experiment_figures(
 
 
 def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
-    """Every participant in detail, as PNG and PDF, by the stem of the file's name."""
+    """Return the detailed figures of every participant, by the stem of the file's name."""
     people = unique(results.participant.values)
     titles = {who: f"Participant {who} in detail" for who in people}
     return {
@@ -97,7 +97,7 @@ def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
 
 
 def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
-    """What is drawn of one participant."""
+    """Return the figures of one participant."""
     return (
         results[SHOWN]
         .sel(quantity="stiffness")
@@ -128,7 +128,7 @@ def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
 
 
 def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """All participants, or the only recording."""
+    """Return the figure of all participants, or of the only recording."""
     shown, told = (
         results[SHOWN].sel(quantity="stiffness"),
         f"({_amounts(results)}){_truth(results)}. ",
@@ -178,7 +178,7 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
 
 
 def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """Metrics of all participants, and errors where the truth is known."""
+    """Return the metrics of all participants, and errors where the truth is known."""
     title = "VAF and random error of all methods"
     text = (
         f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, "
@@ -281,7 +281,7 @@ def _sentences(
 
 
 def _amounts(results: xr.Dataset) -> str:
-    """Seconds of data that each method is shown with."""
+    """Return the seconds of data that each method is shown with."""
     by_amount: dict[str, list[str]] = {}
     for method, label in least_data(results).items():
         by_amount.setdefault(seconds_of_data(results, label), []).append(method)

@@ -41,7 +41,7 @@ METRICS = {
 def study_figures(
     results: xr.Dataset, summary: pd.DataFrame, responses: xr.Dataset | None = None
 ) -> dict[str, Illustration]:
-    """All figures of a study.
+    """Return all figures of a study.
 
     By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both
     perturbations), ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``,
@@ -132,7 +132,7 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
 def _figures(
     summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, object]]
 ) -> list[str]:
-    """One sentence for each method in each scenario."""
+    """Return one sentence for each method in each scenario."""
     sentences = []
     for label, scenario in zip(labels, scenarios, strict=True):
         rows = summary[(summary.scenario == label) & summary.metric.isin(list(METRICS))].dropna(
@@ -242,7 +242,7 @@ def _responses(responses: xr.Dataset) -> Illustration:
 
 
 def example_responses(seed: int = 0) -> xr.Dataset:
-    r"""Draw impulse responses of the first trial of 150 s (square wave, PRBS), like figure 2.
+    r"""Return impulse responses of the first trial of 150 s (square wave, PRBS), like figure 2.
 
     The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the
     Nyquist frequency), for a response that holds all frequencies has no finite values.

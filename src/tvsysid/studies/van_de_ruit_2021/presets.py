@@ -29,7 +29,7 @@ PRESETS: dict[str, dict[str, object]] = {
 def preset(
     name: str, further: Mapping[str, dict[str, object]] = MappingProxyType({}), **settings: Any
 ) -> Study:
-    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
+    """Return a study of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"`` or ``"viscosity"``.
 
     Or of ``further`` ones.
 

@@ -96,7 +96,7 @@ class Scores:
         self._values, self._replicates = scores.value.values, scores.replicates.values
 
     def where(self, where: Where, least_s: float = 0.0) -> list[Scenario]:
-        """Scenarios with these settings, and so many seconds of data."""
+        """Return the scenarios with these settings and so many seconds of data."""
         return [
             scenario
             for scenario in self.scenarios
@@ -114,7 +114,7 @@ class Scores:
         return np.append(self._values[place], self._replicates[place])
 
     def trials(self, scenario: Scenario, method: str) -> int:
-        """Trials that count."""
+        """Return the trials that count."""
         return int(self._trials[self.scenarios[scenario], self._methods.get_loc(method)])
 
 
@@ -127,7 +127,7 @@ class Replicated:
     replicates: Array
 
     def limits(self, tail: float) -> tuple[float, float]:
-        """Percentiles of the replicates; NaN where there are none."""
+        """Return percentiles of the replicates; NaN if there are none."""
         known = self.replicates[~np.isnan(self.replicates)]
         if not len(known):
             return np.nan, np.nan
@@ -203,7 +203,7 @@ def _all_above(
 
 
 def _compared(pairs: Pairs, words: str, margin: Callable[[Array, Array], Array]) -> Margins:
-    """Margins of pairs of values; one pair may have several, shape (margin, value and replicates).
+    """Return margins of pairs of values, shape (margin, value and replicates).
 
     The words may name ``one`` and the ``other`` scenario, the ``metric``, the ``method`` and its
     ``rival``, and say the ``first`` and the ``last`` amount and their ``ratio``.
@@ -234,7 +234,7 @@ def _compared(pairs: Pairs, words: str, margin: Callable[[Array, Array], Array])
 def _ranked(
     metric: str, order: Sequence[tuple[str, str]], where: Where = SQUARES, least_s: float = 0.0
 ) -> Margins:
-    """That a metric of one method is above that of another, for pairs of methods.
+    """Test that a metric of one method is above that of another, for pairs of methods.
 
     Errors are compared by their ratio: their uncertainty is in proportion to them.
     """
@@ -248,24 +248,24 @@ def _ranked(
 
 
 def _above(*high: str) -> list[tuple[str, str]]:
-    """These methods above all others."""
+    """Return pairs of these methods above all others."""
     return [(each, other) for each in high for other in FIVE if other not in high]
 
 
 def _below(*low: str) -> list[tuple[str, str]]:
-    """These methods below all others."""
+    """Return pairs of these methods below all others."""
     return [(other, each) for each, other in _above(*low)]
 
 
 def _between(low: str, high: str) -> list[tuple[str, str]]:
-    """sds, esm and kbr between two methods."""
+    """Return pairs with sds, esm and kbr between two methods."""
     return [pair for method in ("sds", "esm", "kbr") for pair in ((method, low), (high, method))]
 
 
 def _beside(
     metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE
 ) -> Pairs:
-    """A metric of methods in each scenario, beside another one or itself."""
+    """Return a metric of methods in each scenario, beside another one or itself."""
     return lambda scores: (
         ((scenario, method, metric), (scenario, method, other or metric))
         for scenario in scores.where(where)
@@ -279,7 +279,7 @@ def _changed(
     metrics: Sequence[str],
     methods: Sequence[str] = FIVE,
 ) -> Pairs:
-    """Metrics of methods in pairs of scenarios, the other of which is a change of the first."""
+    """Return metrics of methods in pairs of scenarios that differ by one change."""
     return lambda scores: (
         ((scenario, method, metric), (change(scenario), method, metric))
         for scenario in scores.where(where)
@@ -299,7 +299,7 @@ def _to_prbs(where: Where, metric: str) -> Pairs:
 
 
 def _alike(logarithms: Array) -> Array:
-    """That a ratio is one to within a quarter: a margin on each side."""
+    """Test that a ratio is one to within a quarter: a margin on each side."""
     return np.asarray(np.log1p(ALIKE) - np.stack([logarithms, -logarithms]))
 
 
@@ -326,7 +326,7 @@ def _mostly_alike(metric: str) -> Margins:
 
 
 def _falls_most(scores: Scores) -> Iterator[Replicated]:
-    """That eirf's random error falls by the largest factor from the least to the most data."""
+    """Test that eirf's random error falls by the largest factor with more data."""
     for perturbation in PERTURBATIONS:
         scenarios = scores.where(SQUARES | {"perturbation": (perturbation,)})
         least, most = (

@@ -51,35 +51,6 @@ def changing(duration, seed, snr=10.0, direction=1):
     )
 
 
-def errors_of(method, duration, seeds):
-    """Mean and total error of the stiffness, and VAF of the reflex, over seeds."""
-    found, shares = [], []
-    for seed in seeds:
-        ensemble, truth, torques = changing(duration, seed)
-        model = method.identify(ensemble)
-        found.append(model.stiffness - truth["stiffness"])
-        shares.append(tv.metrics.vaf(torques["reflex"], model.pathways(ensemble)["reflex"]).mean())
-    return np.mean(found), np.sqrt(np.mean(np.square(found))), np.mean(shares)
-
-
-@pytest.mark.parametrize(
-    ("method", "mean", "total", "share"),
-    [
-        # At least as good as an independent prototype of the same structure, over ten seeds.
-        (tv.BasisCascade(), 3.8, 5.6, 93),
-        (tv.BasisCascade(emg="emg", memory=0.3), 7.3, 9.2, 84),
-        (tv.EnsembleCascade(), 7.3, 10.4, 86),
-    ],
-    ids=["bpc", "bpc emg", "tvpc"],
-)
-@pytest.mark.slow
-def test_forty_seconds_are_enough_for_either_pathway(method, mean, total, share):
-    found = errors_of(method, 40.0, range(1000, 1002))
-    assert abs(found[0]) < mean
-    assert found[1] < total
-    assert found[2] > share
-
-
 POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
 
 
@@ -194,14 +165,6 @@ def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record,
 def test_wrong_settings_are_refused(create, message):
     with pytest.raises(tv.InputError, match=message):
         create()
-
-
-@pytest.mark.slow
-def test_what_is_beyond_a_realization_does_not_enter_its_first_window():
-    # There, the reflex's torque is not known.
-    ensemble, truth, _ = changing(60.0, 3, np.inf)
-    error = tv.EnsembleCascade().identify(ensemble).stiffness - truth["stiffness"]
-    assert np.abs(error[[0, -1]]).max() < 12
 
 
 def test_few_realizations_are_warned_of_where_a_window_is_short():

@@ -3,7 +3,6 @@
 import warnings
 from functools import cache
 
-import attrs
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -120,36 +119,6 @@ def test_polynomials_are_scaled_to_a_slope_of_one(nonlinearity):
     assert abs(falling) < 0.5 * rising
     assert model.estimates["reflex_gain"].values[0] == pytest.approx(8, rel=0.3)
     assert model.diagnostics.details["vaf"] > 99
-
-
-@pytest.mark.parametrize(
-    ("perturbation", "gain", "bias", "spread"),
-    [(NOISE, 8.0, 2.4, 1.5), (PRBS, 8.0, 1.8, 1.5), (NOISE, 0.0, 0.6, 1.0)],
-)
-def test_taking_turns_leaves_stiffness_a_little_too_high(perturbation, gain, bias, spread):
-    found = [
-        tv.ParallelCascade().identify(reflexive(seed, perturbation, 10.0, gain)).stiffness[0]
-        for seed in range(5)
-    ]
-    assert np.mean(found) == pytest.approx(100 + bias, abs=1.5)
-    assert np.std(found) < spread
-    if gain:
-        plain = [
-            tv.EnsembleIRF().identify(reflexive(seed, perturbation, 10.0, gain))
-            for seed in range(2)
-        ]
-        assert np.mean([model.stiffness.mean() for model in plain]) > 110
-
-
-def test_units_scale_both_pathways():
-    ensemble = reflexive(7, NOISE)
-    model = tv.ParallelCascade().identify(ensemble)
-    scaled = attrs.evolve(ensemble, torque=1e3 * ensemble.torque)
-    other = tv.ParallelCascade().identify(scaled)
-    for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
-        np.testing.assert_allclose(
-            other.estimates[name].values, 1e3 * model.estimates[name].values, rtol=1e-9
-        )
 
 
 def test_it_says_where_the_past_is_not_recorded():

@@ -21,7 +21,7 @@ def lagged(signals, before):
 
 def test_lagged_products_are_those_of_the_lagged_signals(signals, random):
     output = random.normal(size=(4, 200))
-    products, columns = hammerstein.lagged_products(signals, output), lagged(signals, 30)
+    products, columns = hammerstein.lagged_products((signals, output)), lagged(signals, 30)
     np.testing.assert_allclose(
         products.gram, np.einsum("nki,nlj->kilj", columns, columns), atol=1e-10
     )
@@ -36,7 +36,7 @@ def test_a_static_function_and_its_response_are_found_from_noiseless_data(signal
     # A response that a filter can undo.
     coefficients, weights = np.array([1.0, 0.5, -0.3]), 0.6 ** np.arange(31)
     output = (lagged(signals, 30) @ weights @ coefficients).reshape(4, -1)
-    products, start = hammerstein.lagged_products(signals, output), np.array([1.0, 0.0, 0.0])
+    products, start = hammerstein.lagged_products((signals, output)), np.array([1.0, 0.0, 0.0])
     if method == "sls":
         found, response = hammerstein.separable_least_squares(products, start)
     else:
@@ -52,9 +52,8 @@ def test_a_static_function_and_its_response_are_found_from_noiseless_data(signal
 def test_separable_least_squares_end_in_the_same_minimum_from_any_start(signals, random, noise):
     coefficients, weights = np.array([1.0, 0.5, -0.3]), 0.6 ** np.arange(31)
     output = (lagged(signals, 30) @ weights @ coefficients).reshape(4, -1)
-    products = hammerstein.lagged_products(
-        signals, output + noise * random.normal(size=output.shape)
-    )
+    noisy = output + noise * random.normal(size=output.shape)
+    products = hammerstein.lagged_products((signals, noisy))
     found, _ = hammerstein.separable_least_squares(products, coefficients)
     for start in [*np.eye(3), *random.normal(size=(5, 3))]:
         other, _ = hammerstein.separable_least_squares(products, start)

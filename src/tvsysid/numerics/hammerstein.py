@@ -6,7 +6,6 @@ From sums of products of lagged signals, so that taking turns between the pathwa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -43,15 +42,6 @@ class LaggedProducts(NamedTuple):
     square: float
     samples: int
 
-    def plus(self, other: LaggedProducts) -> LaggedProducts:
-        """Sums over the samples of both."""
-        return LaggedProducts(
-            self.gram + other.gram,
-            self.cross + other.cross,
-            self.square + other.square,
-            self.samples + other.samples,
-        )
-
     def of(self, coefficients: Array) -> tuple[Array, Array]:
         """Products ``gram`` and ``cross`` of the lags of a sum of signals with these coefficients."""
         gram = np.einsum("k,kilj,l->ij", coefficients, self.gram, coefficients, optimize=True)
@@ -63,19 +53,21 @@ class LaggedProducts(NamedTuple):
         return self.square - 2 * float(cross @ weights) + float(weights @ gram @ weights)
 
 
-def lagged_products(signals: Array, output: Array) -> LaggedProducts:
-    """Sums of products of lagged signals (signal, realization, before + time), with an output (realization, time)."""
-    times = output.shape[1]
-    late = sliding_window_view(signals, times, axis=2)[
-        :, :, ::-1
-    ]  # (signal, realization, lag, time)
-    cross = [
-        late[:, :, lag].reshape(len(signals), -1) @ output.ravel() for lag in range(late.shape[2])
-    ]
-    gram = lagged_gram(signals, late.shape[2] - 1)
-    return LaggedProducts(
-        gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size
-    )
+def lagged_products(*rows: Rows) -> LaggedProducts:
+    """Return sums of products of lagged signals with each other, and with an output.
+
+    Each of the ``rows`` has signals (signal, realization, before + time) and an output
+    (realization, time).
+    """
+    sums = []
+    for signals, output in rows:
+        late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
+        cross = [
+            each.reshape(len(signals), -1) @ output.ravel() for each in np.moveaxis(late, 2, 0)
+        ]
+        gram = lagged_gram(signals, late.shape[2] - 1)
+        sums.append((gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size))
+    return LaggedProducts._make(sum(each) for each in zip(*sums, strict=True))
 
 
 def lagged_gram(signals: Array, before: int) -> Array:
@@ -236,7 +228,7 @@ def parallel_cascade(
     function of the other pathway is a sum; the search for their coefficients begins with
     ``start``, and a ``"rectifier"`` is one signal and needs none.
     """
-    products = reduce(LaggedProducts.plus, (lagged_products(*each) for each in rows))
+    products = lagged_products(*rows)
     near = slice(2 * lags + 1)
     gram, cross, link = (
         products.gram[0, near, 0, near],

@@ -2,12 +2,11 @@
 A method of your own
 ====================
 
-A method is an object with ``identify(ensemble)``. It runs on the same data as the others.
+A method is a subclass of ``tv.Method`` with ``fit(ensemble)``. It runs on the same data as the
+others.
 """
 
-from dataclasses import dataclass
-from types import SimpleNamespace
-
+import attrs
 import numpy as np
 
 import tvsysid as tv
@@ -16,14 +15,14 @@ import tvsysid as tv
 # Inertia, viscosity and stiffness are constant over a window that slides over time.
 
 
-@dataclass(frozen=True)
-class SlidingFit:
+@attrs.frozen
+class SlidingFit(tv.Method):
     """Least squares in a window that slides over time."""
 
     window: float = 0.10  # s
 
-    def identify(self, ensemble):
-        """Fit second-order dynamics about each time."""
+    def fit(self, ensemble):
+        """Fit second-order dynamics around each time."""
         signals, torque = ensemble.derivatives(), ensemble.torque[:, ensemble.core]
         half = round(self.window / 2 * ensemble.sampling_rate)
         impedance = np.full((3, ensemble.samples), np.nan)
@@ -31,10 +30,7 @@ class SlidingFit:
             near = slice(max(0, now - half), now + half + 1)
             inputs = signals[:, :, near].reshape(3, -1)
             impedance[:, now] = np.linalg.lstsq(inputs.T, torque[:, near].ravel(), rcond=None)[0]
-        return SimpleNamespace(
-            stiffness=impedance[0],
-            predict=lambda other: np.einsum("kt,krt->rt", impedance, other.derivatives()),
-        )
+        return tv.Model.of(ensemble, *impedance)
 
 
 # %%

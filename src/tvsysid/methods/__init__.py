@@ -1,4 +1,4 @@
-"""The methods, one file or folder each. Each is a class with settings and ``fit(ensemble) -> Model``."""
+"""The methods, one file or folder each: classes with settings and ``fit(ensemble) -> Model``."""
 
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.base import Choice, Input, Method, centered_channels, reason_to_skip

@@ -66,14 +66,14 @@ class Input:
 
 
 class Choice(NamedTuple, Generic[AnyMethod]):
-    """A ``method`` whose settings were chosen from data, and the ``evidence`` for them."""
+    """Method with settings that were chosen from data, and the evidence for them."""
 
     method: AnyMethod
     evidence: Evidence
 
 
 class SkippedError(InputError):
-    """A method cannot identify an ensemble; the message holds the method's class and the reason."""
+    """A method cannot identify an ensemble. The message holds the method's class and the reason."""
 
     @property
     def reason(self) -> str:
@@ -82,45 +82,68 @@ class SkippedError(InputError):
 
 
 class Method(ABC):
-    """Base class of methods. A subclass has its settings as fields and one function, :meth:`fit`.
+    """Base class of methods. A subclass has settings as fields, and one function: :meth:`fit`.
+
+    Every attribute of the class has a default.
+
+    Attributes
+    ----------
+    key, title
+        Names on the command line and on pages. By default, the name of the class.
+    assumptions
+        Sentences about joint and data.
+    differs
+        Why its stiffness differs from the true one and from that of other methods, in a sentence.
+    cites
+        Keys of ``references.bib``.
+    inputs
+        Channels that it reads beside angle and torque.
+    quantities
+        Quantities that it estimates over time beside stiffness, viscosity and inertia: names, or
+        units by name.
+    sometimes
+        Quantities that it estimates in some data only, in words.
+    scheduled_quantities
+        Quantities that it estimates over a variable of its own, with the largest number of values.
+    pathway_names
+        Pathways of its models, if there are several.
+    contiguous
+        Whether realizations must follow each other in the recording.
+    time_invariant
+        Whether it takes the joint as constant.
+    uses_recorded_angle
+        Whether it uses the angle at the rate at which it was recorded.
+    perturbation, system
+        The only perturbation and simulated joint that it serves, as a study names them. If empty,
+        it serves any.
+    can_be_tuned
+        Whether settings can be chosen from data. It is set for each subclass.
 
     Examples
     --------
     >>> import tvsysid as tv
     >>> class Rigid(tv.Method):
     ...     def fit(self, ensemble):
-    ...         return tv.Model.of(ensemble, stiffness=np.full(ensemble.samples, 100.0))
+    ...         return tv.Model.of(ensemble, stiffness=100.0)
     >>> Rigid().key
     'rigid'
     """
 
-    # Names: of the command line, and of tables and figures; by default those of the class.
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]] = ()
-    # Why its stiffness differs from the true one and from other methods', in a sentence.
     differs: ClassVar[str] = ""
-    # Keys of references.bib.
     cites: ClassVar[tuple[str, ...]] = ()
-    # Channels that it reads beside angle and torque.
     inputs: ClassVar[tuple[Input, ...]] = ()
-    # What it estimates over time beside stiffness, viscosity and inertia: names, or units by name;
-    # what it estimates in some data only, in words; and over a variable of its own, with the
-    # largest number of values.
     quantities: ClassVar[Iterable[str] | Mapping[str, str]] = ()
     sometimes: ClassVar[tuple[str, ...]] = ()
     scheduled_quantities: ClassVar[Mapping[str, int]] = {}
     pathway_names: ClassVar[tuple[str, ...]] = ()
-    # Whether realizations must follow each other in the recording.
     contiguous: ClassVar[bool] = False
-    # Whether the joint is taken as constant.
     time_invariant: ClassVar[bool] = False
-    # Whether it uses the angle at the rate at which it was recorded.
     uses_recorded_angle: ClassVar[bool] = False
-    # The only perturbation and simulated joint that it serves, as a study names them; empty: any.
     perturbation: ClassVar[str] = ""
     system: ClassVar[str] = ""
-    # Whether settings can be chosen from data; found by itself.
     can_be_tuned: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
@@ -143,10 +166,11 @@ class Method(ABC):
         return None
 
     def identify(self, ensemble: Ensemble) -> Model:
-        """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
+        """Identify the impedance of the joint from realizations of one behaviour, mean subtracted.
 
-        The model is immutable; its ``time, stiffness, viscosity, inertia`` are of shape (time,),
-        with NaN where not identified.
+        The ensemble is checked before :meth:`fit`, and the model after it. The model is immutable.
+        Its ``time``, ``stiffness``, ``viscosity`` and ``inertia`` are of shape (time,), with NaN
+        where not identified.
 
         Raises
         ------
@@ -180,17 +204,17 @@ class Method(ABC):
         return attrs.evolve(model, method=model.method or repr(self), diagnostics=diagnostics)
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Identify a part of the realizations that a model was identified from.
+        """Identify some of the realizations that a model was identified from.
 
-        A method that searches starts from what the model found; others ignore it.
+        A method that searches starts from the model's results. Others ignore the model.
         """
         return self.identify(ensemble)
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
-        """Choose settings by realizations to be identified from, mean subtracted.
+        """Choose settings from the realizations, mean subtracted.
 
-        Returns the ``method``, of the same class, with the settings chosen, and the ``evidence``:
-        what was tried, and how each did. The same seed gives the same settings.
+        Return the method with these settings, and the evidence: the settings that were tried, and
+        how good each is. The same seed gives the same settings.
 
         Raises
         ------
@@ -214,7 +238,7 @@ class Method(ABC):
 
 
 def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
-    """Return why a method cannot identify an ensemble: a missing channel, or what it says itself."""
+    """Return why a method cannot identify an ensemble: a missing channel, or its own reason."""
     missing = [item for item in method.inputs if item.name not in ensemble.channels]
     if missing:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)

@@ -177,7 +177,8 @@ def _details(used: Solution, chosen: Chosen, covariance: Covariance) -> dict[str
     for name, part in explained.items():
         left = float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2))
         details[name] = 100 * (1 - left)
-    details["vaf_held_out"] = 100 * used.share()
+    if chosen.fits:  # else it is a part of the realizations that is fitted again
+        details["vaf_held_out"] = 100 * used.share()
     fits = {**chosen.fits, **({chosen.name: chosen.fit} if chosen.shown else {})}
     return details | {f"evidence_{name}": float(fit.objective) for name, fit in fits.items()}
 

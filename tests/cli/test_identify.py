@@ -236,28 +236,6 @@ def test_trials_and_degrees(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "only_identified")
-def test_identify_takes_other_formats(tvsysid, tmp_path):
-    code, out, _ = tvsysid("simulate joint.csv --duration 40")
-    assert code == 0
-    assert (
-        "tvsysid identify joint.csv --angle angle --torque torque --rate 1000 --decimate 100 "
-        "--period 2" in out
-    )
-    signals = pd.read_csv("joint.csv")
-    xr.Dataset({name: ("time", signals[name]) for name in ("angle", "torque")}).to_netcdf(
-        "joint.nc", engine="h5netcdf"
-    )
-    found = []
-    for name in ("joint.csv", "joint.nc"):
-        code, out, err = tvsysid(f"identify {name} {IDENTIFY} --method birf")
-        assert (code, err) == (0, "")
-        assert "18 realizations of 2 s" in out
-        found.append((tmp_path / "tvsysid-identify" / "stiffness.csv").read_text())
-    assert found[0] == found[1]
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
     tvsysid("simulate joint.mat --duration 40 --perturbation prbs --snr 20")

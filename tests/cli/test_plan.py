@@ -54,7 +54,7 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--pilot pilot.mat", "angle is missing; give it (--angle)"),
+        ("--pilot pilot.mat", "pilot.mat: no such file"),
         (
             "--pilot pilot.mat --noise 1",
             "the pilot shows system, stiffness and noise; leave out",

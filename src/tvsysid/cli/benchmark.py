@@ -12,7 +12,6 @@ from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Workers, given
 from tvsysid.cli.running import (
     STORE,
     command_line,
-    make_folder,
     print_problems,
     run_in,
     show_claims,
@@ -144,7 +143,6 @@ def benchmark(
         f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} methods"
     )
-    make_folder(out)
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     return 0 if write(results, out, command_line()) else 1
 
@@ -214,11 +212,12 @@ def _show_scores(summary: pd.DataFrame) -> None:
         "rise\n(s)": "{rise_time:.2f}",
         "VAF\n(%)": "{vaf:.1f}",
         "reflex gain\n(N·m·s/rad)": "{reflex_gain total_error:.1f}",
-        "VAF reflex\n(%)": "{reflex pathway_vaf:.1f}",
-        "VAF 1-10 Hz\n(%)": "{bandpassed_vaf:.1f}",
-        "time\n(s)": "{seconds:.2g}",
+        "VAF\nreflex\n(%)": "{reflex pathway_vaf:.1f}",
+        "VAF\n1-10 Hz\n(%)": "{bandpassed_vaf:.1f}",
+        "time\n(ms)": "{seconds:.0f}",
     }
     table = summary.pivot_table("value", "method", "metric", sort=False, dropna=False)
+    table["seconds"] *= 1000
     if "reflex pathway_vaf" in table:  # there is no room for all
         table = table.drop(columns=["random_error", "bandpassed_vaf"])
     largest: Any = summary.iloc[int(summary.trials.argmax())]

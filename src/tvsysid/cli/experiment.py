@@ -19,7 +19,6 @@ from tvsysid.cli.options import Methods, Scheduler, Seed, Workers, given
 from tvsysid.cli.running import (
     STORE,
     command_line,
-    make_folder,
     print_problems,
     run_in,
     show_claims,
@@ -131,7 +130,6 @@ def experiment(
         f"{len(study.recordings)} recordings x {len(study.analyses)} analyses x "
         f"{study.bootstraps} bootstraps"
     )
-    make_folder(out)
     with shown_warnings():
         study_run = partial(run, study, prepared=prepared)
         results = run_in(out, study_run, title, "analyses", workers, scheduler)
@@ -186,7 +184,7 @@ def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
         "random_error": "random\n(N·m/rad)",
         "mean_bias": "bias\n(N·m/rad)",
         "vaf": "VAF\n(%)",
-        "bandpassed_vaf": "VAF 1-10 Hz\n(%)",
+        "bandpassed_vaf": "VAF\n1-10 Hz\n(%)",
     }
     known = summary[(summary.metric == "vaf") & summary.value.notna()]
     people = known.participant.nunique()

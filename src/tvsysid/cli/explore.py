@@ -30,7 +30,7 @@ def explore(
     Needs Shiny: `pip install 'tvsysid[explore]'`. The page has channels, period, decimation, method
     and settings. It shows stiffness with its band, the diagnosis, which method suits the data, and
     the `tvsysid identify` command and the Python that give the same. What is not given here is
-    chosen there.
+    chosen there; the page begins with data decimated to 100 Hz.
 
     Nothing leaves this computer: the page is at an address of its own (printed), with a secret in
     it, and asks no other host for anything. Ctrl-C closes it. On another computer: `ssh -L

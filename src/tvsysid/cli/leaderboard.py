@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tvsysid.cli.console import remark, say_written, show_records, shown_warnings, waiting
 from tvsysid.cli.options import Methods, Scheduler, Workers, given
-from tvsysid.cli.running import STORE, make_folder, print_problems, run_in
+from tvsysid.cli.running import STORE, print_problems, run_in
 
 
 def leaderboard(
@@ -63,7 +63,6 @@ def leaderboard(
             "warning",
             "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
         )
-    make_folder(out)
     title = (
         f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} entries"
@@ -76,7 +75,7 @@ def leaderboard(
         "entry": "{entry}",
         "score\n(%)": "{score:.2f}",
         "±\n(%)": "{score_error:.2f}",
-        "in 95 % band\n(%)": "{coverage:.1f}",
+        "in 95 %\nband (%)": "{coverage:.1f}",
     }
     show_records("leaderboard", table.to_dict("records"), columns, "rl")
     if study.trials == 1:

@@ -50,7 +50,8 @@ def plan(
     Prints the shortest recording that suffices, and for each method: realizations, how long to
     record (with those at both ends that lack context), half the width of the 95 % band that they
     give, bias (which no band counts), and the time in which it follows a step. Where no number
-    suffices, it says why. Writes `plan.png` and `plan.csv` to the folder.
+    suffices, it says why. Writes `plan.png` and `plan.csv` to the folder. Without `--period`, a
+    realization takes 2 s, and without `--decimate`, simulated data have 100 Hz.
 
     Example: `tvsysid plan --precision 5 --perturbation noise --perturbation prbs --amplitude 0.01
     --noise 0.3`

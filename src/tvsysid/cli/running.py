@@ -62,6 +62,7 @@ def run_in(
     workers, scheduler
         As of the options.
     """
+    make_folder(out)
     counts: tuple[int, int] | None = None
 
     def kept() -> str:

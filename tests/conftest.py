@@ -21,7 +21,7 @@ from hypothesis.strategies import none
 from threadpoolctl import threadpool_limits
 
 import tvsysid as tv
-from tvsysid.estimates import IMPEDANCE
+from tvsysid.models import IMPEDANCE
 
 # Small matrices: threads would only wait for each other, in this process (which has loaded SciPy's
 # BLAS by now) and in

@@ -18,28 +18,23 @@ def angle(random):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"angle": []}, "angle: expected samples, got an empty array"),
+        ({"angle": []}, r"angle: expected samples over time, got an array of shape \(0,\)"),
         (
             {"angle": np.zeros((500, 2))},
-            r"angle: expected 1 axis \(time\), got an array of shape \(500, 2\)",
+            r"angle: expected samples over time, got an array of shape \(500, 2\)",
         ),
         ({"angle": ["a"] * 500}, "angle: expected real numbers, got values of type <U1"),
         ({"angle": np.ones(500, dtype=complex)}, "got values of type complex128"),
-        ({"angle": [[1.0], [1.0, 2.0]]}, "rows of different length"),
-        ({"torque": np.zeros(499)}, r"must have the same shape, got \(500,\) and \(499,\)"),
-        ({"angle": np.full(500, 0.1)}, "all 500 values are 0.1 rad; a joint that is not moved"),
-        (
-            {"torque": np.full(500, 5.0)},
-            "torque: all 500 values are 5 N·m; a torque that does not answer",
-        ),
-        ({"sampling_rate": True}, "expected a number of hertz, got True"),
-        ({"trial_starts": (0, 100.5)}, "trial_starts: expected whole numbers"),
-        ({"start": "now"}, "start: expected the time"),
-        ({"sampling_rate": 0}, "expected a positive number of hertz, got 0"),
-        ({"sampling_rate": -100.0}, "expected a positive number of hertz, got -100.0"),
-        ({"sampling_rate": float("nan")}, "positive number of hertz"),
-        ({"sampling_rate": "fast"}, "expected a number of hertz, got 'fast'"),
-        ({"start": float("inf")}, "start: expected the time"),
+        ({"angle": [[1.0], [1.0, 2.0]]}, "angle: expected real numbers, got values of type object"),
+        ({"torque": np.zeros(499)}, r"torque: expected the angle's shape \(500,\), got \(499,\)"),
+        ({"angle": np.full(500, 0.1)}, "angle: all 500 values are 0.1, so"),
+        ({"torque": np.full(500, 5.0)}, "torque: all 500 values are 5, so"),
+        ({"sampling_rate": True}, "sampling_rate must be a positive number of hertz, got True"),
+        ({"trial_starts": (0, 100.5)}, "trial_starts: expected increasing"),
+        ({"start": "now"}, "start must be a finite number, got 'now'"),
+        ({"sampling_rate": 0}, "positive number of hertz, got 0"),
+        ({"sampling_rate": float("nan")}, "positive number of hertz, got nan"),
+        ({"sampling_rate": "fast"}, "positive number of hertz, got 'fast'"),
         (
             {"channels": {"emg": np.zeros(3)}},
             r"channel 'emg': expected the angle's shape \(500,\), got \(3,\)",
@@ -65,9 +60,9 @@ def test_values_that_are_not_finite_are_counted_and_located(angle, name, bad):
         tv.Recording(**({"angle": angle, "torque": angle, "sampling_rate": 100.0} | {name: values}))
 
 
-def test_huge_finite_values_are_accepted():
-    angle = np.tile([1e308, -1e308, 1.5e308], 10)
-    assert len(tv.Recording(angle, angle, 100.0)) == 30
+def test_masked_samples_are_refused(angle):
+    with pytest.raises(tv.InputError, match="angle: 1 of 500 values are NaN"):
+        tv.Recording(np.ma.masked_equal(angle, angle[3]), angle, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -75,21 +70,21 @@ def test_huge_finite_values_are_accepted():
     [
         (
             {"angle": np.zeros(500)},
-            r"angle: expected 2 axes \(realization, time\), got an array of shape \(500,\)",
+            r"angle: expected samples over realization and time, got an array of shape \(500,\)",
         ),
-        ({"torque": np.zeros((10, 49))}, "must have the same shape"),
+        ({"torque": np.zeros((10, 49))}, "torque: expected the angle's shape"),
         ({"context": 25}, "from 0 to 24"),
         ({"context": -1}, "from 0 to 24"),
         ({"context": 1.5}, "whole number of samples"),
         ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
-        ({"trials": ["a"] * 10}, "trials: expected whole numbers"),
+        ({"recorded_angle": np.ones((10, 49, 2))}, "recorded_angle: expected the angle's shape"),
         (
             {"torque": 1e31 * np.eye(10, 50)},
-            r"torque: expected values in N·m, .* got values up to 1e\+31.* damaged",
+            r"torque: expected a peak from .* got values from 0 to 1e\+31.* damaged",
         ),
         (
             {"angle": -1e-150 * np.eye(10, 50)},
-            "angle: expected values in rad, .* got values up to 1e-150.* unit wrong",
+            "angle: expected a peak .* got values from -1e-150 to -0. .*unit wrong",
         ),
     ],
 )
@@ -141,10 +136,8 @@ def test_what_the_caller_does_later_changes_nothing(angle):
 @pytest.mark.parametrize("index", [[], [10], [[1]], [True, False], [0.0], [-30, 2]])
 def test_select_refuses_what_is_not_there(angle, index):
     ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0)
-    with pytest.raises(tv.InputError, match="select: expected"):
+    with pytest.raises(tv.InputError, match="select: "):
         ensemble.select(index)
-    with pytest.raises(tv.InputError, match="from -10 to below 10, got -30"):
-        ensemble.select([2, -30])
 
 
 def test_time_begins_anew_with_each_trial(angle):

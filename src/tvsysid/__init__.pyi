@@ -15,8 +15,6 @@ from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
-from .estimates import Estimate as Estimate
-from .estimates import StandardError as StandardError
 from .explorer import explore as explore
 from .methods import AdaptiveRegression as AdaptiveRegression
 from .methods import BasisCascade as BasisCascade
@@ -35,7 +33,9 @@ from .methods import ScheduledIRF as ScheduledIRF
 from .methods import ShortDataSegments as ShortDataSegments
 from .methods import SkirtDecomposition as SkirtDecomposition
 from .methods import SubspaceCascade as SubspaceCascade
+from .models import Estimate as Estimate
 from .models import Model as Model
+from .models import StandardError as StandardError
 from .numerics.bases import ChebyshevPolynomials as ChebyshevPolynomials
 from .numerics.bases import CubicBSplines as CubicBSplines
 from .numerics.bases import FourierSeries as FourierSeries

@@ -13,9 +13,8 @@ import numpy as np
 
 from tvsysid import metrics, simulate
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
-from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import Input, Method, resolve
-from tvsysid.models import Model
+from tvsysid.models import IMPEDANCE, Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import decimate, segment

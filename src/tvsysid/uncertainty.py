@@ -14,7 +14,7 @@ from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread, mean_of
 from tvsysid.preprocess import bootstrap as draw_ensembles
-from tvsysid.showing import Progress, reported
+from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
 
@@ -111,7 +111,7 @@ class Bootstrap:
 
 
 def bootstrap(
-    method: Method, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None
+    method: Method, ensemble: Ensemble, count: int, seed: int, progress: Progress = no_progress
 ) -> Bootstrap:
     r"""Identify again and again from realizations drawn with replacement.
 
@@ -182,18 +182,17 @@ def bootstrap(
         for name, values in _values(model, model).items()
     }
     reasons = []
-    with reported(progress, "drawing") as advance:
-        for number, drawn in enumerate(draw_ensembles(ensemble, count, seed)):
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", DataQualityWarning)
-                    found = _values(method.identify(drawn), model)
-                draws = {name: values for name, values in draws.items() if name in found}
-                for name, values in draws.items():
-                    values[number] = found[name]
-            except Exception as error:  # a method may fail on few draws that are ill-conditioned
-                reasons.append(describe_error(error))
-            advance(number + 1, count)
+    for number, drawn in enumerate(draw_ensembles(ensemble, count, seed)):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DataQualityWarning)
+                found = _values(method.identify(drawn), model)
+            draws = {name: values for name, values in draws.items() if name in found}
+            for name, values in draws.items():
+                values[number] = found[name]
+        except Exception as error:  # a method may fail on few draws that are ill-conditioned
+            reasons.append(describe_error(error))
+        progress(number + 1, count)
     if reasons:
         failed = (
             f"bootstrap: {method!r} could not identify {len(reasons)} of {count} draws (the first: "

@@ -93,9 +93,15 @@ def optional(validator: Validator) -> Validator:
 
 finite = Validator("a finite number", is_number)
 positive = Validator("a positive number", lambda value: is_number(value) and value > 0)
+frequency = Validator("a positive number of hertz", positive.is_valid)
 not_negative = Validator("a number of zero or more", lambda value: is_number(value) and value >= 0)
 boolean = Validator("True or False", lambda value: isinstance(value, bool))
 text = Validator("a text", lambda value: isinstance(value, str))
+
+
+def to_float(value: Any) -> float:
+    """Convert a number to float; leave other values to the validator."""
+    return float(value) if is_number(value) else value
 
 
 def settings_of(item: object) -> dict[str, Any]:

@@ -333,7 +333,6 @@ def test_model_shows_itself(method):
     assert dataset.stiffness.attrs["units"] == "N m/rad"
     assert dataset.time.attrs["units"] == "s"
     np.testing.assert_array_equal(dataset.stiffness.values, model.stiffness)
-    assert "stiffness" in model._repr_html_()
 
 
 @parametrize("eirf", "birf", "esm", "kbr")

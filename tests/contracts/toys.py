@@ -10,7 +10,8 @@ from scipy.signal import bilinear, lfilter
 
 import tvsysid as tv
 from tvsysid import Estimate, Input, StandardError
-from tvsysid.estimates import IMPEDANCE, UNITS
+from tvsysid.dataset_layout import UNITS
+from tvsysid.models import IMPEDANCE
 
 WINDOW = 11
 """Samples over which a joint is taken as constant."""

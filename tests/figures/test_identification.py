@@ -6,9 +6,9 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.estimates import StandardError
 from tvsysid.figures import identified_impedance
 from tvsysid.figures.style import lines
+from tvsysid.models import StandardError
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.impedance import agreement_of_moments
 from tvsysid.methods.shared import correlations
 from tvsysid.numerics.bases import CubicBSplines
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.second_order import agreement_of_moments
 
 
 def with_reflex(ensemble, share):

@@ -152,7 +152,7 @@ def test_answers(planned):
         for setup in reversed(planned.setups)
     )
     assert many / few == pytest.approx(0.02 / Protocol().amplitude, rel=0.15)
-    assert "<table>" in planned._repr_html_()
+    assert "<table" in planned._repr_html_()
     figure = planned.plot()
     draw(figure)
     assert [axes.get_xlabel() for axes in figure.axes][:2] == ["minutes recorded"] * 2

@@ -20,7 +20,7 @@ def late_by(delays, samples=256, context=128):
     onsets = 2.0 * np.arange(len(delays))
     trials, recorded = np.zeros(len(delays), dtype=int), angle[..., None] + [0.0, 0.5]
     return tv.Ensemble(
-        angle, torque, RATE, context, onsets, trials, channels, recorded_angle=recorded
+        angle, torque, RATE, context, onsets, trials, channels=channels, recorded_angle=recorded
     )
 
 

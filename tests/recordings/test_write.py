@@ -117,7 +117,7 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
 def assert_same(one, two):
     assert type(one) is type(two)
     assert list(one.channels) == list(two.channels)
-    for name, values in vars(one).items():
+    for name, values in attrs.asdict(one, recurse=False).items():
         if name == "channels":
             for channel in values:
                 np.testing.assert_array_equal(values[channel], two.channels[channel], strict=True)

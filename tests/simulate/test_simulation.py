@@ -128,7 +128,7 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
             {"truth": {"stiffness": np.ones(5)}},
             "truth 'stiffness': expected a value for each .* 12000 samples, got 5",
         ),
-        ({"truth": {"stiffness": 100.0}}, "stiffness: expected 1 axis"),
+        ({"truth": {"stiffness": 100.0}}, "stiffness: expected samples over time"),
         (
             {"pathways": {"intrinsic": np.full(12_000, np.nan)}},
             "intrinsic: 12000 of 12000 values are NaN",

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
 from tvsysid.errors import DataQualityWarning, by_text, one_line, printable
-from tvsysid.showing import Progress, progress_bar
+from tvsysid.progress import Progress
 
 # Nothing is markup: names and messages come from users and files.
 output = Console(markup=False, emoji=False, highlight=False)
@@ -100,9 +102,18 @@ def show_records(
     show_table(title, list(columns), rows, align, caption)
 
 
-def progress(title: str) -> AbstractContextManager[Progress]:
-    """Show a bar; call what it yields with the numbers of steps done and in all."""
-    return progress_bar(title, errors, disable=not errors.is_terminal)
+@contextmanager
+def progress(title: str) -> Iterator[Progress]:
+    """Show a progress bar on a terminal, and yield the function that advances it."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Bar(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def waiting(title: str) -> AbstractContextManager[object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,28 +14,28 @@ import numpy as np
 
 from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
-from tvsysid.estimates import IMPEDANCE, Estimate
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.base import SkippedError
 from tvsysid.metrics import time_varying_vaf, vaf
-from tvsysid.models import Model
+from tvsysid.models import IMPEDANCE, Estimate, Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
+from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
 from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
-from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 FOLDS = 5
 OVER_TIME = {("time",), ("realization", "time")}  # axes of estimates that have a value at each time
 
 
 @attrs.frozen(eq=False, repr=False)
-class Comparison(Shown):
+class Comparison:
     """Results of several methods on one ensemble, by the methods' labels.
 
     Parameters
@@ -153,13 +154,18 @@ class Comparison(Shown):
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
         return f"Comparison({', '.join(self.models)} on {self.ensemble!r}{failed})"
 
+    def plot(self, title: str = "") -> Figure:
+        """Draw the estimates of all methods."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
+
     def _repr_html_(self) -> str:
-        rows, trust = self.rows(), self.trust()
+        trust = self.trust()
         notes = [f"No stiffness is stated. {' '.join(trust.reasons)}"] * (trust.level == "none")
         notes += [f"{label}: {why}" for label, why in {**self.skipped, **self.failed}.items()]
-        about = f"{', '.join(self.models)} on {self.ensemble!r}"
-        cells = [tuple(row.values()) for row in rows]
-        return summary_html("Comparison", about, list(rows[0]), cells, notes)
+        text = "".join(f"<p>{html.escape(line)}</p>" for line in (repr(self), *notes))
+        return text + self.summary().to_html(index=False)
 
     def summary(self) -> pd.DataFrame:
         """Return a table with a row for each method.
@@ -243,7 +249,7 @@ class Comparison(Shown):
         ]
 
     def held_out_vaf(
-        self, folds: int = FOLDS, *, progress: Progress | None = None
+        self, folds: int = FOLDS, *, progress: Progress = no_progress
     ) -> dict[str, Array]:
         r"""Return the VAF of realizations that were held out in %, by label, shape (realization,).
 
@@ -310,7 +316,7 @@ def compare(
     methods: Iterable[str | Method] = DEFAULT_METHODS,
     *,
     tune: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Comparison:
     """Identify one ensemble by several methods, as ``tvsysid identify`` does.
 
@@ -358,9 +364,9 @@ def compare(
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    with single_thread(), reported(progress, "identifying") as advance:
+    with single_thread():
         for number, label in enumerate(chosen):
-            advance(number, len(chosen))
+            progress(number, len(chosen))
             method = chosen[label]
             try:
                 if isinstance(method, Tuned) or (tune and method.can_be_tuned):

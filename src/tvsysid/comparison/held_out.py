@@ -15,7 +15,7 @@ from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
-from tvsysid.showing import Progress, reported
+from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
 
@@ -25,7 +25,7 @@ def held_out_vaf(
     methods: Mapping[str, Method],
     models: Mapping[str, Model],
     folds: int,
-    progress: Progress | None,
+    progress: Progress = no_progress,
 ) -> dict[str, Array]:
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
     at_least(2).check("held_out_vaf", "folds", folds)
@@ -35,9 +35,9 @@ def held_out_vaf(
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
     jobs = [(label, part) for part in parts for label in models]
     failed: dict[str, str] = {}
-    with single_thread(), reported(progress, "identifying without a part") as advance:
+    with single_thread():
         for number, (label, part) in enumerate(jobs):
-            advance(number, len(jobs))
+            progress(number, len(jobs))
             try:
                 found[label][part] = _vaf_of(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import DataQualityWarning
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name
 from tvsysid.methods import Evidence
-from tvsysid.models import Model
+from tvsysid.models import IMPEDANCE, Estimate, Model
 from tvsysid.numerics import Array
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from scipy.fft import next_fast_len, rfft
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
-from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
+from tvsysid.methods.responses import ImpulseResponseModel, SecondOrderModel
+from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble

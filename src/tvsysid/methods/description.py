@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.base import Method
 from tvsysid.methods.registry import parse
+from tvsysid.models import IMPEDANCE
 from tvsysid.validators import settings_of
 
 NEEDS = {

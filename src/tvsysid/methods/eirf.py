@@ -9,7 +9,7 @@ import attrs
 
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import Method, fitting_lags, whole_samples
-from tvsysid.models import ImpulseResponseModel
+from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
@@ -49,7 +49,7 @@ class EnsembleIRF(Method):
 
     Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those
     of a second-order fit to it, weighted by its inverse covariance
-    (:func:`tvsysid.impedance.second_order_readout`); the diagnostics' ``second_order_agreement``
+    (:func:`tvsysid.numerics.second_order.second_order_readout`); the diagnostics' ``second_order_agreement``
     says how much of the torque that answers to the angle the fit explains, and
     ``second_order_agreement_error`` is its standard error.
 

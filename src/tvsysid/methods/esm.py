@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
-from tvsysid.models import Diagnostics, FrequencyResponseModel
+from tvsysid.methods.responses import FrequencyResponseModel
+from tvsysid.models import Diagnostics
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import ShortTimeSpectra
 from tvsysid.signals import Array, Ensemble

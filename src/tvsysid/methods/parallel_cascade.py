@@ -5,7 +5,6 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods import base, shared
 from tvsysid.methods.cascade.drives import (
     Candidate,
@@ -16,6 +15,7 @@ from tvsysid.methods.cascade.drives import (
 from tvsysid.methods.cascade.pathways import TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.hammerstein import Nonlinearity, parallel_cascade
+from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
 

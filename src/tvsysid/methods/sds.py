@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import Input, Method, fitting_lags, whole_samples
-from tvsysid.models import ImpulseResponseModel
+from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import optional, positive, text

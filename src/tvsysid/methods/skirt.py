@@ -12,7 +12,8 @@ from scipy.fft import rfft
 from scipy.special import chdtrc, gammaincc
 
 from tvsysid.methods import base, shared
-from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.methods.responses import SecondOrderModel
+from tvsysid.models import Diagnostics
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble

@@ -9,9 +9,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError, impedance_estimates
-from tvsysid.impedance import agreement, second_order_readout
 from tvsysid.methods.base import (
     Method,
     fitting_lags,
@@ -21,9 +20,11 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.cascade.drives import Candidate, with_shares
 from tvsysid.methods.cascade.pathways import Drive, TwoPathwayModel
-from tvsysid.models import Diagnostics
+from tvsysid.methods.shared.estimates import impedance_estimates
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
 from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, optional, positive
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,12 +24,13 @@ from tvsysid.planning.curves import (
     successful,
 )
 from tvsysid.planning.setups import Pilot, Setup, seconds_of
-from tvsysid.showing import Progress, Shown, reported, summary_html
+from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Ensemble
 from tvsysid.validators import at_least, optional, positive
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 METHODS = ("adaptive", "sds", "birf", "kbr")
 MAX_DURATION_S, MAX_REALIZATIONS = 2400.0, 320  # of the largest ensemble that is simulated
@@ -91,7 +93,7 @@ class Verified(NamedTuple):
 
 
 @attrs.frozen(eq=False, repr=False)
-class Plan(Shown):
+class Plan:
     """How much to record, in one or several setups, by one or several methods.
 
     Made by :func:`tvsysid.plan`. ``curves`` are errors against realizations, by (setup, method).
@@ -129,12 +131,18 @@ class Plan(Shown):
             f"record {best.duration}{more}."
         )
 
+    def plot(self, title: str = "") -> Figure:
+        """Draw errors against realizations."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
+
     def __repr__(self) -> str:
         return f"Plan({self})"
 
     def _repr_html_(self) -> str:
         table = self.table()
-        return summary_html("Plan", str(self), list(map(str, table)), table.itertuples(index=False))
+        return f"<p>{html.escape(repr(self))}</p>{table.to_html(index=False)}"
 
     def table(self) -> pd.DataFrame:
         """Return a table of the ``answers``, with units in the names."""
@@ -146,7 +154,7 @@ class Plan(Shown):
         return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
 
     def verify(
-        self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress | None = None
+        self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress = no_progress
     ) -> list[Verified]:
         """Simulate each answer again, and return its random error as predicted and as reached.
 
@@ -164,19 +172,14 @@ class Plan(Shown):
             (each, each.realizations) for each in self.answers if each.realizations is not None
         ]
         found = []
-        with reported(progress, "verifying") as advance:
-            for done, (each, count) in enumerate(planned):
-                advance(done, len(planned))
-                setup, curve = self.setups[each.setup], self.curves[each.setup, each.method]
-                made = (setup.simulated(count, seed + trial) for trial in range(trials))
-                values, _ = identify_each(
-                    self.methods[each.method], (part.ensemble for part in made)
-                )
-                known, predicted = successful(values), curve.at(count).random
-                reached = curve.excess * scatter(known)
-                found.append(
-                    Verified(each.setup, each.method, count, predicted, reached, len(known))
-                )
+        for done, (each, count) in enumerate(planned):
+            progress(done, len(planned))
+            setup, curve = self.setups[each.setup], self.curves[each.setup, each.method]
+            made = (setup.simulated(count, seed + trial) for trial in range(trials))
+            values, _ = identify_each(self.methods[each.method], (part.ensemble for part in made))
+            known, predicted = successful(values), curve.at(count).random
+            reached = curve.excess * scatter(known)
+            found.append(Verified(each.setup, each.method, count, predicted, reached, len(known)))
         return found
 
 
@@ -188,7 +191,7 @@ def plan(
     *,
     draws: int = DRAWS,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Plan:
     r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
@@ -250,46 +253,45 @@ def plan(
     curves: dict[tuple[str, str], Curve] = {}
     answers: list[Answer] = []
     excesses: dict[int, dict[str, float]] = {}
-    with reported(progress, "planning") as advance:
-        for label, each in setups.items():
-            most, excess = _most(each), dict.fromkeys(chosen, 1.0)
-            if isinstance(each, Pilot):
-                which = id(each.recorded)  # all setups of a pilot have the same
-                excesses[which] = excesses.get(which) or measure_excess(each, chosen, draws, seed)
-                excess = excesses[which]
-            records = [each.simulated(most, seed + number) for number in range(RECORDS)]
-            needed = {}
-            for name, method in chosen.items():
-                advance(len(curves), len(setups) * len(chosen))
-                curve = measure_curve(method, records, most, draws)
-                curves[label, name] = curve = attrs.evolve(curve, excess=excess[name])
-                needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
-            counts = {name: min(number or most, most) for name, number in needed.items()}
-            stepped = each.stepped()
-            record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
-            for name, method in chosen.items():
-                rise = math.nan
-                if record:
-                    rise = measure_rise(method, record, counts[name], STEP_DRAWS)
-                curve, count = curves[label, name], needed[name] or most
-                why = [] if needed[name] else [_why_not(curve, most, precision)]
-                if resolution is not None and not rise <= resolution:
-                    takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
-                    why.append(f"it {takes} to follow a step")
-                random, bias = curve.at(count)
-                answers.append(
-                    Answer(
-                        label,
-                        name,
-                        needed[name],
-                        seconds_of(each, count),
-                        HALF_BAND * random,
-                        bias,
-                        rise,
-                        curve.excess,
-                        "; ".join(why),
-                    )
+    for label, each in setups.items():
+        most, excess = _most(each), dict.fromkeys(chosen, 1.0)
+        if isinstance(each, Pilot):
+            which = id(each.recorded)  # all setups of a pilot have the same
+            excesses[which] = excesses.get(which) or measure_excess(each, chosen, draws, seed)
+            excess = excesses[which]
+        records = [each.simulated(most, seed + number) for number in range(RECORDS)]
+        needed = {}
+        for name, method in chosen.items():
+            progress(len(curves), len(setups) * len(chosen))
+            curve = measure_curve(method, records, most, draws)
+            curves[label, name] = curve = attrs.evolve(curve, excess=excess[name])
+            needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
+        counts = {name: min(number or most, most) for name, number in needed.items()}
+        stepped = each.stepped()
+        record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
+        for name, method in chosen.items():
+            rise = math.nan
+            if record:
+                rise = measure_rise(method, record, counts[name], STEP_DRAWS)
+            curve, count = curves[label, name], needed[name] or most
+            why = [] if needed[name] else [_why_not(curve, most, precision)]
+            if resolution is not None and not rise <= resolution:
+                takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
+                why.append(f"it {takes} to follow a step")
+            random, bias = curve.at(count)
+            answers.append(
+                Answer(
+                    label,
+                    name,
+                    needed[name],
+                    seconds_of(each, count),
+                    HALF_BAND * random,
+                    bias,
+                    rise,
+                    curve.excess,
+                    "; ".join(why),
                 )
+            )
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 

@@ -102,7 +102,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
         ensemble,
         **signals,
         context=ensemble.context - reach,
-        onsets=ensemble.onsets + shifts / rate,  # type: ignore[operator]
+        onsets=ensemble.onsets + shifts / rate,
     )
     reached, judged = np.abs(shifts) / rate, aligned.torque[:, aligned.core]
     kept = reached <= max_shift

@@ -19,15 +19,15 @@ from tvsysid.preprocess.exclude import (
 from tvsysid.preprocess.gaps import find_gaps
 from tvsysid.preprocess.mean import subtract_mean
 from tvsysid.preprocess.segment import segment, trim
-from tvsysid.showing import Shown
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 @attrs.frozen(eq=False, repr=False)
-class Preparation(Shown):
+class Preparation:
     """Ensemble that is ready for identification, and the steps that led to it.
 
     Parameters
@@ -80,6 +80,12 @@ class Preparation(Shown):
     def kept(self) -> NDArray[np.bool_]:
         """Whether each recorded realization was kept, shape (realization,)."""
         return np.asarray(self.table.excluded_by == "")
+
+    def plot(self, title: str = "") -> Figure:
+        """Draw the steps of the preparation."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
 
     def __repr__(self) -> str:
         counts = (f"{np.sum(~step.kept)} by {name}" for name, step in self.steps.items())

@@ -18,11 +18,11 @@ from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
-from tvsysid.showing import Shown, summary_html
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 OF_ANY_SIGNAL = (
     "few-realizations",
@@ -40,7 +40,6 @@ MOST_POWER = 0.95  # share of the angle's power that lies within its bandwidth
 # in s, to either side, of the correlation matrix that is looked at: those of impulse-response
 # methods
 LAGS = 0.12
-HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
 
 
 @attrs.frozen
@@ -122,7 +121,7 @@ class Finding:
 
 
 @attrs.frozen(eq=False, repr=False)
-class Diagnosis(Shown):
+class Diagnosis:
     """What was looked at in an ensemble, and what is wrong with it.
 
     Parameters
@@ -208,14 +207,11 @@ class Diagnosis(Shown):
             ]
         return "\n".join([*lines, *self.notes])
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (each.name, each.what, each.strength, each.fault.effect, each.fault.remedy)
-            for each in self.findings
-        ]
-        return summary_html(
-            "Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes
-        )
+    def plot(self, title: str = "") -> Figure:
+        """Draw the evidence of the checks."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
 
 
 def diagnose(

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
-from tvsysid.impedance import second_order_fit
 from tvsysid.methods.cascade.reflex_test import ReflexTest, reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
+from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.preprocess.trials import map_signals
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error

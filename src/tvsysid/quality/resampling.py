@@ -10,7 +10,7 @@ import scipy
 
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.preprocess import decimate
+from tvsysid.preprocess.decimate import decimate
 from tvsysid.preprocess.trials import map_signals
 from tvsysid.signals import Array, Ensemble, Recording
 

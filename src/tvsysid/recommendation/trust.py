@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from tvsysid.estimates import UNITS
+from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of

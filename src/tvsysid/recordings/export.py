@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from tvsysid import __version__
+from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.estimates import UNITS
 from tvsysid.recordings.write import whole_file
 from tvsysid.signals import Recording
 

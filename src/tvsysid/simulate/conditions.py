@@ -134,5 +134,5 @@ class Conditions:
         torque = reduce(np.add, pathways.values())
         noise = noise * self.noise_scale(torque if imposed is None else imposed, noise)
         start = float(self.time[0])
-        recording = Recording(angle, torque + noise, self.rate, start, channels or {})
+        recording = Recording(angle, torque + noise, self.rate, start, channels=channels or {})
         return Simulation(recording, truth, pathways)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import attrs
 import numpy as np
 
-from tvsysid.checked import checked_array
+from tvsysid.arrays import finite_array
 from tvsysid.errors import InputError
-from tvsysid.showing import Shown
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Seed = int | np.random.Generator | np.random.SeedSequence
 
@@ -36,7 +38,7 @@ class System(Protocol):
 
 def _read_only(values: Mapping[str, Array]) -> dict[str, Array]:
     """Return read-only arrays of finite numbers."""
-    return {name: checked_array(name, each, ("time",)) for name, each in values.items()}
+    return {name: finite_array(name, each, ("time",)) for name, each in values.items()}
 
 
 def _fits_recording(
@@ -51,7 +53,7 @@ def _fits_recording(
 
 
 @attrs.frozen(eq=False, repr=False)
-class Simulation(Shown):
+class Simulation:
     """Simulated recording and the truth about it, sample by sample.
 
     Parameters
@@ -77,6 +79,12 @@ class Simulation(Shown):
     def __attrs_post_init__(self) -> None:
         if not self.pathways:
             raise InputError("pathways: expected at least one, got none")
+
+    def plot(self, title: str = "") -> Figure:
+        """Draw the recording."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
 
     def __repr__(self) -> str:
         ranges = {

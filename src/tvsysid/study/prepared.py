@@ -248,5 +248,5 @@ def excerpt(recording: Recording, reference: str | None) -> Recording:
     part = slice(first, first + count)
     target = {} if reference is None else {"target": recording.channels[reference][part]}
     return Recording(
-        recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target
+        recording.angle[part], recording.torque[part], recording.sampling_rate, channels=target
     )

@@ -12,10 +12,9 @@ import attrs
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import Method, label_of, parse
 from tvsysid.methods.base import Input
-from tvsysid.models import Model
+from tvsysid.models import IMPEDANCE, Model
 from tvsysid.recordings import Reading
 from tvsysid.signals import Ensemble
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.showing import reported
+from tvsysid.progress import Progress, no_progress
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
@@ -36,7 +36,7 @@ def run(
     store: str | Path | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> xr.Dataset:
     """Run a study, or what is missing of it, and collect what its metrics are made from.
 
@@ -111,8 +111,7 @@ def run(
         path = Path(folder) / "results.zarr" if store is None else Path(folder)
         with open_store(path, source.layout) as opened:
             source.begin(opened)
-            with reported(progress, "studying") as advance:
-                carry_out_missing(opened, source, workers, executor, advance)
+            carry_out_missing(opened, source, workers, executor, progress)
             results = source.completed(opened.results())
         return results.load() if store is None else results
 

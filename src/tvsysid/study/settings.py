@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from tvsysid.errors import InputError, plain_text
-from tvsysid.estimates import UNITS
+from tvsysid.dataset_layout import UNITS
+from tvsysid.errors import InputError, one_line
 from tvsysid.methods import Method, parse
 
 Value = TypeVar("Value")
@@ -52,7 +52,7 @@ class StudySettings(Settings):
         """Units by quantity, of the package and of methods that state them in ``quantities``."""
         said = [method.quantities for method in self.named_methods.values()]
         return {
-            name: plain_text(unit)
+            name: one_line(str(unit))
             for each in said
             if isinstance(each, Mapping)
             for name, unit in each.items()

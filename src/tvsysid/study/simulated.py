@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
-from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import STUDIED_METHODS, Method, label_of, parse, resolve
 from tvsysid.methods.registry import find
+from tvsysid.models import IMPEDANCE
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,

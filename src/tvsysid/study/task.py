@@ -28,7 +28,7 @@ from tvsysid.errors import (
     InputError,
     describe_error,
     library_folders,
-    plain_text,
+    one_line,
     printable,
 )
 from tvsysid.methods.base import SkippedError
@@ -286,7 +286,7 @@ def pickled(
             try:
                 found[label] = cloudpickle.dumps(item)
             except Exception as error:
-                reason = f"{type(error).__name__}: {plain_text(error)}"
+                reason = f"{type(error).__name__}: {one_line(str(error))}"
                 raise InputError(f"{what} {label}: cannot be sent to a worker: {reason}") from error
     return found
 

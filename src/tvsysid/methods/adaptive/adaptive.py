@@ -11,7 +11,6 @@ import attrs
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from tvsysid.estimates import StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
 from tvsysid.methods.adaptive.averaging import (
@@ -55,7 +54,7 @@ from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
-from tvsysid.models import Diagnostics, Model
+from tvsysid.models import Diagnostics, Model, StandardError
 from tvsysid.signals import Array, Ensemble
 
 LONGEST = 3000  # samples of a realization at most

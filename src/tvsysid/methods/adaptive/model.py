@@ -9,10 +9,10 @@ import attrs
 import numpy as np
 from scipy.special import ndtr
 
-from tvsysid.estimates import StandardError
+from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.adaptive.mixture import Hypothesis, Mixture
 from tvsysid.methods.cascade.result import JointCascadeModel
-from tvsysid.models import Labelled, Model
+from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.signals import Ensemble

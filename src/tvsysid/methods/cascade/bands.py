@@ -8,8 +8,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.estimates import StandardError
 from tvsysid.methods.cascade.problem import Solution
+from tvsysid.models import StandardError
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.noise import autocorrelation

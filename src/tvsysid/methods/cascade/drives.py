@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.estimates import UNITS, Estimate, StandardError
+from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.cascade.pathways import (
     Drive,
     Stretch,
@@ -15,7 +15,8 @@ from tvsysid.methods.cascade.pathways import (
     rectified_velocities,
     velocity_of,
 )
-from tvsysid.models import ImpulseResponseModel
+from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.hammerstein import Rows, parallel_cascade

@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import attrs
 import numpy as np
 
+from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.estimates import UNITS
 from tvsysid.methods.base import Input, Method, whole_samples
 from tvsysid.methods.cascade.drives import (
     Candidate,
@@ -18,7 +18,7 @@ from tvsysid.methods.cascade.drives import (
     rectifier_of_constant,
 )
 from tvsysid.methods.cascade.pathways import Measured, TwoPathwayModel, history
-from tvsysid.models import ImpulseResponseModel
+from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble

@@ -9,7 +9,8 @@ import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.models import ImpulseResponseModel, Labelled
+from tvsysid.dataset_layout import Labelled
+from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags, row_blocks
 from tvsysid.numerics.stretch import recorded_velocity, stretch

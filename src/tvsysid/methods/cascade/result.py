@@ -9,14 +9,14 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
+from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Hyperparameters, Search
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, TwoPathwayModel
 from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS
-from tvsysid.models import Diagnostics, Labelled
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate
 from tvsysid.signals import Array, Ensemble
 
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum

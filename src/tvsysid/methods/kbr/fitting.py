@@ -8,10 +8,10 @@ from functools import partial
 import attrs
 import numpy as np
 
-from tvsysid.estimates import StandardError
 from tvsysid.methods.kbr.kernel import VISIBLE, Kernel, harmonic_features
 from tvsysid.methods.kbr.record import WHITE, Chosen, NoiseSpectrum, Record, clocks_of
 from tvsysid.methods.shared.residuals import PosteriorErrors
+from tvsysid.models import StandardError
 from tvsysid.numerics.gaussian import Fit, InstrumentalFit, fit, instrumental
 from tvsysid.signals import Array, Ensemble
 

@@ -15,7 +15,8 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.kbr import fitting, record, search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
-from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.methods.responses import SecondOrderModel
+from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, not_negative, one_of, optional, positive
 

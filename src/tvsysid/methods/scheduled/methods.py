@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 import attrs
 import numpy as np
 
-from tvsysid.estimates import IMPEDANCE, Estimate
 from tvsysid.methods import base
 from tvsysid.methods.cascade.pathways import Stretch, history
 from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted, with_rest
@@ -16,7 +15,7 @@ from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
 from tvsysid.methods.scheduled.structure import Reflex, Structure
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import Diagnostics
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 

@@ -9,10 +9,11 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tvsysid.arrays import read_only
+from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.errors import DataQualityWarning
-from tvsysid.estimates import UNITS, Estimate, StandardError, read_only
 from tvsysid.methods.scheduled.structure import Structure
-from tvsysid.models import Labelled, Model
+from tvsysid.models import Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.signals import Array, Ensemble
 

@@ -1,19 +1,5 @@
 """What several methods share, and the vocabulary in which they are written."""
 
-from tvsysid.estimates import (
-    IMPEDANCE,
-    StandardError,
-    impedance_estimates,
-    no_errors,
-    standard_errors,
-)
-from tvsysid.impedance import (
-    DerivativeMoments,
-    agreement,
-    derivative_filters,
-    derivative_moments,
-    second_order_fit,
-)
 from tvsysid.methods.shared.correlations import (
     Solver,
     Windows,
@@ -25,6 +11,7 @@ from tvsysid.methods.shared.correlations import (
     window_errors,
     window_model,
 )
+from tvsysid.methods.shared.estimates import impedance_estimates, no_errors, standard_errors
 from tvsysid.methods.shared.instrument import (
     LEAST,
     Instrument,
@@ -45,9 +32,17 @@ from tvsysid.methods.shared.residuals import (
     residual,
 )
 from tvsysid.methods.shared.two_stage import truncated_at_threshold
+from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.second_order import (
+    DerivativeMoments,
+    agreement,
+    derivative_filters,
+    derivative_moments,
+    second_order_fit,
+)
 from tvsysid.numerics.spectra import PowerSpectrum, hann, short_time_spectra

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import toeplitz
 
-from tvsysid.estimates import ErrorStatistics, StandardError, impedance_estimates, standard_errors
-from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
+from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.methods.shared.estimates import ErrorStatistics, impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
 from tvsysid.methods.shared.two_stage import LaggedReference
-from tvsysid.models import Diagnostics, ImpulseResponseModel
+from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.instrument import lag_samples
 from tvsysid.numerics.moments import (
     coloured_moments,
@@ -25,6 +25,7 @@ from tvsysid.numerics.moments import (
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
+from tvsysid.numerics.second_order import agreement, second_order_readout, static_stiffness
 from tvsysid.signals import Array, Ensemble
 
 Solver = Callable[[slice, Array, Array, Array, Array], Solution]

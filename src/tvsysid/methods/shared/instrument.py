@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import ErrorStatistics, StandardError
 from tvsysid.methods.base import Input
 from tvsysid.methods.cascade.pathways import history
+from tvsysid.methods.shared.estimates import ErrorStatistics
 from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
-from tvsysid.models import Diagnostics
+from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.numerics.moments import convolve_lags

@@ -8,9 +8,8 @@ import attrs
 import numpy as np
 from scipy.linalg import toeplitz
 
-from tvsysid.estimates import IMPEDANCE, StandardError
-from tvsysid.impedance import agreement_of_moments
 from tvsysid.methods.base import padded
+from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import convolve_lags
@@ -24,6 +23,7 @@ from tvsysid.numerics.noise import (
     regressor_covariances,
     white_share,
 )
+from tvsysid.numerics.second_order import agreement_of_moments
 from tvsysid.signals import Array, Ensemble
 
 # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
@@ -153,7 +153,7 @@ def agreement_of(fit: Array, left: Array, angle: Array, covariance: Array) -> fl
     """Agreement of a fit that ``left`` something of the torque, both (realization, time).
 
     ``angle`` is that at the same times, ``covariance`` (2 lags + 1,) its autocovariance; see
-    :func:`tvsysid.impedance.agreement_of_moments`.
+    :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
     cross = cross_covariance(angle, left, len(covariance) // 2)
     return agreement_of_moments(

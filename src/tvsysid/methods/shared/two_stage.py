@@ -8,8 +8,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tvsysid.estimates import StandardError, standard_errors
 from tvsysid.methods.base import padded
+from tvsysid.methods.shared.estimates import standard_errors
+from tvsysid.models import StandardError
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, sliding_sum, window_moments
 from tvsysid.numerics.pseudoinverse import Solution

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import attrs
 import numpy as np
 
+from tvsysid.arrays import read_only
 from tvsysid.errors import InputError
-from tvsysid.estimates import read_only
 from tvsysid.methods.base import Choice, Method
 from tvsysid.models import Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
-from tvsysid.showing import Shown
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 # Bases that are tried.
@@ -34,7 +34,7 @@ MIN_GAIN_NAT = 3.0  # log evidence by which another basis must be better: 20 to 
 
 
 @attrs.frozen(eq=False, repr=False)
-class Evidence(Shown):
+class Evidence:
     """Settings that were tried on data, and how good each is.
 
     Parameters
@@ -87,6 +87,12 @@ class Evidence(Shown):
                 f"{self.gain:.3g} {self.unit}"
             )
         return "; ".join((result, f"{len(self.values)} tried", *self.edges))
+
+    def plot(self, title: str = "") -> Figure:
+        """Draw the criterion against the settings."""
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+
+        return plot(self, title)
 
     def __repr__(self) -> str:
         return f"Evidence({self})"

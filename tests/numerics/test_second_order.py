@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from tvsysid import impedance
-from tvsysid.numerics import moments, pseudoinverse
+from tvsysid.numerics import moments, pseudoinverse, second_order
 from tvsysid.numerics.differentiation import differentiate
 
 LAGS, RATE = 6, 100.0
@@ -21,7 +20,7 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
-    matrix, fitted = impedance.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
+    matrix, fitted = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
     found = np.einsum("tml,tl->tm", matrix, phi_uy)
     np.testing.assert_allclose(found[:, 0], solution.weights.sum(axis=1), rtol=1e-9)
     for time in (0, 20, 47):
@@ -40,8 +39,8 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
 def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
     angle, torque, _ = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
-    matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
-    whole, _ = impedance.second_order_readout(
+    matrix, _ = second_order.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    whole, _ = second_order.second_order_readout(
         phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE
     )
     np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
@@ -50,7 +49,7 @@ def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
         np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]
     )  # acceleration is in proportion to the angle
     phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
-    matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    matrix, _ = second_order.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
     assert np.isnan(matrix[:, 1:]).all()
 
 
@@ -59,18 +58,18 @@ def test_second_order_fit(random):
     expected = np.array([100.0, 2.0, 0.02])
     moments = regressors.transpose(0, 2, 1) @ regressors
     cross = (regressors.transpose(0, 2, 1) @ (regressors @ expected)[..., None])[..., 0]
-    found, inverse = impedance.second_order_fit(moments, cross)
+    found, inverse = second_order.second_order_fit(moments, cross)
     np.testing.assert_allclose(found, np.tile(expected, (5, 1)), rtol=1e-9)
     np.testing.assert_allclose(inverse @ moments, np.tile(np.eye(3), (5, 1, 1)), atol=1e-7)
     moments[2, 2], moments[2, :, 2] = moments[2, 0], moments[2, :, 0]
-    assert np.isnan(impedance.second_order_fit(moments, cross).impedance[2]).all()
+    assert np.isnan(second_order.second_order_fit(moments, cross).impedance[2]).all()
 
 
 def test_agreement():
     fitted, beyond, chance = np.array([3.0, 5.0]), np.array([1.0, 1.0]), np.array([0.5, 0.5])
-    assert impedance.agreement(fitted, beyond, chance) == pytest.approx(90.0)
-    assert impedance.agreement(fitted, chance, beyond) == 100.0
-    assert impedance.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(
+    assert second_order.agreement(fitted, beyond, chance) == pytest.approx(90.0)
+    assert second_order.agreement(fitted, chance, beyond) == 100.0
+    assert second_order.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(
         100 * (1 - 0.5 / 6)
     )
-    assert np.isnan(impedance.agreement(fitted * np.nan, beyond, chance))
+    assert np.isnan(second_order.agreement(fitted * np.nan, beyond, chance))

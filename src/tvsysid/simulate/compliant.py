@@ -84,8 +84,10 @@ class CompliantActuator(Joint):
         time, rate = conditions.whole_time, conditions.rate
         for_drive, for_noise = conditions.generators()
         drive = generate(conditions.perturbation, len(time), rate, for_drive)
-        noise = conditions.noise(for_noise, self.noise_bandwidth)
-        impedance = self._impedance(time)
+        # The noise begins with an impulse, whose rest is some 1e-6 of the torque at 2 Hz. Results
+        # of the closed-loop study depend on it.
+        noise = conditions.noise(for_noise, self.noise_bandwidth, 1.0)
+        impedance = self._impedance(time, rate)
         joint, load = np.stack([*impedance.values()]), self._with_load(impedance)
         softest = impedance["stiffness"].min()
         if softest + self.actuator_stiffness <= 0:
@@ -103,7 +105,7 @@ class CompliantActuator(Joint):
 
         if self.disturbance == "torque":
             applied = drive
-            between = self._impedance(time[:-1] + 0.5 / rate)
+            between = self._impedance(time[:-1] + 0.5 / rate, 2 * rate)
             motion = move(drive, self._with_load(between)[:2])
         else:
             # As a deviation from a share of the reference. The motion of the angle itself would

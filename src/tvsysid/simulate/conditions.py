@@ -100,10 +100,10 @@ class Conditions:
             )
         return np.random.default_rng(seed).spawn(count)
 
-    def noise(self, random: np.random.Generator, bandwidth: float) -> Array:
+    def noise(self, random: np.random.Generator, bandwidth: float, state: float = 0.0) -> Array:
         """Return unscaled noise of the torque over the whole time."""
         name = f"{self.system}: noise_bandwidth"
-        return low_passed_noise(random, bandwidth, self.rate, len(self.whole_time), name)
+        return low_passed_noise(random, bandwidth, self.rate, len(self.whole_time), name, state)
 
     def angle_scale(self, angle: Array) -> float:
         """Return the factor that gives an angle the usual RMS."""

@@ -18,6 +18,7 @@ from tvsysid.simulate.profiles import (
     Profile,
     SineWave,
     SquareWave,
+    evaluate,
     is_profile,
     number_or_profile,
     over_time,
@@ -109,18 +110,19 @@ class Joint:
         )
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        truth = self._impedance(conditions.time)
+        truth = self._impedance(conditions.time, conditions.rate)
         imposed = impose(conditions, truth, conditions.generators())
         pathways = {"intrinsic": imposed.torque}
         return conditions.simulation(imposed.angle, imposed.noise, pathways, truth)
 
-    def _impedance(self, time: Array) -> dict[str, Array]:
+    def _impedance(self, time: Array, rate: float) -> dict[str, Array]:
         """Return stiffness, viscosity and inertia over time."""
-        return {name: self._over_time(name, time) for name in ("stiffness", "viscosity", "inertia")}
+        names = ("stiffness", "viscosity", "inertia")
+        return {name: self._over_time(name, time, rate) for name in names}
 
-    def _over_time(self, name: str, time: Array) -> Array:
-        """Return the values of a field that is a number or callable."""
-        return over_time(f"{type(self).__name__}: {name}", getattr(self, name), time)
+    def _over_time(self, name: str, time: Array, rate: float) -> Array:
+        """Return the values of a field that is a number or profile."""
+        return over_time(f"{type(self).__name__}: {name}", getattr(self, name), time, rate)
 
 
 @attrs.frozen
@@ -166,9 +168,9 @@ class ReflexJoint(Joint):
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         rate, generators = conditions.rate, conditions.generators(3)
-        impedance = self._impedance(conditions.time)
+        impedance = self._impedance(conditions.time, rate)
         imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
-        gain = self._over_time("reflex_gain", conditions.whole_time)
+        gain = self._over_time("reflex_gain", conditions.whole_time, rate)
         torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
         stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
         emg = np.abs(stretch * generators[2].standard_normal(len(gain))) / math.sqrt(2 / math.pi)
@@ -250,19 +252,19 @@ class ScheduledJoint(Joint):
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, generators = conditions.time, conditions.generators(3)
-        impedance = self._impedance(time)
+        impedance = self._impedance(time, conditions.rate)
         if self.schedule is None:
             variable = self._inverse_relation(impedance["stiffness"])
         else:
-            variable = self._over_time("schedule", time)
+            variable = self._over_time("schedule", time, conditions.rate)
         variable = variable * self._strength(time, generators[2])
-        impedance["stiffness"] = self._over_time("relation", variable)
+        impedance["stiffness"] = self._related("relation", variable)
         if self.viscosity_relation is not None:
-            impedance["viscosity"] = self._over_time("viscosity_relation", variable)
+            impedance["viscosity"] = self._related("viscosity_relation", variable)
         imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
         pathways = {"intrinsic": imposed.torque}
         if self.gain_relation is not None:
-            gain = impedance["reflex_gain"] = self._over_time("gain_relation", variable)
+            gain = impedance["reflex_gain"] = self._related("gain_relation", variable)
             # The gain is that at the time of the stretch; before the record, its first value.
             delay, whole = round(self.reflex.delay * conditions.rate), len(imposed.velocity)
             late = np.pad(gain, (conditions.second + delay, 0), "edge")[:whole]
@@ -274,10 +276,14 @@ class ScheduledJoint(Joint):
             imposed.angle, imposed.noise, pathways, impedance, {self.variable: variable}
         )
 
+    def _related(self, name: str, variable: Array) -> Array:
+        """Return the values of a relation for a variable."""
+        return evaluate(f"ScheduledJoint: {name}", getattr(self, name), variable)
+
     def _inverse_relation(self, stiffness: Array) -> Array:
         """Return the variable that gives a stiffness."""
         grid = np.linspace(0.0, 1.0, 10_001)
-        values = self._over_time("relation", grid)
+        values = self._related("relation", grid)
         if not np.all(np.diff(values) > 0):
             raise InputError(
                 f"ScheduledJoint: relation must rise from 0 to 1, got {self.relation!r}"

@@ -48,15 +48,21 @@ class FilteredNoise:
 
 
 def low_passed_noise(
-    random: np.random.Generator, cutoff: float, rate: float, samples: int, name: str
+    random: np.random.Generator,
+    cutoff: float,
+    rate: float,
+    samples: int,
+    name: str,
+    state: float = 0.0,
 ) -> Array:
-    """Return white noise after a second-order Butterworth low-pass, from rest."""
+    """Return white noise after a second-order Butterworth low-pass, which starts in a state."""
     if cutoff >= rate / 2:
         raise InputError(
             f"{name} must be below half the sampling rate of {rate:g} Hz, got {cutoff:g} Hz"
         )
     low_pass = scipy.signal.butter(2, cutoff, fs=rate)
-    return np.asarray(scipy.signal.lfilter(*low_pass, random.standard_normal(samples)))
+    white = random.standard_normal(samples)
+    return np.asarray(scipy.signal.lfilter(*low_pass, white, zi=[state, 0.0])[0])
 
 
 @attrs.frozen

@@ -89,6 +89,11 @@ class CovaryingViscosity:
     low: float = 1.0
     high: float = 3.0
 
+    @property
+    def period(self) -> float | None:
+        """Period of the stiffness in s, if it has one."""
+        return getattr(self.stiffness, "period", None)
+
     def __call__(self, time: Array) -> Array:
         """Return the value at each time."""
         return self.low + (self.high - self.low) * (np.asarray(self.stiffness(time)) - 50.0) / 100.0
@@ -98,12 +103,26 @@ PROFILES: dict[str, Profile] = {"square": SquareWave(), "sine": SineWave(), "con
 """Stiffness over time, by name."""
 
 
-def over_time(name: str, profile: float | Profile, time: Array) -> Array:
-    """Return the values of a number or profile over time. The name is for the error message."""
-    values = np.asarray(profile(time) if callable(profile) else np.full(len(time), profile), float)
-    if values.shape != time.shape or not np.isfinite(values).all():
+def over_time(name: str, profile: float | Profile, time: Array, rate: float) -> Array:
+    """Return the values of a number or profile at multiples of 1/rate.
+
+    A profile with an attribute ``period`` in s is evaluated over one period, if this is a whole
+    number of samples. The name is for the error message.
+    """
+    exact = rate * (getattr(profile, "period", None) or 0.0)
+    cycle, index = round(exact), np.rint(time * rate).astype(np.int64)
+    if 0 < cycle < len(time) and abs(exact - cycle) < 1e-9 * cycle:
+        return over_time(name, profile, np.arange(cycle) / rate, rate)[index % cycle]
+    return evaluate(name, profile, time)
+
+
+def evaluate(name: str, function: float | Profile, argument: Array) -> Array:
+    """Return the values of a number or function, after a check for one finite number each."""
+    values = function(argument) if callable(function) else np.full(len(argument), function)
+    values = np.asarray(values, dtype=np.float64)
+    if values.shape != argument.shape or not np.isfinite(values).all():
         raise InputError(
-            f"{name} must give one finite number for each of {len(time)} values, got shape "
-            f"{values.shape}{', not all finite' if values.shape == time.shape else ''}"
+            f"{name} must give one finite number for each of {len(argument)} values, got shape "
+            f"{values.shape}{', not all finite' if values.shape == argument.shape else ''}"
         )
     return values

@@ -75,7 +75,7 @@ class StretchReflex:
             )
             return np.asarray(scipy.signal.lfilter(*muscle, drive))
         time = np.arange(start, start + len(drive)) / rate
-        frequency = over_time("StretchReflex: frequency", self.frequency, time)
+        frequency = over_time("StretchReflex: frequency", self.frequency, time, rate)
         if frequency.min() <= 0:
             raise InputError(
                 f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} "

@@ -17,7 +17,7 @@ def write_mat(file, angle, torque):
 
 
 def write_mat_73(file, angle, torque):
-    """As MATLAB writes it: a header of 512 bytes, columns stored as HDF5's rows, characters as numbers."""
+    """Write as MATLAB does: a header of 512 bytes, columns as HDF5's rows, characters as numbers."""
     with h5py.File(file, "w", userblock_size=512) as root:
         for name, values in {
             "pos": angle[None, :],
@@ -193,7 +193,7 @@ def write_gait(file, angle, torque):
 
 
 def parameters(**values):
-    """Objects of the toolbox's class `param`, in cells, as matio cannot write an array of them within an object."""
+    """Return objects of the toolbox's class `param`, in cells: matio writes no arrays of them."""
     from matio.utils import MatlabOpaque
 
     items = np.empty((1, len(values)), dtype=object)

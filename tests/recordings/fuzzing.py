@@ -134,7 +134,6 @@ SEEDS = {
     "object.mat": partial(write_object, age="v7"),
     "object73.mat": partial(write_object, age="v7.3"),
     "every.h5": write_hdf5,
-    "every.nc": write_hdf5,
     "every.parquet": write_parquet,
     "every.nwb": write_nwb,
     "gait.c3d": files.write_gait,

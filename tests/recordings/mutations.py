@@ -91,7 +91,7 @@ def swap(random, content):
 
 
 def set_integer(random, content):
-    """An integer of 2, 4 or 8 bytes of either order, mostly aligned, set to an extreme or close to what it was."""
+    """Set an integer of 2, 4 or 8 bytes, mostly aligned, to an extreme or close to what it was."""
     form = str(random.choice(list("<>"))) + str(random.choice(list("HIQ")))
     width = struct.calcsize(form)
     if len(content) < width:
@@ -158,7 +158,7 @@ def spliced(random, content, other):
 
 
 def inside_mat(random, content):
-    """One variable of a MAT file, damaged before it is compressed: the damage reaches the parser."""
+    """Damage one variable of a MAT file before it is compressed: so the parser sees it."""
     elements, place = [], 128
     while place + 8 <= len(content):
         kind, size = struct.unpack_from("<II", content, place)

@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from tvsysid import __version__
 from tvsysid.dataset_layout import UNITS
@@ -86,8 +84,10 @@ def write_nwb(
     >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = f"{folder}/ankle.nwb"
-    ...     write_nwb(file, tv.Recording(angle, 80 * angle, 100), datetime(2026, 5, 4, 9, 30, tzinfo=timezone.utc))
-    ...     tv.read_recording(file, angle="acquisition/angle", torque="acquisition/torque", sampling_rate=100)
+    ...     start = datetime(2026, 5, 4, 9, 30, tzinfo=timezone.utc)
+    ...     write_nwb(file, tv.Recording(angle, 80 * angle, 100), start)
+    ...     names = {"angle": "acquisition/angle", "torque": "acquisition/torque"}
+    ...     tv.read_recording(file, **names, sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
     import h5py  # noqa: PLC0415  # heavy
@@ -116,31 +116,14 @@ def write_nwb(
         root.create_dataset("file_create_date", data=[began], dtype=text, maxshape=(None,))
         _typed(root, "NWBFile", f"{file.stem} {began}", nwb_version=NWB_VERSION)
         for name, values in signals.items():
+            series = root.create_group(f"acquisition/{name}")
+            about = {"description": "no description", "comments": "no comments"}
+            _typed(series, "TimeSeries", f"{file.stem} {began} {series.name}", **about)
+            data = series.create_dataset("data", data=values, compression="gzip", shuffle=True)
             unit = {"angle": "rad", "torque": "N m", **units}.get(name, "unknown")
-            _write_series(
-                root.create_group(f"acquisition/{name}"),
-                f"{file.stem} {began}",
-                values,
-                unit,
-                recording,
-            )
-
-
-def _write_series(
-    group: h5py.Group, origin: str, values: NDArray[Any], unit: str, recording: Recording
-) -> None:
-    """One time series."""
-    _typed(
-        group,
-        "TimeSeries",
-        f"{origin} {group.name}",
-        description="no description",
-        comments="no comments",
-    )
-    data = group.create_dataset("data", data=values, compression="gzip", shuffle=True)
-    data.attrs.update({"unit": unit, "conversion": 1.0, "offset": 0.0, "resolution": -1.0})
-    start = group.create_dataset("starting_time", data=float(recording.start))
-    start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
+            data.attrs.update({"unit": unit, "conversion": 1.0, "offset": 0.0, "resolution": -1.0})
+            start = series.create_dataset("starting_time", data=float(recording.start))
+            start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
 
 
 def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> None:

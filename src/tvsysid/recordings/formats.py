@@ -61,7 +61,7 @@ READERS = {
     ".npz": {"ZIP archive": "tables:read_npz"},
     ".h5": {"HDF5 file": "hdf5:read_hdf5"},
     ".hdf5": {"HDF5 file": "hdf5:read_hdf5"},
-    ".nc": {"NetCDF file": "netcdf:read_netcdf_3", "HDF5 file": "netcdf:read_netcdf"},
+    ".nc": {"NetCDF file": "netcdf:read_netcdf", "HDF5 file": "netcdf:read_netcdf"},
     ".nwb": {"HDF5 file": "nwb:read_nwb"},
     ".parquet": {"Parquet file": "tables:read_parquet"},
     ".c3d": {"C3D file": "c3d:read_c3d"},

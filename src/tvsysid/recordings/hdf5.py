@@ -81,15 +81,6 @@ def _walk(
             yield from _walk(thing, f"{path}/", above, visited)
 
 
-def datasets_of(root: h5py.File) -> Iterator[tuple[str, h5py.Dataset | str, Item]]:
-    """Yield path and dataset, or why it cannot be read, for all that may be a channel."""
-    for path, item in items_of(root).items():
-        if isinstance(item.thing, h5py.Dataset) and item.thing.shape is None:
-            yield path, "no values", item
-        elif isinstance(item.thing, h5py.Dataset | str):
-            yield path, item.thing, item
-
-
 def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read datasets by path, such as ``run1/angle``.
 
@@ -97,13 +88,18 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     of the file.
     """
     with h5py.File(file, "r") as root:
-        for path, dataset, item in datasets_of(root):
-            if isinstance(dataset, str):
-                yield path, Channel((), dataset)
-                continue
-            values = partial(read_values, file, dataset.name)
-            unit, rate = stated(dict(dataset.attrs), *item.above)
-            yield path, numeric(dataset.shape, dataset.dtype, values, unit, rate)
+        for path, (thing, above) in items_of(root).items():
+            if isinstance(thing, str):
+                yield path, Channel((), thing)
+            elif isinstance(thing, h5py.Dataset):
+                unit, rate = stated(dict(thing.attrs), *above)
+                values = partial(read_values, file, thing.name)
+                yield (
+                    path,
+                    Channel((), "no values", unit, rate)
+                    if thing.shape is None
+                    else numeric(thing.shape, thing.dtype, values, unit, rate),
+                )
 
 
 def read_values(file: Path, name: str, part: object = ()) -> NDArray[Any]:

@@ -89,8 +89,8 @@ def _first_row(file: Path, separator: str) -> list[str]:
     cells = [cell.strip() for row in rows for cell in row]
     if len(line) == MAX_LINE_LENGTH or len(cells) > MAX_COLUMNS:
         raise InputError(
-            f"the first line has {len(cells)} columns or more; expected {MAX_COLUMNS} at most: give "
-            "each signal a column, and each sample a line"
+            f"the first line has {len(cells)} columns or more; expected {MAX_COLUMNS} at most: "
+            "give each signal a column, and each sample a line"
         )
     return cells
 

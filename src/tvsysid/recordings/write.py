@@ -116,10 +116,12 @@ def write_models(
     --------
     >>> import tvsysid as tv, tempfile, xarray
     >>> noise = tv.simulate.FilteredNoise()
-    >>> recording = tv.simulate.Joint().simulate(40, perturbation=noise, snr_db=10, seed=1).recording
-    >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period=2.0)
+    >>> simulation = tv.simulate.Joint().simulate(40, perturbation=noise, snr_db=10, seed=1)
+    >>> recording = tv.preprocess.decimate(simulation.recording, 100)
+    >>> ensemble = tv.preprocess.segment(recording, period=2.0)
+    >>> models = {"birf": tv.BasisIRF().identify(ensemble)}
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_models(f"{folder}/models.nc", {"birf": tv.BasisIRF().identify(ensemble)}, ensemble)
+    ...     write_models(f"{folder}/models.nc", models, ensemble)
     ...     tree = xarray.open_datatree(f"{folder}/models.nc", engine="h5netcdf").load()
     ...     tree.close()
     >>> sorted(name for name in tree["birf"].data_vars if name.startswith("stiffness"))

@@ -17,7 +17,7 @@ def write_mat(file, angle, torque):
 
 
 def write_mat_73(file, angle, torque):
-    """Write as MATLAB does: a header of 512 bytes, columns as HDF5's rows, characters as numbers."""
+    """Write as MATLAB does: a header of 512 bytes, columns as rows, characters as numbers."""
     with h5py.File(file, "w", userblock_size=512) as root:
         for name, values in {
             "pos": angle[None, :],

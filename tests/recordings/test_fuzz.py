@@ -30,7 +30,7 @@ def reader(tmp_path_factory):
 @pytest.mark.slow
 def test_damage_is_read_or_refused(tmp_path, reader):
     sound = sound_files(tmp_path)
-    assert {name: reader.read(tmp_path / name)[1] for name in SEEDS} == dict.fromkeys(SEEDS, [])
+    assert {name: reader.read(tmp_path / name)[1] for name in SEEDS} == {name: [] for name in SEEDS}
     outcomes = list(attack(tmp_path, sound, reader, SEED, range(COUNT)))
     assert {count > 0 for _, count, _ in outcomes} == {True, False}
     assert [each for _, _, wrong in outcomes for each in wrong] == []

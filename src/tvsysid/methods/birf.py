@@ -24,7 +24,7 @@ COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
 @attrs.frozen
-class BasisIRF(base.Method):
+class BasisIRF(shared.ByReference):
     r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
 
     .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad
@@ -97,11 +97,6 @@ class BasisIRF(base.Method):
                 "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
             )
 
-    @property
-    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The reference, if there is one."""
-        return shared.reference_input(self.reference)
-
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         functions = evaluate(self.basis, ensemble.samples)
@@ -112,9 +107,7 @@ class BasisIRF(base.Method):
         )
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        instrument = None
-        if self.reference is not None:
-            instrument = shared.Instrument.of("birf", ensemble, self.reference)
+        instrument = self.instrument(ensemble)
         moved = ensemble if instrument is None else instrument.moved
         products = shared.colour_products(moved)  # which the bands need too
         moments = self._derivative_moments(moved, products)
@@ -246,11 +239,8 @@ class BasisIRF(base.Method):
             missing=0,
         )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
-        if self.reference is not None:
-            moved = shared.Instrument.of("birf", ensemble, self.reference).moved
-            return attrs.evolve(self, reference=None)._evidence(moved, seed)
         parametric = self.model == "parametric"
         per_function = (
             2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1

@@ -45,7 +45,7 @@ REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
 @attrs.frozen
-class EnsembleSpectral(base.Method):
+class EnsembleSpectral(shared.ByReference):
     r"""A frequency response at each time, from spectra of short segments averaged over realizations.
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}
@@ -121,11 +121,6 @@ class EnsembleSpectral(base.Method):
                 "before the window"
             )
 
-    @property
-    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The reference, if there is one."""
-        return shared.reference_input(self.reference)
-
     def fit(self, ensemble: Ensemble) -> FrequencyResponseModel:
         """Return the model of an ensemble."""
         length = base.whole_samples(self.window, ensemble)
@@ -139,11 +134,7 @@ class EnsembleSpectral(base.Method):
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
-        instrument = (
-            None
-            if self.reference is None
-            else shared.Instrument.of("esm", ensemble, self.reference)
-        )
+        instrument = self.instrument(ensemble)
         products = shared.colour_products(ensemble)
         mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
         angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
@@ -223,11 +214,7 @@ class EnsembleSpectral(base.Method):
                 "record more, or use kbr"
             )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        if self.reference is not None:
-            return attrs.evolve(self, reference=None)._evidence(
-                shared.Instrument.of("esm", ensemble, self.reference).moved, seed
-            )
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
 

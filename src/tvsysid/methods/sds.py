@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import Input, Method, fitting_lags, whole_samples
+from tvsysid.methods.base import fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
@@ -36,7 +36,7 @@ FEWEST_REALIZATIONS = (
 
 
 @attrs.frozen
-class ShortDataSegments(Method):
+class ShortDataSegments(shared.ByReference):
     r"""A two-sided impulse response at each time, estimated across realizations and a short window of time.
 
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2} u_r(i - k)\, y_r(i), \qquad
@@ -90,11 +90,6 @@ class ShortDataSegments(Method):
     )
     cites = ("ludvig2012", "vanderuit2021")
 
-    @property
-    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
-        """Return the channel of the reference."""
-        return shared.reference_input(self.reference)
-
     def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
         """Return the model of an ensemble."""
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
@@ -105,8 +100,8 @@ class ShortDataSegments(Method):
                 "longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        if self.reference is not None:
-            return self._by_reference(ensemble, lags, half, self.reference)
+        if (instrument := self.instrument(ensemble)) is not None:
+            return self._by_reference(ensemble, lags, half, instrument)
         windows = shared.solve_windows(ensemble, lags, half)
         noise = windows.noise_correlation(ensemble)
         products, counted = windows.angle_products(ensemble), shared.counted(ensemble)
@@ -114,11 +109,10 @@ class ShortDataSegments(Method):
         return shared.window_model(repr(self), ensemble, windows, noise, errors)
 
     def _by_reference(
-        self, ensemble: Ensemble, lags: int, half: int, reference: str
+        self, ensemble: Ensemble, lags: int, half: int, instrument: shared.Instrument
     ) -> ImpulseResponseModel:
         """Two-stage least squares."""
-        instrument = shared.Instrument.of("sds", ensemble, reference)
-        lagged = shared.lagged_reference(ensemble, reference, lags, half)
+        lagged = shared.lagged_reference(ensemble, instrument.reference, lags, half)
 
         def solve(at: slice, phi_uu: Array, phi_uy: Array, *others: Array) -> Solution:
             return shared.truncated_at_threshold(phi_uu, phi_uy)
@@ -140,10 +134,7 @@ class ShortDataSegments(Method):
                 "determined; record more, or lengthen window"
             )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        if self.reference is not None:
-            moved = shared.Instrument.of("sds", ensemble, self.reference).moved
-            return attrs.evolve(self, reference=None)._evidence(moved, seed)
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(
             self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
         )

@@ -61,7 +61,7 @@ ORDER = Validator(
 
 
 @attrs.frozen
-class KernelRegression(base.Method):
+class KernelRegression(shared.ByReference):
     r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
 
     .. math:: y(t) + a_1\,\dot y(t) = \sum_{m=0}^{N_b} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
@@ -196,17 +196,10 @@ class KernelRegression(base.Method):
             raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
         return cls(**(PRESETS[name] | settings))
 
-    @property
-    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The reference, if there is one."""
-        return shared.reference_input(self.reference)
-
     def fit(self, ensemble: Ensemble) -> KernelModel:
         """Return the model of an ensemble."""
-        instrument, moved = None, ensemble
-        if self.reference is not None:
-            instrument = self._instrument(ensemble, self.reference)
-            moved = instrument.moved
+        instrument = self.instrument(ensemble)
+        moved = ensemble if instrument is None else instrument.moved
         data = record.Record.of(moved, self.band)
         variances = self._variances(self._scale(data))[: self.order + 1]
         if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
@@ -261,10 +254,9 @@ class KernelRegression(base.Method):
             else instrument.seen(diagnostics, banded=False),
         )
 
-    def _instrument(self, ensemble: Ensemble, reference: str) -> shared.Instrument:
-        """What the reference moves; weighted frequencies need less of it."""
-        least = shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
-        return shared.Instrument.of("kbr", ensemble, reference, least)
+    def _least_share(self) -> float:
+        """Weighted frequencies need less of the reference."""
+        return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _scale(self, data: record.Record) -> float:
         """What gamma counts in, in N·m/rad; the record is one without a lag."""
@@ -303,7 +295,7 @@ class KernelRegression(base.Method):
             missing=missing,
         )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
 
         Nothing is drawn at random.
@@ -311,10 +303,8 @@ class KernelRegression(base.Method):
         Noise that is not white in the band makes a record worth less than as many independent
         numbers, as what the settings given leave shows, without decay.
         """
-        if self.reference is not None:
-            ensemble = self._instrument(ensemble, self.reference).moved
-        if self.reference is not None or self.weighting != "white":
-            return attrs.evolve(self, reference=None, weighting="white")._evidence(ensemble, seed)
+        if self.weighting != "white":
+            return attrs.evolve(self, weighting="white")._evidence(ensemble, seed)
         noise, share = self._noise(ensemble)
         scale = self._scale(record.Record.of(ensemble, self.band))
         theta = np.log([self.length_periodic, *self._variances(scale), noise])

@@ -14,9 +14,9 @@ from tvsysid.methods.shared.correlations import (
 from tvsysid.methods.shared.estimates import impedance_estimates, no_errors, standard_errors
 from tvsysid.methods.shared.instrument import (
     LEAST,
+    ByReference,
     Instrument,
     WhereStrong,
-    reference_input,
     segment_fit,
 )
 from tvsysid.methods.shared.residuals import (

@@ -8,7 +8,7 @@ place of x in the left factor of every moment.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import attrs
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import Input
+from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.shared.estimates import ErrorStatistics
 from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
@@ -27,6 +27,10 @@ from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann, power_spectrum
 from tvsysid.signals import Array, Ensemble
+from tvsysid.validators import with_settings
+
+if TYPE_CHECKING:
+    from tvsysid.methods.tuning.evidence import Evidence
 
 LEAST = 0.01  # share of the angle that the reference predicts below which nobody can use it
 WEAK = 0.5  # below which there is a warning
@@ -156,9 +160,36 @@ class Instrument(NamedTuple):
         return WhereStrong(errors, self.weak, self.reason)
 
 
-def reference_input(reference: str | None) -> tuple[Input, ...]:
-    """Return the channels that a method needs for its reference; none if it has no reference."""
-    return () if reference is None else (Input(reference, "reference", "of any unit"),)
+class ByReference(Method):
+    """A method that identifies in closed loop too, if a ``reference`` moves the angle."""
+
+    reference: str | None
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
+        """Return the channel of the reference, if there is one."""
+        name = self.reference
+        return () if name is None else (Input(name, "reference", "of any unit"),)
+
+    def _least_share(self) -> float:
+        """Return the share of the angle that the reference must predict at least."""
+        return HARDLY_MOVED
+
+    def instrument(self, ensemble: Ensemble) -> Instrument | None:
+        """Return the instrument; None without a reference."""
+        if self.reference is None:
+            return None
+        return Instrument.of(self.key, ensemble, self.reference, self._least_share())
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        instrument = self.instrument(ensemble)
+        if instrument is None:
+            return self._open_loop_evidence(ensemble, seed)
+        return with_settings(self, reference=None)._evidence(instrument.moved, seed)
+
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Return the evidence for settings where the angle is imposed."""
+        raise NotImplementedError
 
 
 @attrs.frozen(eq=False)

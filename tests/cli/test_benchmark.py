@@ -120,20 +120,6 @@ def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
     assert table.claim.str.contains("take a reflex for stiffness").any()
 
 
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
-    def values(folder, seed=0):
-        options = "--trials 2 --duration 40 --method birf --perturbation prbs --workers 1"
-        assert tvsysid(f"benchmark {options} --out {folder} --seed {seed}")[0] == 0
-        table = pd.read_csv(tmp_path / folder / "summary.csv")
-        return table[table.metric != "seconds"].value.to_numpy()
-
-    one = values("one")
-    np.testing.assert_array_equal(one, values("two"))
-    assert not np.array_equal(one, values("three", 7))
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):

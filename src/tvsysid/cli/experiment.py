@@ -59,19 +59,16 @@ def experiment(
     - `report.html`: all results in one page;
 
     - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstraps, for each
-      participant,
-    perturbation, method and number of realizations;
+      participant, perturbation, method and number of realizations;
 
     - `summary.csv`: random error, VAF (share of the torque's variance that the model predicts), VAF
-      after a 1-10 Hz
-    band-pass, and further metrics;
+      after a 1-10 Hz band-pass, and further metrics;
 
     - `exclusions.csv`: for each realization, by how much it was shifted, and which step excluded it
       and why;
 
     - `alignment.csv`: for each recording, the stiffness with and without the shifts that align
-      realizations to the
-    target;
+      realizations to the target;
 
     - `diagnosis.html`: what is wrong with each recording, how it affects the result, and what to
       do;

@@ -54,9 +54,8 @@ def identify(
     five for comparison. Where the data make every stiffness wrong, none is stated, and the first
     lines say why and what to do.
 
-    A 95 % band accounts for noise only: it does not include the error of a method that smooths too
-    much. That of `adaptive` counts how unsure it is of how fast stiffness changes, and when it
-    switches.
+    A 95 % band covers measurement noise. It does not cover the error of a method that smooths too
+    much. The band of `adaptive` also covers how fast stiffness may change, and when it may switch.
 
     VAF is the share of the recorded torque's variance that the model predicts. It is computed from
     the data that the model was identified from, so a method with many parameters has a high VAF
@@ -66,17 +65,17 @@ def identify(
 
     A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it
     by `--channel`. An input or a reference loses its mean as angle and torque do; a scheduling
-    variable keeps it. A method that cannot serve the recording is skipped, and the reason is
-    printed. One that fails spoils no other; the exit code is then 1.
+    variable keeps it. A method that does not suit the recording is skipped, and the reason is
+    printed. If a method fails, the others finish, and the exit code is 1.
 
-    A joint that follows a measured variable needs no period: with `--scheduling` and without
-    `--period`, all of the record is one realization, and `--decimate` takes a sharper filter, as
-    torque beyond the new band counts more there. The variable is read under the name `scheduling`.
+    A joint that follows a measured variable needs no period. With `--scheduling` and without
+    `--period`, all of the record is one realization, and `--decimate` takes a sharper filter. The
+    variable is read under the name `scheduling`.
 
-    Where the torque is late or early, as by `tvsysid inspect --diagnose`, that is corrected before
-    decimation, unless correcting half or none of it predicts realizations held out better; a line
-    says so. The figure's title states what was corrected, and `delay_removed` (in s) in
-    `models.nc`. `--no-align-channels` corrects nothing.
+    A torque that is late or early, as found by `tvsysid inspect --diagnose`, is shifted before
+    decimation. Half of the delay or none of it is corrected where that predicts held-out
+    realizations better. A line and the figure's title say what was corrected; `models.nc` has it as
+    `delay_removed` (in s). `--no-align-channels` corrects nothing.
 
     Realizations with a gap, where both signals were held, zero or interpolated for 30 ms or more,
     are left out. Mains hum that shows in the angle is subtracted from all channels before
@@ -85,28 +84,25 @@ def identify(
     Writes to the folder:
 
     - `report.html`: all of it on one page: the stiffness to report with its band, how it was found,
-      what is wrong with
-    the data and what to do, the methods side by side and why they differ, and a methods paragraph
-    with references (BibTeX) for a paper;
+      what is wrong with the data and what to do, the methods side by side and why they differ, and
+      a methods paragraph with references (BibTeX) for a paper;
 
     - with `--sheet`, `sheet.html`: one page of A4 about one person and visit; `tvsysid report DIR
-      DIR … --sheet` makes
-    one of several visits;
+      DIR … --sheet` makes one of several visits;
 
     - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia
-      (kg·m²), each with its
-    95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%); a further
-    quantity that a method estimates over time has columns of the same kind;
+      (kg·m²), each with its 95 % band (`stiffness_lower`, `stiffness_upper`, …), and
+      time_varying_vaf (%); a further quantity that a method estimates over time has columns of the
+      same kind;
 
     - `models.nc`: a group for each method with its estimates, their standard errors and bands, and
-      the torque of each
-    pathway (NetCDF; `xarray.open_datatree` reads it);
+      the torque of each pathway (NetCDF; `xarray.open_datatree` reads it);
 
     - `stiffness.png` and `.pdf`: stiffness, viscosity and inertia over time, with their bands;
 
     - where something is estimated over a variable, `scheduled.csv` (method, variable, value,
-      quantity, unit, estimate
-    and 95 % band), and `scheduled.png` and `.pdf` with a histogram of the variable;
+      quantity, unit, estimate and 95 % band), and `scheduled.png` and `.pdf` with a histogram of
+      the variable;
 
     - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how well
       each did.
@@ -118,8 +114,8 @@ def identify(
     2 --channel emg=EMG_SOL --method mymethod:Scheduled`
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
-    2 --channel command=CMD --method kbr:reference=command,weighting=residual` (an actuator that
-    gives way)
+    2 --channel command=CMD --method kbr:reference=command,weighting=residual` (a compliant
+    actuator)
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100
     --scheduling ankle_angle`

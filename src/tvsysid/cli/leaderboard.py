@@ -25,7 +25,7 @@ def leaderboard(
     Entries are the package's methods, those of installed packages, and those given with `--method`.
     Each identifies joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a
     measured variable. The score is the error of the stiffness in per cent of its mean, with its
-    standard error; entries that cannot be told apart share a rank.
+    standard error; entries whose scores do not differ significantly share a rank.
 
     Writes to the folder:
 

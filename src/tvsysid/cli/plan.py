@@ -40,7 +40,7 @@ def plan(
     seed: int = 0,
     out: Path = Path("tvsysid-plan"),
 ) -> None:
-    """Say how much to record for stiffness of a wished precision.
+    """Plan how much to record for a given precision of the stiffness.
 
     Simulates ensembles of 5, 10, 20, … realizations of a stated joint and protocol, or of what a
     pilot recording shows, and identifies them by each method. How far its stiffness scatters, and

@@ -55,7 +55,7 @@ def test_without_variation_it_is_a_joint():
         ({"interval": -1.0}, "interval must be a positive number"),
         (
             {"stiffness": Constant(500.0)},
-            "stiffness goes from 500 to 500 N·m/rad, but relation gives 20 to 220",
+            "cover the stiffness of 500 to 500 N·m/rad; it gives 20 to 220",
         ),
     ],
 )

@@ -284,15 +284,11 @@ class ScheduledJoint(Joint):
         """Return the variable that gives a stiffness."""
         grid = np.linspace(0.0, 1.0, 10_001)
         values = self._related("relation", grid)
-        if not np.all(np.diff(values) > 0):
+        low, high = stiffness.min(), stiffness.max()
+        if not np.all(np.diff(values) > 0) or values[0] > low or high > values[-1]:
             raise InputError(
-                f"ScheduledJoint: relation must rise from 0 to 1, got {self.relation!r}"
-            )
-        if values[0] > stiffness.min() or stiffness.max() > values[-1]:
-            raise InputError(
-                f"ScheduledJoint: stiffness goes from {stiffness.min():g} to {stiffness.max():g} "
-                f"N·m/rad, but relation gives {values[0]:g} to {values[-1]:g} N·m/rad from 0 to 1; "
-                "change one of them"
+                f"ScheduledJoint: relation must rise from 0 to 1 and cover the stiffness of {low:g} "
+                f"to {high:g} N·m/rad; it gives {values[0]:g} to {values[-1]:g} N·m/rad"
             )
         return np.interp(stiffness, values, grid)
 

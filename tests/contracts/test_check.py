@@ -131,7 +131,7 @@ def test_good_methods_pass(method):
             "estimates what it declares",
             "stiffness has 200 values",
         ),
-        (spoiled(np.negative), "recovers a constant stiffness", "the sign is reversed"),
+        (spoiled(np.negative), "recovers a constant stiffness", "-100 N·m/rad in the mean"),
         (spoiled(np.radians), "recovers a constant stiffness", "1.75 N·m/rad in the mean"),
         (
             spoiled(torque=lambda model, other: 50 * other.angle[:, other.core]),

@@ -38,10 +38,6 @@ SIGNATURES = {
     b"0       ": "EDF file",
     b"\xffBIOSEMI": "BDF file",
     b"PK\x03\x04": "ZIP archive",
-    b"\x93NUMPY": "single NumPy array",
-    b"\xd0\xcf\x11\xe0": "old Excel or Word file",
-    b"\x1f\x8b": "gzip archive",
-    b"%PDF": "PDF",
     b"\x80\x03": PICKLE,
     b"\x80\x04": PICKLE,
     b"\x80\x05": PICKLE,
@@ -137,8 +133,7 @@ def content_of(file: Path) -> str:
         return MAT_73
     for signature, content in SIGNATURES.items():
         if head.startswith(signature):
-            is_office = content == "ZIP archive" and b"[Content_Types].xml" in head
-            return "Excel or Word file" if is_office else content
+            return content
     if len(head) >= 512 and head[1] == 0x50 and 2 <= head[0] < 32:
         return "C3D file"
     # A letter that is cut in two at the end is no reason against text.

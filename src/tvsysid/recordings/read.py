@@ -66,15 +66,15 @@ def read_usable_trials(
     """
     usable: dict[str, Recording] = {}
     refused: dict[str, str] = {}
-    for called, file in paths.items():
+    for label, file in paths.items():
         try:
             channels, signals, starts = _read_signals(file, reading)
         except (InputError, MemoryError) as error:
             reason = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
-            refused[called] = reason or "no memory left"
+            refused[label] = reason or "no memory left"
             continue
         for number, trial in enumerate(map(slice, starts, (*starts[1:], None)), start=1):
-            name = called if len(starts) == 1 else f"{called}, trial {number}"
+            name = label if len(starts) == 1 else f"{label}, trial {number}"
             try:
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
             except InputError as error:

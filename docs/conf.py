@@ -35,7 +35,7 @@ suppress_warnings = ["config.cache"]
 nitpicky = True
 # What docstrings name of the package's inside, which has no page.
 nitpick_ignore_regex = [
-    (r"py:.*", r"tvsysid\.(numerics|impedance|methods\.cascade|methods\.(shared|kbr|\w+))\..*"),
+    (r"py:.*", r"tvsysid\.(numerics|arrays|methods\.cascade|methods\.(shared|kbr|\w+))\..*"),
     (r"py:.*", r"tvsysid\.numerics.*|ScheduledModel\.at|functools\.partial"),
     (r"py:data", r".*"),
 ]

@@ -19,9 +19,9 @@ PACKAGE = Path(tvsysid.__file__).parent
 FLOORS = [
     ["errors", "numerics", "progress"],
     ["validators", "arrays", "signals", "models", "dataset_layout"],
-    ["preprocess", "simulate", "metrics"],
+    ["recordings", "preprocess", "simulate", "metrics"],
     ["methods"],
-    ["quality", "recordings"],
+    ["quality"],
     ["recommendation", "comparison", "uncertainty", "planning", "check"],
     ["study"],
     ["figures", "report"],

@@ -199,10 +199,6 @@ class ModalDecomposition(base.Method):
 class ModalModel(Model):
     """Stiffness and viscosity where impulses tell them, and an inertia that is known."""
 
-    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        each = (self.stiffness, self.viscosity, self.inertia)
-        return {"intrinsic": np.asarray(sum(map(np.multiply, each, ensemble.derivatives())))}
-
 
 def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Samples at which impulses of a torque (time,) peak, and whether each sample is within one."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pandas as pd
-
 from tvsysid.comparison import Comparison
 from tvsysid.figures import (
     identified_impedance,
@@ -68,6 +66,8 @@ def write_folder(
                 found.models, found.ensemble, variable, title
             )
     if found.evidence:
+        import pandas as pd  # noqa: PLC0415  # heavy
+
         tried = {label: item.to_pandas() for label, item in found.evidence.items()}
         table = pd.concat(tried, names=["method"]).reset_index("method")
         with whole_file(folder / "tuning.csv") as file:

@@ -20,7 +20,7 @@ def read_only(values: ArrayLike) -> NDArray[Any]:
 
 
 def to_array(values: ArrayLike) -> Array:
-    """Convert real numbers to a read-only, C-ordered array of float64; leave the rest to the validator."""
+    """Convert real numbers to a read-only, C-ordered array; leave the rest to the validator."""
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
@@ -51,7 +51,8 @@ def check_finite(name: str, array: NDArray[Any], axes: tuple[str, ...]) -> None:
         raise InputError(f"{name}: expected real numbers, got values of type {array.dtype}")
     if array.ndim != len(axes) or not array.size:
         raise InputError(
-            f"{name}: expected samples over {' and '.join(axes)}, got an array of shape {array.shape}"
+            f"{name}: expected samples over {' and '.join(axes)}, got an array of shape "
+            f"{array.shape}"
         )
     if len(places := np.argwhere(~np.isfinite(array))):
         first = ", ".join(map("{} {}".format, axes, places[0]))

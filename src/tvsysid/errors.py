@@ -25,7 +25,7 @@ class InputError(ValueError):
 
 
 class DataQualityWarning(UserWarning):
-    """Valid input that makes the result doubtful. A model keeps these warnings in its diagnostics."""
+    """Valid input that makes the result doubtful. A model's diagnostics keep these warnings."""
 
 
 def printable(text: str) -> str:
@@ -51,8 +51,8 @@ def by_text(warnings: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
     Examples
     --------
-    >>> by_text([("sds", "negative at 92 % of the samples"), ("esm", "negative at 100 % of the samples")])
-    {'negative at 92 to 100 % of the samples': ['sds', 'esm']}
+    >>> by_text([("sds", "negative at 92 % of samples"), ("esm", "negative at 100 % of samples")])
+    {'negative at 92 to 100 % of samples': ['sds', 'esm']}
     """
     groups: dict[str, dict[str, list[str]]] = {}
     for source, text in warnings:
@@ -74,7 +74,7 @@ def _with_ranges(texts: list[str]) -> str:
 
 
 def describe_error(error: BaseException) -> str:
-    """Describe an exception in one line: its type, its message, and the last line of the user's code.
+    """Describe an exception in one line: type, message, and the last line of the user's code.
 
     The type of an :class:`InputError` is left out. Without a line of the user's own, the last line
     outside this package counts.
@@ -93,7 +93,7 @@ def describe_error(error: BaseException) -> str:
 
 @cache
 def library_folders() -> tuple[str, ...]:
-    """Return the folders of code that is not the user's: this package, Python, installed packages."""
+    """Return folders of code that is not the user's: this package, Python, installed packages."""
     installed = (
         sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
     )

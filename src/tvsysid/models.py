@@ -334,7 +334,7 @@ class Model:
         return self._pathways(ensemble)
 
     def predict(self, ensemble: Ensemble) -> Array:
-        """Return the torque that the model predicts for an ensemble: the sum of its :meth:`pathways`."""
+        """Return the predicted torque for an ensemble: the sum of the :meth:`pathways`."""
         return np.asarray(sum(self.pathways(ensemble).values()))
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:

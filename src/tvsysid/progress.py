@@ -1,4 +1,4 @@
-"""Progress of long work: a function that is called with the number of finished steps and their total."""
+"""Progress of long work: a function of the number of finished steps and their total."""
 
 from collections.abc import Callable
 

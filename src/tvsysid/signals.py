@@ -88,7 +88,7 @@ class Signals:
 
     @property
     def angle_as_recorded(self) -> Array:
-        """Angle before its sampling rate was lowered, with the samples in each interval on a last axis.
+        """Angle before its sampling rate was lowered: the samples of each interval on a last axis.
 
         This is ``recorded_angle``. Without it, the last axis of the angle has one sample.
         """
@@ -297,8 +297,8 @@ class Ensemble(Signals):
         plural = "s" * (len(self) != 1)
         return (
             f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at "
-            f"{self.sampling_rate:g} Hz, context {self.context / self.sampling_rate:g} s{left_out}; "
-            f"{self._magnitudes()})"
+            f"{self.sampling_rate:g} Hz, context {self.context / self.sampling_rate:g} s"
+            f"{left_out}; {self._magnitudes()})"
         )
 
     @property
@@ -372,7 +372,7 @@ class Ensemble(Signals):
         )
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the signals as an xarray.Dataset over realization and time, with units as attributes."""
+        """Return the signals as an xarray.Dataset over realization and time, with their units."""
         import xarray as xr  # noqa: PLC0415  # heavy
 
         dims = ("realization", "time")

@@ -1,4 +1,4 @@
-"""Validators for settings: an attrs field, or a function's argument, that cannot be used raises InputError."""
+"""Validators for fields of attrs classes and for arguments of functions; they raise InputError."""
 
 from __future__ import annotations
 

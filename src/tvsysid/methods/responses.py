@@ -108,7 +108,7 @@ class SecondOrderModel(Model):
         return read_only(self.posterior.covariance)
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
-        """Return stiffness, viscosity and inertia in an ensemble, (time,) or (realization, time)."""
+        """Return stiffness, viscosity, inertia in an ensemble, (time,) or (realization, time)."""
         return self.stiffness, self.viscosity, self.inertia
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:

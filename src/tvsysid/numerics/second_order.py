@@ -18,14 +18,16 @@ SINGULAR = 1e-9
 
 
 def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
-    r"""Area under the impulse response (time, lag): :math:`k(t) = \Delta t \sum_\tau h(t, \tau)` (equation 20)."""
+    r"""Return the area under an impulse response, :math:`\Delta t \sum_\tau h` (eq. 20)."""
     return np.asarray(impulse_response.sum(axis=1) * sample_time)
 
 
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
 ) -> tuple[Array, Array]:
-    r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
+    r"""Return the matrix that gives stiffness, viscosity and inertia from correlations.
+
+    Stiffness is the area under the impulse response; the others follow from a second-order fit.
 
     Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The
     fit, weighted by its inverse, minimises
@@ -53,7 +55,7 @@ def second_order_readout(
 
 
 class MomentFit(NamedTuple):
-    """Least-squares ``impedance`` (time, 3) and the ``inverse`` of the regressors' moments (time, 3, 3)."""
+    """Least-squares ``impedance`` (time, 3), and ``inverse`` of the regressors' moments."""
 
     impedance: Array
     inverse: Array
@@ -70,7 +72,7 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
 
 
 class DerivativeMoments(NamedTuple):
-    """Second moments over realizations of angle, velocity and acceleration at each time, and of the torque.
+    """Second moments over realizations of angle, velocity, acceleration and torque at each time.
 
     ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the
     torque, ``square`` (time,) of the torque; those of the angles from :data:`HALF_WIDTH` samples
@@ -126,12 +128,12 @@ def derivative_moments(
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:
-    """Filters (3, 2 lags + 1) that give a signal and its first and second derivative, in 1/s to the power 0, 1, 2."""
+    """Return filters (3, 2 lags + 1) for a signal and its first two derivatives."""
     return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
 
 
 def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
-    r"""Share of the output that answers to the input which a second-order fit explains, in per cent.
+    r"""Return the share of the linearly dependent output that a second-order fit explains, in %.
 
     .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
 
@@ -149,7 +151,7 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 def agreement_of_moments(
     fitted: float, cross: Array, moments: Array, left: float, samples: int
 ) -> float:
-    """Agreement of a second-order fit with the torque's mean response to lagged angles, in per cent.
+    """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
     The response is taken as the same at all times: what a fit leaves because it smooths a change
     of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are mean

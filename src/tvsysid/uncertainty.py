@@ -142,8 +142,7 @@ def bootstrap(
     seed
         Random seed. The same seed gives the same draws.
     progress
-        Function that is called after each draw with the draws done and their number. None shows
-        a bar in a notebook.
+        Function that is called after each draw with the draws done and their number.
 
     Raises
     ------

@@ -334,7 +334,6 @@ def compare(
         Whether each method's settings are chosen from the data first.
     progress
         Function that is called before each method with the number of methods done and of all.
-        None shows a bar in a notebook.
 
     Raises
     ------

@@ -218,8 +218,7 @@ def plan(
     seed
         Random seed of the simulations.
     progress
-        Function that is called with the number of curves done and of all. None shows a bar in a
-        notebook.
+        Function that is called with the number of curves done and of all.
 
     Raises
     ------

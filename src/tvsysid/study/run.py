@@ -60,8 +60,7 @@ def run(
         (``client.get_executor()``), of MPI, Ray or submitit. Then ``workers`` is the number of
         tasks that it runs at a time.
     progress
-        Called with the numbers of tasks there and in all, first before any is run; None shows a bar
-        in a notebook.
+        Called with the numbers of tasks there and in all, first before any is run.
 
     Returns
     -------

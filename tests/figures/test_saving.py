@@ -44,6 +44,9 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_workers")
 def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
+    import multiprocessing
+
+    before = set(multiprocessing.active_children())
     one = draw_all(illustrations(), tmp_path / "one")
     with helpers(2) as pool:
         two = draw_all(illustrations(), tmp_path / "two", pool)
@@ -51,9 +54,7 @@ def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
     for path in (tmp_path / "one" / "folder").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / "folder" / path.name).read_bytes()
     if sys.platform.startswith("linux"):
-        import multiprocessing
-
-        assert not multiprocessing.active_children()
+        assert set(multiprocessing.active_children()) <= before
 
 
 @pytest.mark.slow

@@ -107,14 +107,14 @@ def spoil_gone(file):
 
 
 SPOILT = {
-    spoil_truncated: r"trial1\.mat is left out: not a MAT file that can be read .* is it whole\?",
+    spoil_truncated: r"trial1\.mat is left out: cannot be read .*is it whole\?",
     spoil_renamed: r"trial1\.mat is left out: .*ZIP archive",
     spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; it holds angle",
     spoil_lengths: r"trial1\.mat is left out: the channels have different lengths: angle 3072 x "
     r"1, torque 3067 x 1",
     spoil_dropout: r"trial1\.mat is left out: torque: .*(NaN|finite)",
-    spoil_constant: r"trial1\.mat is left out: angle: all 3072 values are 0\.1 rad; a joint that "
-    r"is not moved",
+    spoil_constant: r"trial1\.mat is left out: angle: all 3072 values are 0\.1, so impedance "
+    r"cannot be identified",
     spoil_short: r"left out: it lasts 3 s, and a realization with the ends that are cut off takes "
     r"4 s",
     spoil_enormous: r"trial1\.mat is left out: .*reading it takes .* GB",

@@ -1,1 +1,1 @@
-"""Joint fit of both pathways: the method is in cascade.py, the model that it makes in result.py."""
+"""Fit both pathways jointly: cascade.py holds the method, result.py holds its model."""

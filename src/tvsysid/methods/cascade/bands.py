@@ -1,4 +1,4 @@
-"""How sure the coefficients are: their covariance under noise of any colour, and the standard errors that follow."""
+"""Compute the covariance of the coefficients under coloured noise, and their standard errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tvsysid.numerics.noise import autocorrelation
 
 
 class OneSignError(StandardError):
-    """Random error of an estimate that is nowhere negative, or nowhere positive: nor is its band."""
+    """Standard error of an estimate of one sign. Its band has the same sign."""
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
@@ -31,7 +31,10 @@ class OneSignError(StandardError):
 
 
 class Covariance(NamedTuple):
-    """Of the columns' coefficients, and then of the free numbers of the shape."""
+    """Covariance of the columns' coefficients, followed by the free numbers of the shape.
+
+    ``freedom`` is the number of degrees of freedom of the noise variance.
+    """
 
     matrix: Array
     freedom: float
@@ -39,7 +42,11 @@ class Covariance(NamedTuple):
     def error(
         self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False
     ) -> StandardError:
-        """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
+        """Return the standard error of weighted sums of the coefficients from ``start`` on.
+
+        ``features`` (time, coefficient) are the weights. The error is NaN where ``known`` is
+        False.
+        """
         columns = slice(start, start + features.shape[1])
         covariance = self.matrix[columns, columns]
         variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)

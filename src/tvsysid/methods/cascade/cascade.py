@@ -58,7 +58,9 @@ def _has_known_delay(method: JointCascade, attribute: object, emg: str | None) -
 
 @attrs.frozen
 class JointCascade(base.Method):
-    r"""Both pathways in one fit: a short intrinsic response to the angle, and a stretch reflex behind a muscle.
+    r"""Identify both pathways in one fit: a short intrinsic response and a stretch reflex.
+
+    The intrinsic response h is to the angle. The reflex acts through a muscle.
 
     .. math:: y(t) = \sum_{|\tau| \le 40\,ms} h(t, \tau)\, \theta(t - \tau)\, \Delta t + r(t) + e(t)
 
@@ -89,11 +91,12 @@ class JointCascade(base.Method):
 
     Notes
     -----
-    Coefficients have Gaussian priors relative to the noise: wide ones for the constants of stiffness, viscosity and
-    inertia, :math:`\gamma h^{-\nu}` for the h-th harmonic, one size for the differences and one for the mean gain.
-    Sizes and decays are those of greatest evidence. The muscle's frequency and damping, the threshold c and a free
-    delay are found by Gauss-Newton steps, with all coefficients solved for in each: a reflex that is fitted to what an
-    intrinsic fit left has lost part of itself.
+    Coefficients have Gaussian priors relative to the noise. The priors are wide for the constants
+    of stiffness, viscosity and inertia, and :math:`\gamma h^{-\nu}` for the h-th harmonic. The
+    differences share one size; the mean gain has its own. Sizes and decays are those of greatest
+    evidence. The muscle's frequency and damping, the threshold c and a free delay are found by
+    Gauss-Newton steps. Each step solves for all coefficients, because a reflex that is fitted to
+    the residual of an intrinsic fit has lost part of its torque.
 
     Samples are weighed by the noise's inverse covariance within a realization (or 2.56 s of it at
     100 Hz), from what a first fit leaves: slow voluntary torque would pass for a change of
@@ -106,10 +109,10 @@ class JointCascade(base.Method):
     as it arrives at the muscle. Viscosity and inertia are those of a second-order fit to the
     intrinsic response from 0.5 to 15 Hz.
 
-    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations
-    that were not fitted to (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`); of fewer than eight, the
-    evidence. Where none is shown, the model is one without, and ``reflex_gain`` says with its band
-    what the data leave room for.
+    A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`)
+    decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
+    realizations the evidence decides. Where no reflex is shown, the model has none, and the band
+    of ``reflex_gain`` says how large a gain the data allow.
 
     Neither viscosity nor reflex gain is negative at any time, nor are their bands; stiffness and
     the gain of EMG are of one sign. Sizes and decays are found without this limit. A warning says
@@ -130,7 +133,8 @@ class JointCascade(base.Method):
 
     References
     ----------
-    The two pathways: Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504. The fit is our own.
+    The two pathways: Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504.
+    The fit is our own.
 
     Examples
     --------
@@ -167,12 +171,12 @@ class JointCascade(base.Method):
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
-        """Whether the settings take the joint as constant."""
+        """Return whether the settings take the joint as constant."""
         return self.constant is True or not any(self.harmonics[:2])
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The EMG, if its channel is named."""
+        """Return the channel of the EMG, if it is named."""
         return () if self.emg is None else (base.Input(self.emg, "input", "V"),)
 
     def fit(self, ensemble: Ensemble) -> result.JointCascadeModel:
@@ -197,7 +201,7 @@ class JointCascade(base.Method):
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
         """Return the solutions with each reflex and without one, and the chosen one.
 
-        Only one where it is known.
+        If ``shown_one`` names the reflex, only that solution is computed.
         """
         search = self._search(ensemble)
         fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
@@ -244,14 +248,14 @@ class JointCascade(base.Method):
 
     @property
     def _delay(self) -> float | None:
-        """Delay in s; None where it is to be found."""
+        """Return the delay in s, or None if it is fitted."""
         if self.delay == "fit":
             return None
         usual = EMG_DELAY if self.emg else VELOCITY_DELAY
         return usual if self.delay is None else float(self.delay)
 
     def _drives(self, ensemble: Ensemble, data: Data) -> Drives:
-        """What may drive the reflex, by name."""
+        """Return the signals that may drive the reflex, by name."""
         if self.emg is not None:
             signal = _past(ensemble, ensemble.signal(self.emg), data)
             return {"emg": lambda threshold: signal}
@@ -270,7 +274,7 @@ class JointCascade(base.Method):
         }
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Solution]) -> tuple[str, bool]:
-        """Which reflex there is, or might be, and whether one is shown."""
+        """Return the name of the most likely reflex, and whether the data show one."""
         if len(ensemble) < MIN_TESTED_REALIZATIONS:
             return by_evidence(fits)
         if self.emg is not None:
@@ -295,9 +299,9 @@ class JointCascade(base.Method):
 
 
 def _past(ensemble: Ensemble, values: Array, data: Data) -> Array:
-    """Values with their history (realization, history + time), as deviations from the mean.
+    """Return values with their history (realization, history + time), less their mean.
 
-    0 where not recorded.
+    They are 0 where nothing was recorded.
     """
     samples = round(HISTORY * ensemble.sampling_rate)
     rows = history(ensemble, values, samples)[
@@ -307,7 +311,7 @@ def _past(ensemble: Ensemble, values: Array, data: Data) -> Array:
 
 
 def _settled(ensemble: Ensemble) -> NDArray[np.bool_]:
-    """Samples (realization, time) before which enough is known of what drives a reflex."""
+    """Return at which samples (realization, time) the history of the reflex's drive is known."""
     needed = round(SETTLED * ensemble.sampling_rate)
     known = np.isfinite(history(ensemble, ensemble.angle, needed)).cumsum(axis=1)
     return known[:, needed:] > needed

@@ -1,4 +1,4 @@
-"""Which pathways there are, and whether they change over a realization: by what predicts realizations not fitted to."""
+"""Choose the pathways, and whether they change over time, by how they predict held-out data."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Drives = Mapping[
 
 
 class Hyperparameters(NamedTuple):
-    """Everything of a solution with a reflex of some name but its coefficients."""
+    """Settings that determine a solution, except its coefficients."""
 
     reflex: str
     varies: bool
@@ -48,17 +48,17 @@ class Hyperparameters(NamedTuple):
 
     @classmethod
     def of(cls, reflex: str, found: Solution) -> Self:
-        """Return those of a solution."""
+        """Return the hyperparameters of a solution with the named reflex."""
         data = found.problem.data
         return cls(reflex, data.varies, data.noise, found.shape, found.parameters)
 
 
 class Search(NamedTuple):
-    """Data, and what may drive a reflex, by name; which numbers of its shape are ``free``.
+    """Data, and the signals that may drive a reflex, by name.
 
-    A ``delay`` of None is.
-
-    ``harmonics`` are the gain's, ``lags`` the intrinsic response's to either side, in samples.
+    ``free`` names the numbers of the reflex's shape that are fitted. A ``delay`` of None is
+    fitted, too. ``harmonics`` is the number of harmonics of the gain. ``lags`` is the number of
+    lags of the intrinsic response to either side, in samples.
     """
 
     ensemble: Ensemble
@@ -71,9 +71,9 @@ class Search(NamedTuple):
     free: Mapping[str, tuple[str, ...]]
 
     def problem(self, name: str, data: Data, free: tuple[str, ...] | None = None) -> Problem:
-        """With a reflex of this name, or plain where it is "none".
+        """Return the problem with the named reflex, or with no reflex if the name is "none".
 
-        The gain changes if the stiffness does.
+        The gain changes over time if the stiffness does.
         """
         if name == "none":
             return Problem.of(data, None, ())
@@ -82,9 +82,9 @@ class Search(NamedTuple):
         return Problem.of(data, reflex, self.free[name] if free is None else free)
 
     def fits(self, constant: bool | None, names: Iterable[str]) -> dict[str, Solution]:
-        """Solution with each of some reflexes, or without one ("none").
+        """Return the solution for each named reflex; "none" stands for no reflex.
 
-        None chooses whether they are constant.
+        If ``constant`` is None, the data choose whether the coefficients change over time.
         """
         still = self.data.constant()
         first = {name: first_shapes(self.delay, self.free.get(name, ())) for name in names}
@@ -159,7 +159,10 @@ class Search(NamedTuple):
 
 
 def by_evidence(fits: Mapping[str, Solution]) -> tuple[str, bool]:
-    """Reflex of most evidence, and whether it has clearly more than no reflex, a linear late answer, or another one."""
+    """Return the reflex of greatest evidence, and whether that is clearly the greatest.
+
+    It is compared with no reflex, with a linear late response and with the other reflexes.
+    """
     evidence = {name: fit.objective for name, fit in fits.items()}
     best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
     return best, all(

@@ -1,4 +1,4 @@
-"""Static functions of the velocity that drive a reflex, signals with their past, and the model."""
+"""Compute the signals that drive a reflex, with their past, and build the cascade model."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Arr
 class Candidate:
     """Signals (signal, realization, context + time + context) whose weighted sum drives a reflex.
 
-    ``start`` are weights to begin with. A single signal has its ``drive``; several are
+    ``start`` are the initial weights. A single signal has a ``drive``; several signals are
     polynomials of a velocity within ``limits``.
     """
 
@@ -81,7 +81,7 @@ class Candidate:
 
     @classmethod
     def polynomial(cls, ensemble: Ensemble, degree: int) -> Candidate:
-        """Return polynomials of the velocity, decimated, without weights to begin with."""
+        """Return decimated polynomials of the velocity, without initial weights."""
         velocity, ratio = velocity_of(ensemble)
         limits = float(velocity.min()), float(velocity.max())
         degrees = np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)
@@ -90,7 +90,7 @@ class Candidate:
         )
 
     def towards(self, target: Array) -> Candidate:
-        """Return a candidate whose weighted sum begins as near as possible to a signal."""
+        """Return a candidate whose initial weighted sum is the least-squares fit to a signal."""
         columns = self.signals.reshape(len(self.signals), -1).T
         start = np.asarray(np.linalg.lstsq(columns, target.ravel(), rcond=None)[0])
         return attrs.evolve(self, start=start)
@@ -130,10 +130,10 @@ def past_of(ensemble: Ensemble, signals: Array, before: int) -> Array:
 
 
 def rows_with_history(ensemble: Ensemble, signals: Array, lags: int, before: int) -> list[Rows]:
-    """Return signals (1 + signal, realization, before + time) and torque with all that is known.
+    """Return signals (1 + signal, realization, before + time) and torque with their known past.
 
-    The first signal is the angle so many samples ``lags`` ahead, of which no more than 2 lags
-    samples before are there. Realizations whose past begins at the same time are together.
+    The first signal is the angle ``lags`` samples ahead, with at most 2 ``lags`` samples before.
+    Realizations whose past begins at the same time are together.
     """
     past = past_of(ensemble, signals, before)
     short = max(0, lags - ensemble.context)
@@ -151,7 +151,7 @@ def rows_with_history(ensemble: Ensemble, signals: Array, lags: int, before: int
 
 
 def rectifier_of_constant(ensemble: Ensemble, lags: int, before: int) -> Candidate:
-    """Return the rectified velocity that explains more of the torque, were the joint constant."""
+    """Return the rectified velocity that explains more of the torque of a constant joint."""
 
     def explained(candidate: Candidate) -> float:
         rows = rows_with_history(ensemble, candidate.signals, lags, before)
@@ -186,7 +186,7 @@ def cascade_model(
 
 
 def with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
-    """Return a model that knows what shares of the torque it and its pathways explain, in %."""
+    """Return the model with the shares of the torque that it and its pathways explain, in %."""
     torque, parts = ensemble.torque[:, ensemble.core], model.pathways(ensemble)
     whole = parts["intrinsic"] + parts["reflex"]
     known = np.isfinite(whole)

@@ -1,4 +1,4 @@
-"""Gaussian priors whose sizes follow from the data, on what a Gram matrix knows of them."""
+"""Fit coefficients under Gaussian priors, whose sizes maximise the evidence."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ITERATIONS = 60  # of the search for the hyper-parameters, at most
 class Moments(NamedTuple):
     """Weighted ``products`` of columns and torque, which is last.
 
-    ``number`` is how many independent samples there are.
+    ``number`` is the number of independent samples.
     """
 
     products: Array
@@ -34,21 +34,21 @@ class Moments(NamedTuple):
 
     @property
     def gram(self) -> Array:
-        """Products of the columns."""
+        """Return the products of the columns with each other."""
         return self.products[:-1, :-1]
 
     @property
     def cross(self) -> Array:
-        """Products of the columns with the torque."""
+        """Return the products of the columns with the torque."""
         return self.products[:-1, -1]
 
     @property
     def square(self) -> float:
-        """Square of the torque."""
+        """Return the sum of squares of the torque."""
         return float(self.products[-1, -1])
 
     def scaled(self, scale: Array) -> Self:
-        """Return moments of columns that are divided by these numbers."""
+        """Return the moments of columns divided by ``scale``."""
         every = np.append(scale, 1.0)
         return self._replace(products=self.products / np.outer(every, every))
 
@@ -58,11 +58,11 @@ class Moments(NamedTuple):
 
 
 class Prior(NamedTuple):
-    r"""Log standard deviations of coefficients relative to the noise: ``offset + design @ parameters``.
+    r"""Prior of the coefficients: their log standard deviations relative to the noise.
 
-    That of a family's h-th harmonic is :math:`\log\gamma - \nu \log h`; ``decay`` says which
-    parameters are a :math:`\nu`. ``first`` (column,) is the column of each family that is not
-    modulated.
+    These are ``offset + design @ parameters``. That of a family's h-th harmonic is
+    :math:`\log\gamma - \nu \log h`; ``decay`` says which parameters are a :math:`\nu`. ``first``
+    (column,) is the column of each family that is not modulated.
     """
 
     offset: Array
@@ -98,25 +98,25 @@ class Prior(NamedTuple):
 
     @property
     def usual(self) -> Array:
-        """Parameters to begin with."""
+        """Return the initial parameters."""
         return np.where(self.decay, USUAL_DECAY, 0.0)
 
     def spread(self, parameters: Array) -> Array:
-        """Standard deviations, relative to the noise."""
+        """Return the standard deviations relative to the noise."""
         return np.asarray(np.exp(self.offset + self.design @ parameters))
 
     def log_density(self, parameters: Array) -> tuple[float, Array]:
-        """Of the parameters themselves, and its gradient."""
+        """Return the log density of the parameters, and its gradient."""
         off = np.where(self.decay, (parameters - USUAL_DECAY) / DECAY_SPREAD, 0.0)
         return -0.5 * float(off @ off), -off / DECAY_SPREAD
 
 
 class Posterior(NamedTuple):
-    """Posterior of coefficients whose prior has these standard deviations relative to the noise.
+    """Posterior of coefficients under a Gaussian prior relative to the noise.
 
-    ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G
-    the Gram matrix. A share of the torque's square is ``lost`` because some quantities are not
-    negative.
+    ``inverse_factor`` is the inverse Cholesky factor of ``S G S + 1``, with S the spread and G
+    the Gram matrix. ``lost`` is the share of the torque's square that the fit loses because some
+    quantities must not be negative.
     """
 
     coefficients: Array
@@ -128,20 +128,20 @@ class Posterior(NamedTuple):
 
     @property
     def effective(self) -> float:
-        """Effective number of parameters."""
+        """Return the effective number of parameters."""
         return len(self.coefficients) - float(np.sum(self.inverse_factor**2))
 
 
 def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Posterior:
-    r"""Ridge regression and its evidence, with the noise variance at its most probable.
+    r"""Solve the ridge regression, and compute its evidence at the most probable noise variance.
 
     .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
               - \tfrac12 \log|S \Phi^T\Phi S + 1|
 
-    more than that of a torque that is all noise, so that no unit matters. ``by_spread`` are its
-    derivatives by the logarithms of the spread. Of the coefficients whose products with each row
-    of ``positive`` (row, coefficient) are not negative, those of greatest posterior density are
-    returned.
+    The evidence is relative to that of a torque that is all noise, so that it has no unit.
+    ``by_spread`` are its derivatives by the logarithms of the spread. The coefficients have the
+    greatest posterior density of all whose products with each row of ``positive``
+    (row, coefficient) are not negative.
     """
     system = np.asfortranarray(moments.gram * np.outer(spread, spread))
     system.ravel(order="A")[:: len(system) + 1] += 1.0
@@ -177,7 +177,7 @@ def nearest_inside(point: Array, normals: Array) -> Array:
 
 
 def tuned(moments: Moments, prior: Prior, start: Array) -> Array:
-    """Hyper-parameters of greatest evidence near a start.
+    """Return the hyperparameters of greatest evidence near a start.
 
     The columns have unit RMS in each family.
     """

@@ -39,14 +39,13 @@ class _Turn(NamedTuple):
 
 
 class InTurn(Method):
-    """A method that identifies each pathway from the torque that the other leaves, in turn.
+    """Identify each pathway in turn from the torque that the other pathway leaves.
 
-    A subclass says by which method for one pathway it identifies the intrinsic one, and how the
-    response of the reflex. Turns end when the torque explained hardly grows. A polynomial's
-    coefficients are those of least squares on the responses to its terms, in each turn. With a
-    ``slow_order``, a polynomial of time is fitted to what both pathways leave in each
-    realization, and taken out in the next turn. Realizations whose past is not recorded are left
-    out.
+    A subclass names the method that identifies the intrinsic pathway, and identifies the response
+    of the reflex. Turns end when the explained torque hardly grows. In each turn, a polynomial's
+    coefficients are fitted by least squares to the responses to its terms. With a ``slow_order``,
+    a polynomial of time is fitted to the residual torque of each realization, and subtracted in
+    the next turn. Realizations whose past is not recorded are left out.
     """
 
     max_lag: float
@@ -77,7 +76,7 @@ class InTurn(Method):
         return () if self.emg is None else (Input(self.emg, "input", "V"),)
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return why too few realizations have the reflex's memory before them."""
+        """Return a reason to skip the method if too few realizations have a recorded past."""
         past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
         count = int((~np.isnan(past).any(axis=1)).sum())
         needed = min(MIN_REALIZATIONS, len(ensemble))

@@ -1,4 +1,4 @@
-"""A joint with two pathways: an intrinsic response to the angle, and a reflex that something else drives."""
+"""Model a joint with two pathways: an intrinsic response to the angle, and a driven reflex."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from tvsysid.signals import Array, Ensemble
 
 
 class Drive(Hashable, Protocol):
-    """What a reflex's dynamics are driven by; a small object that can be pickled."""
+    """Signal that drives the dynamics of a reflex: a small object that can be pickled."""
 
     def __call__(self, ensemble: Ensemble) -> Array:
-        """Drive of shape (realization, context + time + context), such as the velocity of stretch in rad/s."""
+        """Return the drive (realization, context + time + context), such as a velocity in rad/s."""
         ...  # pragma: no cover
 
     def curve(self) -> tuple[Array, Array] | None:
-        """Velocities in rad/s and the drive at each, between which it runs straight.
+        """Return velocities in rad/s and the drive at each; it is linear between them.
 
-        None of what is no velocity.
+        None if the drive is not a function of the velocity.
         """
         ...  # pragma: no cover
 
 
 @attrs.frozen
 class Stretch:
-    """Velocity beyond a ``threshold`` in rad/s, in the ``direction`` of stretch, 1 or -1.
+    """Velocity of the total angle beyond a ``threshold`` in rad/s.
 
-    Of the total angle.
+    ``direction`` is that of stretch, 1 or -1.
     """
 
     threshold: float = 0.0
@@ -61,12 +61,12 @@ class Stretch:
 
 @attrs.frozen
 class Measured:
-    """A channel that drives the reflex."""
+    """Measured channel that drives the reflex."""
 
     name: str
 
     def __call__(self, ensemble: Ensemble) -> Array:
-        """Return it as it is."""
+        """Return the signal of the channel, unchanged."""
         return ensemble.signal(self.name)
 
     def curve(self) -> None:
@@ -74,21 +74,28 @@ class Measured:
 
 
 def rectified_velocities(ensemble: Ensemble) -> Array:
-    """Return the velocity rectified in either direction: (2, realization, context + time + context)."""
+    """Return the velocity rectified in either direction.
+
+    Its shape is (2, realization, context + time + context).
+    """
     return np.stack([Stretch(direction=direction)(ensemble) for direction in (1, -1)])
 
 
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
-    """Velocity of the total angle in rad/s at the recorded rate (realization, time * ratio), and ratio of the rates."""
+    """Return the velocity of the total angle in rad/s, and the ratio of the sampling rates.
+
+    The velocity (realization, time * ratio) has the recorded rate.
+    """
     recorded = ensemble.angle_as_recorded
     return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
-    """Values of each realization with so many samples before it: (realization, samples + time), without later context.
+    """Return the values of each realization with ``samples`` samples of history before it.
 
-    What lies before comes from the realization before where they follow each other, and from the
-    context of the first of them; NaN where nothing was recorded. ``values`` are of shape
+    The shape is (realization, samples + time); later context is cut. The history comes from the
+    realization before where the two follow each other, and from the context of the first one. It
+    is NaN where nothing was recorded. ``values`` have shape
     (realization, context + time + context).
     """
     core = ensemble.core
@@ -105,7 +112,8 @@ def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
 class TwoPathwayModel(ImpulseResponseModel):
     r"""Intrinsic and reflex pathway, side by side.
 
-    .. math:: y(t) = \sum_\tau h(t, \tau)\, \theta(t - \tau)\, \Delta t + \sum_\tau p(t, \tau)\, f(t - \tau)\, \Delta t
+    .. math:: y(t) = \sum_\tau h(t, \tau)\, \theta(t - \tau)\, \Delta t
+              + \sum_\tau p(t, \tau)\, f(t - \tau)\, \Delta t
 
     The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a
     velocity in rad/s; the ``reflex_lags`` in s are evenly spaced, none of them negative. f is a

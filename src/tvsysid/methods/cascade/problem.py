@@ -1,4 +1,4 @@
-"""Both pathways as one regression: solved for a shape of the reflex, which Gauss-Newton steps find."""
+"""Fit both pathways in one regression. Gauss-Newton steps find the shape of the reflex."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class Problem:
         return cls(data, Prior.of(harmonics[:3], len(harmonics[3:]), gain), reflex, free)
 
     def with_data(self, data: Data) -> Self:
-        """Return the problem with samples that are weighed in another way."""
+        """Return the same problem with other data, such as other weights of the samples."""
         reflex = self.reflex and attrs.evolve(self.reflex, data=data)
         return attrs.evolve(self, data=data, reflex=reflex)
 
     @property
     def own(self) -> int:
-        """Number of intrinsic columns."""
+        """Return the number of intrinsic columns."""
         return sum(functions.shape[1] for functions in self.data.bases)
 
     def moments(self, shape: Shape, fold: int | None = None) -> Moments:
@@ -90,14 +90,14 @@ class Problem:
         return intrinsic, self.reflex.torque(shape, coefficients[self.own :])
 
     def refined(self, shape: Shape) -> Solution:
-        """Return the solution from a shape on: hyperparameters and shape are found in turn."""
+        """Return the solution from an initial shape, with hyperparameters and shape in turn."""
         found = self.at(shape)
         for _ in range(ROUNDS if self.free else 0):
             found = found.improved().retuned()
         return found
 
     def started(self, shapes: Iterable[Shape]) -> Solution:
-        """Return the best solution for some shapes, improved."""
+        """Improve the best solution for some initial shapes."""
         found = [self.at(shape, self.prior.usual) for shape in shapes]
         return max(found, key=lambda each: each.objective).improved()
 
@@ -121,7 +121,7 @@ class Solution:
 
     @property
     def coefficients(self) -> Array:
-        """Coefficients of the columns as they are."""
+        """Return the coefficients of the unscaled columns."""
         return self.posterior.coefficients / self.scale
 
     def torques(self) -> tuple[Array, Array]:
@@ -130,14 +130,14 @@ class Solution:
 
     @property
     def left(self) -> Array:
-        """Torque (realization, time) that the solution leaves."""
+        """Return the residual torque (realization, time)."""
         return np.asarray(self.problem.data.torque - np.sum(self.torques(), axis=0))
 
     @cached_property
     def held_out(self) -> Array:
-        """Torque (realization, time) that coefficients fitted to the other folds leave.
+        """Return the residual torque (realization, time) of coefficients of the other folds.
 
-        NaN of a single fold.
+        NaN if there is a single fold.
         """
         problem, data = self.problem, self.problem.data
         left = np.full_like(data.torque, np.nan)
@@ -149,7 +149,7 @@ class Solution:
         return left
 
     def share(self) -> float:
-        """Return the share of the torque's square that is predicted where it is held out."""
+        """Return the share of the held-out torque's square that the solution predicts."""
         torque = self.problem.data.torque
         return 1 - float(np.sum(self.held_out**2)) / float(np.sum(torque**2))
 
@@ -162,7 +162,7 @@ class Solution:
         return predicts_better(*squares)[0]
 
     def slopes(self) -> Array:
-        """Return derivatives of the reflex torque by the free numbers, (number, realization, time)."""
+        """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
         problem, free = self.problem, self.problem.free
         out = np.zeros((len(free), *problem.data.torque.shape))
         if problem.reflex is None:

@@ -52,21 +52,25 @@ class ReflexTest(NamedTuple):
 
     @property
     def shown(self) -> bool:
-        """Whether there is a reflex: a linear late response needs no direction."""
+        """Return whether there is a reflex: a linear late response needs no direction."""
         return max(self.over_none, self.over_linear) < ENOUGH
 
 
 class _Fit(NamedTuple):
-    """Weights from the other blocks, and what they leave, (realization, regressor); errors squared."""
+    """Fit of a model to the other blocks of realizations.
+
+    ``weights`` and the residual products ``left`` have shape (realization, regressor).
+    ``errors`` are the squared errors of the realizations.
+    """
 
     weights: Array
     left: Array
     errors: Array
 
     def gain(self, further: _Fit) -> Array:
-        """Return the product of this fit's error and the further prediction, over the error squared.
+        """Return the product of this fit's error and the change of prediction by a further model.
 
-        One for each realization.
+        There is one product for each realization.
         """
         return np.asarray(np.sum((further.weights - self.weights) * self.left, axis=1))
 
@@ -88,7 +92,7 @@ class _Regression:
     mean: Array
 
     def columns(self, *late: Array) -> Array:
-        """Return the columns of a model as sums of regressors: the joint's and some late ones."""
+        """Return the columns of a model: the joint's regressors and sums of late ones."""
         own = len(self.mean)
         joint = np.eye(own + 2 * SHAPES, own)
         return np.column_stack([joint, *(np.pad(each, (own, 0)) for each in late)])
@@ -118,7 +122,7 @@ class _Regression:
         return np.where(is_rounding, 0.0, gain / simple.errors)
 
     def stiffness(self, *late: Array) -> float:
-        """Return the mean stiffness by a fit to all realizations."""
+        """Return the mean stiffness of a fit to all realizations."""
         weights = _solve(self.total, self.columns(*late))
         return float(self.mean @ weights[: len(self.mean)])
 
@@ -242,7 +246,7 @@ def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
 def _above_zero(scores: Array) -> tuple[float, float]:
     """Return the p-value that the scores' mean is above zero, and its lower 95 % limit.
 
-    1 and 0 of scores that are too few or do not differ.
+    They are 1 and 0 if the scores are too few or do not differ.
     """
     count = len(scores)
     error = float(scores.std(ddof=1)) / math.sqrt(count) if count >= MIN_TESTED_REALIZATIONS else 0

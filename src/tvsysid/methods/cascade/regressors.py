@@ -1,4 +1,4 @@
-"""What is regressed: lagged angles times functions of time, and a rectified velocity behind delay and muscle."""
+"""Compute the regressors: lagged angles, and a rectified velocity behind delay and muscle."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ HIGHEST = 8  # order of difference of the angle up to which the intrinsic respon
 
 
 def intrinsic_filters(lags: int, rate: float) -> Array:
-    """Filters (signal, lag) of the angle: itself, its velocity, its acceleration, and its differences from order 3 on.
+    """Return filters (signal, lag) that give the angle, its derivatives and its differences.
 
-    The first passes what stands still, the others nothing of it, so that a response's sum is the
-    first's coefficient; the velocity of a ramp and the acceleration of a parabola are exact.
+    The derivatives are velocity and acceleration; the differences begin with order 3. Only the
+    first filter passes a constant angle, so that the sum of a response is the first coefficient.
+    The velocity of a ramp and the acceleration of a parabola are exact.
     """
     offsets = np.arange(-lags, lags + 1)
     filters = derivative_weights(lags, BAND).copy()
@@ -57,9 +58,10 @@ def intrinsic_filters(lags: int, rate: float) -> Array:
 
 
 def second_order_fit(lags: Array) -> Array:
-    """Weights (quantity, lag) that give stiffness, viscosity and inertia of a response's weights at lags in s.
+    """Return weights (quantity, lag) that turn a response into stiffness, viscosity and inertia.
 
-    By least squares to its frequency response from 0.5 to 15 Hz.
+    The lags are in s. The weights are a least-squares fit to the frequency response from 0.5 to
+    15 Hz.
     """
     omega = 2 * np.pi * np.linspace(*FITTED, 60)
     phase = np.outer(omega, lags)
@@ -68,16 +70,19 @@ def second_order_fit(lags: Array) -> Array:
 
 
 def readout(lags: int, rate: float) -> Array:
-    """Weights (quantity, signal) that give the same of the coefficients of the :func:`intrinsic_filters`."""
+    """Return weights (quantity, signal) that turn coefficients into stiffness to inertia.
+
+    The coefficients are those of the :func:`intrinsic_filters`; see :func:`second_order_fit`.
+    """
     return np.asarray(
         second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
     )
 
 
 def deviations(values: Array) -> Array:
-    """Values (…, realization, time) less their mean over realizations, or of one over time.
+    """Subtract the mean over realizations from values (…, realization, time).
 
-    0 where they are NaN.
+    A single realization loses its mean over time. NaN becomes 0.
     """
     axis = -1 if values.shape[-2] == 1 else -2
     known = np.isfinite(values)
@@ -89,13 +94,14 @@ def deviations(values: Array) -> Array:
 
 @attrs.frozen(eq=False)
 class Data:
-    """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
+    """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
 
-    They are those of the ``rows`` and ``times`` of an ensemble that are fitted. ``bases`` are
-    the functions of time (time, function) by which each signal's coefficient changes, at all
-    times. ``noise`` is the autocorrelation of the noise, and ``windows`` are stretches of time
-    with the inverse of its matrix. ``own`` (fold, column, column) are the products of the
-    intrinsic columns and the torque, which is last, by ``folds`` of realizations.
+    The ``torque`` has shape (realization, time). ``rows`` and ``times`` of an ensemble are
+    fitted. ``bases`` are the functions of time (time, function) by which each signal's
+    coefficient changes, at all times. ``noise`` is the autocorrelation of the noise, and
+    ``windows`` are stretches of time with the inverse of its matrix. ``own``
+    (fold, column, column) are the products of the intrinsic columns and the torque, which is
+    last, by ``folds`` of realizations.
     """
 
     torque: Array
@@ -112,10 +118,11 @@ class Data:
     def of(
         cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]
     ) -> Self:
-        """Of torque and signals (signal, realization, time) as they are, where those are ``fitted`` (likewise).
+        """Return the data of a torque (realization, time) and of signals, where ``fitted``.
 
-        These are the times that are fitted in half of the realizations, and the realizations
-        that are at all of them.
+        ``signals`` have shape (signal, realization, time), and ``fitted`` has that of the torque.
+        The data keep the times that are fitted in half as many realizations as at the best time.
+        They keep the realizations that are fitted at all of these times.
         """
         often = fitted.sum(axis=0)
         inside = np.flatnonzero(2 * often >= often.max())
@@ -128,31 +135,32 @@ class Data:
 
     @property
     def number(self) -> float:
-        """How many samples are independent of the means."""
+        """Return the number of samples that are independent of the means."""
         rows, times = self.torque.shape
         return float((rows - 1) * times if rows > 1 else times - len(self.windows))
 
     @property
     def varies(self) -> bool:
-        """Whether anything changes over time."""
+        """Return whether any coefficient changes over time."""
         return any(functions.shape[1] > 1 for functions in self.bases)
 
     @property
     def functions(self) -> list[Array]:
-        """Functions of time of each signal and of the torque, at the times that are fitted."""
+        """Return the functions of time of each signal and of the torque, at the fitted times."""
         return [*(each[self.times] for each in self.bases), np.ones((self.torque.shape[1], 1))]
 
     def constant(self) -> Self:
-        """Data of coefficients that do not change."""
+        """Return the data with constant coefficients."""
         first = np.cumsum([0, *(functions.shape[1] for functions in self.bases)])
         bases = tuple(functions[:, :1] for functions in self.bases)
         return attrs.evolve(self, bases=bases, own=self.own[:, first[:, None], first])
 
     def weighed(self, noise: Array, true: Array | None = None) -> Self:
-        """Data whose noise has this autocorrelation, from lag 0 on, within a realization or a window of it.
+        """Return the data weighted by the inverse of the noise's autocorrelation.
 
-        If another one is ``true``, the products are those of which the coefficients' covariance
-        is made.
+        The autocorrelation begins at lag 0, and holds within a realization or a window of it. If
+        the ``true`` autocorrelation is another one, the products are those of the sandwich
+        covariance of the coefficients.
         """
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // WINDOW) + 1).astype(int)
@@ -168,11 +176,11 @@ class Data:
         return attrs.evolve(data, own=np.stack([data.products(fold) for fold in self.folds]))
 
     def are_few(self, columns: int) -> bool:
-        """Whether so many columns have fewer samples than products by which these are found."""
+        """Return whether products of this number of columns are faster from the columns."""
         return columns * len(self.torque) < 3 * len(self.windows[0][1])
 
     def products(self, rows: NDArray[np.int64]) -> Array:
-        """Weighted products of the intrinsic columns and the torque, of some realizations."""
+        """Return weighted products of the intrinsic columns and the torque of some realizations."""
         functions, signals = self.functions, (*self.signals[:, rows], self.torque[rows])
         ends = np.cumsum([0, *(each.shape[1] for each in functions)])
         if self.are_few(ends[-1]):
@@ -191,19 +199,25 @@ class Data:
         return np.tril(out) + np.tril(out, -1).T
 
     def whitened(self, values: Array) -> Array:
-        """Values (…, time) times the inverse covariance of the noise."""
+        """Multiply values (…, time) by the inverse covariance of the noise."""
         parts = [np.tensordot(values[..., inside], inverse, 1) for inside, inverse in self.windows]
         return np.concatenate(parts, axis=-1)
 
     def features(self, weights: Array) -> list[Array]:
-        """What gives sums of the signals' coefficients at each time, (time, column), by weights (sum, signal)."""
+        """Return matrices (time, column) that give weighted sums of the signals' coefficients.
+
+        ``weights`` have shape (sum, signal). There is one matrix for each sum.
+        """
         return [
             np.concatenate([a * w for a, w in zip(self.bases, row, strict=True)], axis=1)
             for row in weights
         ]
 
     def cross(self, white: Array, rows: slice | NDArray[np.int64] = slice(None)) -> Array:
-        """Products (column, signal) of the intrinsic columns and the torque with whitened signals of some rows."""
+        """Return products (column, signal) of intrinsic columns and torque with whitened signals.
+
+        Only the realizations ``rows`` are summed.
+        """
         every = (*self.signals[:, rows], self.torque[rows])
         parts = [
             np.einsum("rt,krt->kt", x, white) @ a
@@ -212,7 +226,7 @@ class Data:
         return np.concatenate(parts, axis=1).T
 
     def torque_of(self, coefficients: Array) -> Array:
-        """Intrinsic torque (realization, time), as a deviation from its mean."""
+        """Return the intrinsic torque (realization, time), as a deviation from its mean."""
         out, at = np.zeros_like(self.torque), 0
         for functions, signal in zip(self.functions, self.signals, strict=False):
             out += (functions @ coefficients[at : at + functions.shape[1]]) * signal
@@ -226,11 +240,11 @@ def _matrix(correlation: Array, times: int) -> Array:
 
 @attrs.frozen(eq=False)
 class Reflex:
-    """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
+    """Columns of the reflex pathway: its drive times functions of time, behind delay and muscle.
 
     ``drive`` gives the rows (realization, history + time) for a threshold, as deviations from
-    their mean over realizations, 0 where nothing was recorded; ``basis`` is that of the gain
-    over a ``period`` in s.
+    their mean over realizations. They are 0 where nothing was recorded. ``basis`` is that of the
+    gain over a ``period`` in s.
     """
 
     drive: Callable[[float], Array]
@@ -245,9 +259,10 @@ class Reflex:
         return _functions(self.basis, stop - total, stop, self.rate, shape.delay, self.period)
 
     def windows(self, shape: Shape) -> Iterator[tuple[slice, slice, Array, Array, Array]]:
-        """Windows of time and of what drives the muscle, the noise's inverse matrix, the muscle's, and the functions.
+        """Yield each window of time, with its drive, its matrices and its functions of time.
 
-        The functions (time, function) are those of the gain.
+        Each item holds the window of time, the window of the muscle's drive, the inverse matrix
+        of the noise, the matrix of the muscle, and the functions (time, function) of the gain.
         """
         times, functions = self.data.torque.shape[1], self.functions(shape)
         history, longest = len(functions) - times, min(times, WINDOW)
@@ -264,7 +279,10 @@ class Reflex:
             )
 
     def moments(self, shape: Shape, fold: int | None) -> tuple[Array, Array]:
-        """Weighted products of the columns with themselves, and with the intrinsic ones and the torque."""
+        """Return weighted products of the columns with each other, and with all other columns.
+
+        The other columns are the intrinsic ones and the torque.
+        """
         data = self.data
         rows = slice(None) if fold is None else data.folds[fold]
         if data.are_few(2 * self.basis.harmonics + 1):
@@ -284,7 +302,10 @@ class Reflex:
         return own, cross
 
     def with_signals(self, shape: Shape, weighted: Array) -> Array:
-        """Products (signal, function) of the columns with weighted signals (signal, realization, time)."""
+        """Return products (signal, function) of the columns with weighted signals.
+
+        ``weighted`` has shape (signal, realization, time).
+        """
         rows, out = self.drive(shape.threshold), np.zeros(())
         for inside, driven, _, muscle, gain in self.windows(shape):
             out = (
@@ -294,7 +315,10 @@ class Reflex:
         return out
 
     def columns(self, shape: Shape, mixture: Array | None = None) -> Array:
-        """Regressors (function, realization, time) as deviations, or sums of them by a ``mixture`` (function, sum)."""
+        """Return the regressors (function, realization, time) as deviations from their mean.
+
+        A ``mixture`` (function, sum) gives weighted sums of them instead.
+        """
         functions, times = self.functions(shape), self.data.torque.shape[1]
         history = len(functions) - times
         gain = functions if mixture is None else functions @ mixture
@@ -303,7 +327,7 @@ class Reflex:
         return deviations(columns) if driven.shape[1] == 1 else columns
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
-        """Sum of the columns times coefficients, (realization, time)."""
+        """Return the reflex torque (realization, time): the columns times their coefficients."""
         return np.asarray(self.columns(shape, coefficients[:, None])[0])
 
 
@@ -317,7 +341,11 @@ def _functions(
 def lagged_signals(
     angle: Array, context: int, lags: int, rate: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Intrinsic signals (signal, realization, time) of angles with context, and where their lags lie within it."""
+    """Return the intrinsic signals of angles with context, and at which times they are known.
+
+    The signals have shape (signal, realization, time). They are known where their lags lie within
+    the context.
+    """
     missing = max(0, lags - context)
     angle = np.pad(angle, ((0, 0), (missing, missing)))
     first = max(0, context - lags)
@@ -330,11 +358,12 @@ def lagged_signals(
 
 
 def unresolved(recorded: Array, lags: int, rate: float) -> Array:
-    """What velocity and acceleration have beyond those of so few lags of the decimated angle: (2, realization, time).
+    """Return velocity and acceleration that the lags of the decimated angle miss.
 
-    They are derivatives of the angle as ``recorded`` (realization, time, sample), decimated as
-    the torque was, so that the torque of fast movements is followed where decimation takes it
-    for a slower one's (aliases). Zero where a filter reaches beyond the samples.
+    Their shape is (2, realization, time). They are derivatives of the angle as ``recorded``
+    (realization, time, sample), decimated as the torque was. With them, the model follows the
+    torque of fast movements that decimation aliases to a slower one. They are zero where a filter
+    reaches beyond the samples.
     """
     samples = recorded.shape[-1]
     out = np.zeros((2, *recorded.shape[:2]))

@@ -1,4 +1,4 @@
-"""The model that is returned: estimates with bands, pathways, and what is to be said about them."""
+"""Build the model of the joint fit: estimates with bands, pathways, diagnostics and warnings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FADED = 3e-3  # share of a muscle's response that is cut off
 
 
 class Chosen(NamedTuple):
-    """A reflex by name, whether it is ``shown``, and the solution with it, of the ``fits`` of a search."""
+    """Chosen reflex, whether it is ``shown``, and its solution among the ``fits`` of a search."""
 
     search: Search
     fits: Mapping[str, Solution]
@@ -38,10 +38,10 @@ class Chosen(NamedTuple):
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class JointCascadeModel(TwoPathwayModel):
-    """Both pathways, and what the torque of fast movements has beyond the impulse response.
+    """Model of both pathways, with the torque of fast movements beyond the impulse response.
 
-    ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that
-    the decimated angle does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if
+    ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
+    that the decimated angle lacks (:func:`tvsysid.methods.cascade.regressors.unresolved`), if
     the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the solution with
     the reflex whose gain is stated.
     """
@@ -64,7 +64,7 @@ class JointCascadeModel(TwoPathwayModel):
 
 
 def of_sign(values: Array, sign: float) -> Array:
-    """Values with one sign, without what rounding leaves of the other."""
+    """Return values of one sign; values of the other sign, from rounding, become 0."""
     return sign * np.maximum(sign * values, 0.0)
 
 
@@ -129,7 +129,7 @@ def _drive(chosen: Chosen) -> Drive:
 
 
 def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
-    """Reflex gain at times in s, and its basis."""
+    """Return the reflex gain at times in s, and its basis."""
     problem = chosen.fit.problem
     assert problem.reflex is not None
     basis = problem.reflex.basis(time / problem.reflex.period)
@@ -138,9 +138,9 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
-    """Weights (time, lag) of what drives the reflex, and the lags in s.
+    """Return the weights (time, lag) of the reflex's drive, and the lags in s.
 
-    Zero where no reflex is shown.
+    The weights are zero if no reflex is shown.
     """
     ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
     shape = chosen.fit.shape
@@ -219,7 +219,7 @@ def _warnings(
 
 
 def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
-    """Warn where a reflex gain's band is wider than its change over time."""
+    """Warn if the band of the reflex gain is wider than its change over time."""
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
     assert error is not None
@@ -231,7 +231,7 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
 
 
 def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
-    """Warn where a response's sum, the mean stiffness, differs from that of a second-order fit."""
+    """Warn if the mean stiffness of the response differs from that of a second-order fit."""
     if abs(fitted - mean) > APART * abs(mean):
         yield (
             "the intrinsic response is not that of a second-order joint: its sum gives a mean "
@@ -243,7 +243,7 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
 
 
 def contradicted(lost: float) -> Iterator[str]:
-    """Warn where a share of the torque is lost because quantities are of one sign."""
+    """Warn if the fit loses a share of the torque because quantities keep one sign."""
     if lost > MAX_LOST:
         yield (
             "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "

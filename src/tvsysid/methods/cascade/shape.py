@@ -1,4 +1,4 @@
-"""The reflex's shape: its delay, the frequency and damping of its muscle, and its threshold."""
+"""Describe the shape of a reflex: delay, muscle frequency, muscle damping and threshold."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ DELAYS = (0.04, 0.05, 0.06)  # to begin with where the delay is free, in s
 
 
 class Term(NamedTuple):
-    """Mean and standard deviation of the prior of one number, its bounds, and its step.
+    """Prior mean and standard deviation of one number of the shape, its bounds and its step.
 
-    The step is that of numerical derivatives. Frequency and damping count by their logarithms.
+    The step is for numerical derivatives. Frequency and damping are given by their logarithms.
     """
 
     mean: float
@@ -39,7 +39,10 @@ LOGARITHMIC = ("frequency", "damping")
 
 
 class Shape(NamedTuple):
-    """Shape of a reflex: ``delay`` in s, ``frequency`` in rad/s, ``damping``, ``threshold`` in rad/s."""
+    """Shape of a reflex.
+
+    ``delay`` is in s, ``frequency`` and ``threshold`` are in rad/s, and ``damping`` is a ratio.
+    """
 
     delay: float
     frequency: float
@@ -47,7 +50,7 @@ class Shape(NamedTuple):
     threshold: float
 
     def place(self, free: tuple[str, ...]) -> Array:
-        """Return the numbers that are free, frequency and damping as logarithms."""
+        """Return the free numbers, with frequency and damping as logarithms."""
         values = self._asdict()
         return np.array([math.log(values[n]) if n in LOGARITHMIC else values[n] for n in free])
 
@@ -93,12 +96,12 @@ class Shape(NamedTuple):
         return out
 
     def response(self, samples: int, rate: float) -> Array:
-        """Impulse response of delay and muscle at lags from 0 on."""
+        """Return the impulse response of delay and muscle at lags from 0 on."""
         return np.asarray(self.delayed(np.eye(1, samples)[0], rate))
 
 
 def first_shapes(delay: float | None, free: tuple[str, ...]) -> list[Shape]:
-    """Return shapes to begin with; a delay of None is free."""
+    """Return the initial shapes. A delay of None is free."""
     thresholds = THRESHOLDS if "threshold" in free else (0.0,)
     delays = DELAYS if delay is None else (delay,)
     return [Shape(d, w, 0.8, c) for d, w, c in product(delays, FREQUENCIES, thresholds)]

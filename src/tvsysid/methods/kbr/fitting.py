@@ -1,4 +1,4 @@
-"""Fits of the features that a record can see, what is known of them then, and of the impedance that they make."""
+"""Fit the features that the data can see, and evaluate the impedance that they make."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
 @attrs.frozen(eq=False)
 class KernelPosterior:
-    """Posterior of all coefficients: from the ``fit`` of those ``kept``, (coefficient, column), and the prior.
+    """Posterior of all coefficients: of those fitted, and by the prior alone of the others.
+
+    ``fit`` is that of the coefficients ``kept``, mask (coefficient, column).
 
     Of coefficients that the data cannot see, the prior is all that is known: its ``variances``
     (coefficient,).
@@ -39,16 +41,16 @@ class KernelPosterior:
 
     @property
     def mean(self) -> Array:
-        """Of shape (coefficient,)."""
+        """Return the posterior mean, shape (coefficient,)."""
         mean = np.zeros(self.kept.size)
         mean[self.kept.ravel()] = self.fit.mean
         return mean
 
     @property
     def covariance(self) -> Array:
-        """Of shape (coefficient, coefficient).
+        """Return the posterior covariance, shape (coefficient, coefficient).
 
-        Of some megabytes, and therefore worked out when somebody asks.
+        It takes some megabytes. It is therefore calculated on request.
         """
         unseen = np.outer(
             0.5 * self.variances,
@@ -64,7 +66,8 @@ def posterior_of(
 ) -> KernelPosterior:
     """Fit the coefficients that the data can see, with prior ``variances`` (coefficient,).
 
-    The frequencies are weighted by what the fit left, so many times.
+    The frequencies are weighted by the residual's spectrum. The weights are updated ``reweighted``
+    times.
     """
     bins = max(1.0, record.size * min(record.stacks[0].band[1] / record.stacks[0].rate, 0.5))
     posterior = _fit_visible(record, kernel, variances, GUESS * 0.5 * record.power / bins, WHITE)
@@ -80,7 +83,7 @@ def posterior_of(
 def _fit_visible(
     record: Record, kernel: Kernel, variances: Array, noise: float, spectrum: NoiseSpectrum
 ) -> KernelPosterior:
-    """Fit what noise lets the data see of the features, the noise being known when it is fitted."""
+    """Fit the features that the noise lets the data see. The fit gives the noise variance."""
     order, instrumented = len(variances), len(record.powers) > 3
     powers = variances * record.powers[:order] / spectrum.power.min()
     while True:
@@ -98,7 +101,7 @@ def _fit_visible(
 def residual_spectrum(
     record: Record, posterior: KernelPosterior, before: NoiseSpectrum
 ) -> NoiseSpectrum:
-    """Spectrum of what a fit under the spectrum ``before`` left of the torque."""
+    """Return the spectrum of the torque's residual after a fit under the spectrum ``before``."""
     by = np.append(-posterior.fit.mean, 1.0)
     prior = posterior.fit.noise_variance * record.weak_prior
     spectra = []
@@ -125,7 +128,10 @@ def residual_spectrum(
 
 
 def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
-    """Mean power of so many numbers within :data:`SMOOTH` of frequencies, mirrored at the ends."""
+    """Return the mean power within :data:`SMOOTH` of each frequency of ``at``.
+
+    Each ``power`` is a sum of ``count`` squares. The spectrum is mirrored at its ends.
+    """
     mirrored = np.concatenate(
         [2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency]
     )
@@ -140,10 +146,8 @@ def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
 class KernelErrors:
     """Standard errors of sums of features, averaged over realizations.
 
-    The features are made when somebody asks.
-
-    ``times`` are those of :func:`times_of`; ``of_noise`` makes the errors from expansions and
-    covariances.
+    The features are calculated on request. ``times`` are those of :func:`times_of`. ``of_noise``
+    makes the errors from expansions and covariances.
     """
 
     posterior: KernelPosterior
@@ -151,7 +155,7 @@ class KernelErrors:
     of_noise: partial[PosteriorErrors]
 
     def standard_errors(self) -> Mapping[str, StandardError]:
-        """By quantity."""
+        """Return the standard error of each quantity, by its name."""
         kernel, covariance = self.posterior.kernel, self.posterior.covariance
         features = sum(kernel(*each) for each in self.times) / len(self.times)
         parts = (
@@ -163,9 +167,10 @@ class KernelErrors:
 
 
 def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
-    """Times in s of realizations with an impedance of their own, or of the first where all have the same.
+    """Return the times in s of each realization, shape (realization, 2, time).
 
-    Since the trial's time 0, and on the record's clock; shape (realization, 2, time).
+    The first row counts from the trial's time 0, the second is the record's clock. Where all
+    realizations have the same impedance, only the first is returned.
     """
     assert ensemble.onsets is not None
     phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
@@ -175,9 +180,9 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
 
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
-    """Stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
+    """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
 
-    Of lower orders than 2, what the model does not have is 0.
+    A model of an order below 2 has zeros for its missing quantities.
     """
     phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
     periodic, slow = (

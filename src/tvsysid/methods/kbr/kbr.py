@@ -26,7 +26,7 @@ Weights = Literal["white", "residual"]
 PRESETS: dict[str, dict[str, float]] = {
     "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
-    # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
+    # The paper's settings for its simulated study (section 3.2.5) and its experimental one (4.2).
 }
 
 LOST = 5.0  # points of VAF that tuning may lose without saying so
@@ -47,7 +47,7 @@ def _one_or_three(method: object, field: attrs.Attribute[Any], gamma: Any) -> No
 
 
 def _is_band(band: Any) -> bool:
-    """Whether a band is two frequencies that rise."""
+    """Return whether a band consists of two rising frequencies, the first at least 0."""
     numbers = isinstance(band, tuple) and len(band) == 2 and all(map(is_number, band))
     return numbers and 0 <= band[0] < band[1]
 
@@ -62,12 +62,13 @@ ORDER = Validator(
 
 @attrs.frozen
 class KernelRegression(shared.ByReference):
-    r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
+    r"""Impedance that changes smoothly and almost periodically, fitted in the frequency domain.
 
     .. math:: y(t) + a_1\,\dot y(t) = \sum_{m=0}^{N_b} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
               b_m = \bar b_m + \tilde b_m, \quad \tilde b_m \sim GP(0, K)
 
-    .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2} + \sum_m \tilde b_m^T K^{-1} \tilde b_m, \qquad
+    .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2}
+              + \sum_m \tilde b_m^T K^{-1} \tilde b_m, \qquad
               K(t, t') = \gamma\, e^{-\sin^2(\pi (t - t') / p) / l_1}\, e^{-(t - t')^2 / l_2^2}
 
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
@@ -117,16 +118,16 @@ class KernelRegression(shared.ByReference):
 
     Notes
     -----
-    That a gamma of 1 should be about 1 N·m/deg is a convention, not a reconstruction. If it were 1 N·m/rad, the paper's
-    4.5 would hold stiffness within 2 N·m/rad of a constant; so it allows some 120 N·m/rad, and gives figures like the
-    paper's.
+    The unit of gamma, about 1 N·m/deg for a gamma of 1, is a convention, not a reconstruction. With
+    1 N·m/rad, the paper's 4.5 would hold stiffness within 2 N·m/rad of a constant. With 1 N·m/deg
+    it allows some 120 N·m/rad, and gives figures like the paper's.
 
     The lag is fitted as output error, since an equation error with the derivative of a noisy torque
     is biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the
     impedance of what comes out is that of the joint. This takes the lag and the change of b in the
     other order, which errs by about
-    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds both by
-    evidence.
+    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds
+    the lag and the order by evidence.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
@@ -190,7 +191,11 @@ class KernelRegression(shared.ByReference):
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
-        """Return the paper's settings for the ``"simulation"`` (the default) or the ``"experiment"``, but for some."""
+        """Return a method with the paper's settings, changed where ``settings`` say otherwise.
+
+        ``"simulation"`` has the settings of the paper's simulated study, and the method's default
+        values. ``"experiment"`` has those of the experimental study.
+        """
         if name not in PRESETS:
             listed = ", ".join(map(repr, PRESETS))
             raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
@@ -255,15 +260,15 @@ class KernelRegression(shared.ByReference):
         )
 
     def _least_share(self) -> float:
-        """Weighted frequencies need less of the reference."""
+        """Return the least share that the reference must explain; residual weights need less."""
         return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _scale(self, data: record.Record) -> float:
-        """What gamma counts in, in N·m/rad; the record is one without a lag."""
+        """Return the unit of gamma in N·m/rad, from a record without lag."""
         return data.scale if self.scale is None else self.scale
 
     def _variances(self, scale: float) -> Array:
-        """Prior variances of stiffness, viscosity and inertia about their means."""
+        """Return the prior variances of stiffness, viscosity and inertia about their means."""
         return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3) * scale**2
 
     def _period(self, ensemble: Ensemble) -> float:
@@ -272,9 +277,9 @@ class KernelRegression(shared.ByReference):
     def _errors(
         self, ensemble: Ensemble, left: Array, filters: Array, found: fitting.Fitted, missing: int
     ) -> partial[shared.PosteriorErrors]:
-        """Errors of the coefficients' sums, but for the features and the covariance.
+        """Return the standard errors of the coefficients' sums, without features and covariance.
 
-        The posterior takes the noise to be as strong as in the mean over the band that was fitted.
+        The posterior assumes that the noise is as strong as its mean over the fitted band.
         """
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
         colour = None
@@ -296,12 +301,10 @@ class KernelRegression(shared.ByReference):
         )
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
+        """Compare settings by marginal likelihood: l1, gammas, decays, then orders and lags.
 
-        Nothing is drawn at random.
-
-        Noise that is not white in the band makes a record worth less than as many independent
-        numbers, as what the settings given leave shows, without decay.
+        The search is deterministic. Noise that is not white in the band lowers the number of
+        independent samples. The residual of the given settings, without decay, shows by how much.
         """
         if self.weighting != "white":
             return attrs.evolve(self, weighting="white")._evidence(ensemble, seed)
@@ -316,7 +319,7 @@ class KernelRegression(shared.ByReference):
         return evidence
 
     def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
-        """Warn if the settings chosen explain much less of the torque."""
+        """Warn if the chosen settings explain much less of the torque."""
         before, after = (
             _vaf(ensemble, each.fit(ensemble).predict(ensemble)) for each in (self, chosen)
         )
@@ -331,7 +334,7 @@ class KernelRegression(shared.ByReference):
             )
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
-        """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
+        """Return the noise variance without decay, and its share of independent samples."""
         endless = attrs.evolve(self, length_decay=ENDLESS).fit(ensemble)
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
@@ -348,7 +351,7 @@ class KernelRegression(shared.ByReference):
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class KernelModel(SecondOrderModel):
-    """Impedance as a function of time that holds at any time.
+    """Impedance as a function of time that can be evaluated at any time.
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was
     identified from. A prediction uses the impedance at the time of each realization. The
@@ -360,7 +363,7 @@ class KernelModel(SecondOrderModel):
     lag: float = 0.0
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
-        """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
+        """Return stiffness, viscosity, inertia in an ensemble, (time,) or (realization, time)."""
         each = fitting.impedance_over(ensemble, self.kernel, self.coefficients)
         stiffness, viscosity, inertia = np.moveaxis(each if len(each) > 1 else each[0], -1, 0)
         return stiffness, viscosity, inertia
@@ -370,18 +373,21 @@ class KernelModel(SecondOrderModel):
 
 
 def _vaf(ensemble: Ensemble, predicted: Array) -> float:
-    """How much of the torque's variance a prediction (realization, time) explains where it is known, in per cent."""
+    """Return the share of the torque's variance that a prediction explains, in per cent.
+
+    ``predicted`` (realization, time) is NaN where it is unknown. These times do not count.
+    """
     known = np.isfinite(predicted).all(axis=0)
     torque = ensemble.torque[:, ensemble.core][:, known]
     return float(100 * (1 - np.var(torque - predicted[:, known]) / np.var(torque)))
 
 
 def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensemble) -> float:
-    """How much of the torque that answers to the (lagged) angle the model explains, in per cent.
+    """Return the share of the angle-dependent torque that the model explains, in per cent.
 
-    ``impedance`` is that of each realization, or of all; ``left`` is what its mean leaves of the
-    torque, ``moved`` the ensemble with the angle that counts: in closed loop, that which the
-    reference predicts.
+    ``impedance`` is that of each realization, or of all. ``left`` is the residual of the torque
+    after a fit of the mean impedance. ``moved`` is the ensemble with the (lagged) angle that
+    counts: in closed loop, the angle predicted from the reference.
     """
     edge = (ensemble.samples - left.shape[1]) // 2
     known = slice(ensemble.context + edge, ensemble.context + ensemble.samples - edge)
@@ -395,7 +401,7 @@ def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensembl
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:
-    """Filters followed by one that passes a band, in cycles per sample."""
+    """Return filters followed by a band-pass filter; the band is in cycles per sample."""
     lags = np.arange(-shared.HALF_WIDTH, shared.HALF_WIDTH + 1)
     passing = np.hamming(len(lags)) * (
         2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags)

@@ -38,7 +38,7 @@ NODES = 1024
 
 @attrs.frozen(eq=False)
 class Kernel:
-    """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
+    """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
     ``decay`` gives the slow functions beside the constant, None where the kernel is strictly
     periodic. ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the
@@ -57,7 +57,7 @@ class Kernel:
     def of(
         cls, period: float, l1: float, l2: float, first: float, last: float, rate: float
     ) -> Kernel:
-        """Features that matter over the record, from its first to its last time in s."""
+        """Choose the features that matter over the record, from its first to its last time in s."""
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
         decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
@@ -83,29 +83,29 @@ class Kernel:
 
     @property
     def columns(self) -> int:
-        """Features of each coefficient."""
+        """Return the number of features of each coefficient."""
         return len(self.precision)
 
     @property
     def highest(self) -> int:
-        """Highest harmonic of the period."""
+        """Return the highest harmonic of the period."""
         return int(self.harmonic[-1])
 
     @property
     def place(self) -> NDArray[np.int64]:
-        """Column of :func:`harmonic_features` in each feature."""
+        """Return the column of :func:`harmonic_features` that each feature uses."""
         return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
 
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
-        """Features that may reach a ``noise``, as a sum of squares, in the torque, shape (signal, column).
+        """Return which features may exceed the noise in the torque, shape (signal, column).
 
-        ``power`` (signal,) is the prior variance of a signal's coefficient times its summed
-        squares.
+        ``noise`` is a sum of squares. ``power`` (signal,) is the prior variance of a signal's
+        coefficient times its summed squares.
         """
         return np.asarray(power[:, None] >= noise * self.precision)
 
     def slow_features(self, clock: Array) -> Array:
-        """Constant and slow functions at times of the record in s, shape (*clock, function)."""
+        """Return a constant and the slow functions at times in s, shape (*clock, function)."""
         constant = np.ones((*clock.shape, 1))
         return (
             constant
@@ -114,21 +114,24 @@ class Kernel:
         )
 
     def __call__(self, phase: Array, clock: Array) -> Array:
-        """Features at times in s: of the periodic behaviour, and of the record.
+        """Return the features at times in s, shape (*time, column).
 
-        Shape (*time, column).
+        ``phase`` is the time of the periodic behaviour, ``clock`` that of the record.
         """
         periodic = harmonic_features(phase, self.period, self.highest)
         return np.asarray(periodic[..., self.place] * self.slow_features(clock)[..., self.slow])
 
 
 def harmonic_variances(l1: float) -> Array:
-    r"""Variances of the harmonics in the periodic factor, from the constant to the last that matters; their sum is 1.
+    r"""Return the variances of the harmonics in the periodic factor; their sum is 1.
+
+    They go from the constant to the last harmonic that matters.
 
     With :math:`\kappa = 1 / (2 l_1)`,
 
     .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
-              = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\ v_h = 2 e^{-\kappa} I_h(\kappa)
+              = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\
+              v_h = 2 e^{-\kappa} I_h(\kappa)
     """
     kappa = min(
         1 / (2 * l1), 1e9
@@ -139,11 +142,9 @@ def harmonic_variances(l1: float) -> Array:
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
-    """Logs of :func:`harmonic_variances` up to a harmonic, and their derivatives by log l1.
+    """Return the logs of :func:`harmonic_variances`, and their derivatives by log l1.
 
-    Shape (harmonic,) each.
-
-    Minus infinity and 0 where a variance is smaller than any number.
+    Both have shape (harmonic,). They are minus infinity and 0 where a variance underflows.
     """
     kappa = 1 / (2 * l1)
     orders = np.arange(harmonics + 1)
@@ -156,7 +157,7 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 
 def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
-    """Constant, then cosine and sine of each harmonic; shape (*time, 2 x harmonics + 1)."""
+    """Return a constant, and cosine and sine of each harmonic; shape (*time, 2 x harmonics + 1)."""
     turn = np.exp(2j * np.pi / period * time)[..., None]
     # Powers of one turn, whose parts are the cosines and sines.
     powers = np.cumprod(np.broadcast_to(turn, (*time.shape, harmonics)), axis=-1).view(np.float64)
@@ -164,11 +165,11 @@ def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
 
 
 class DecayFeatures:
-    """Features whose products make :math:`e^{-(t - t')^2 / l_2^2}` from ``first`` to ``last``, in s.
+    """Features whose products make :math:`e^{-(t - t')^2 / l_2^2}`.
 
-    They are the kernel's eigenfunctions over the interval, found on Gauss-Legendre nodes and
-    continued to any time by the kernel itself (Nyström): ``features(t) @ features(s).T`` is the
-    kernel.
+    They are the kernel's eigenfunctions over the interval from ``first`` to ``last``, in s. They
+    are calculated on Gauss-Legendre nodes and extended to any time by the kernel itself (Nyström):
+    ``features(t) @ features(s).T`` is the kernel.
     """
 
     def __init__(self, first: float, last: float, l2: float) -> None:
@@ -192,5 +193,5 @@ class DecayFeatures:
         return np.asarray(np.exp(-(((time[..., None] - self.nodes) / self.l2) ** 2)))
 
     def __call__(self, time: Array) -> Array:
-        """Values at the times in s, shape (*time, feature)."""
+        """Return the values at times in s, shape (*time, feature)."""
         return self._kernel(time) @ self.projection

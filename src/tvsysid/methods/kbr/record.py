@@ -1,4 +1,4 @@
-"""A record in unbroken runs, and the sums over its frequencies that kernel-based regression is fitted to."""
+"""Unbroken runs of a record, and the sums over their frequencies for kernel-based regression."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ LARGEST = 2**31  # bytes above which regressors are refused
 
 
 class NoiseSpectrum(NamedTuple):
-    """Power of the noise over its mean, at frequencies in Hz."""
+    """Power of the noise divided by its mean, at frequencies in Hz."""
 
     frequency: Array
     power: Array
 
     def weights(self, frequency: Array) -> Array:
-        """Weights of other frequencies in Hz."""
+        """Return the weights of other frequencies in Hz."""
         return np.asarray(1 / np.sqrt(np.interp(frequency, self.frequency, self.power)))
 
 
@@ -52,7 +52,7 @@ WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 
 @attrs.frozen(eq=False)
 class Runs:
-    """Unbroken stretches of record of one length, of which the ``band`` in Hz is fitted.
+    """Unbroken runs of a record, all of one length; the ``band`` in Hz is fitted.
 
     ``signals`` (signal, run, time) are the angle and its derivatives, then those of an
     instrument if there is one; ``torque`` (run, time); ``rate`` in Hz; ``phase`` and ``clock``
@@ -90,7 +90,7 @@ class Runs:
 
     @cached_property
     def bins(self) -> slice:
-        """Those in the band."""
+        """Return the bins in the band."""
         low, high = (frequency * self.torque.shape[1] / self.rate for frequency in self.band)
         return slice(
             math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.torque.shape[1] // 2) + 1
@@ -98,30 +98,31 @@ class Runs:
 
     @property
     def frequency(self) -> Array:
-        """Frequencies in Hz of the bins."""
+        """Return the frequencies in Hz of the bins."""
         return np.asarray(
             np.arange(self.bins.start, self.bins.stop) * (self.rate / self.torque.shape[1])
         )
 
     @cached_property
     def spectra(self) -> ComplexArray:
-        """Spectra of the signals (signal, run, frequency), of all frequencies."""
+        """Return the spectra of the signals at all frequencies, shape (signal, run, frequency)."""
         return np.asarray(rfft(self.signals, norm="ortho"))
 
     @cached_property
     def output(self) -> ComplexArray:
-        """Spectrum of the torque (run, bin)."""
+        """Return the spectrum of the torque, shape (run, bin)."""
         return np.asarray(rfft(self.torque, norm="ortho")[:, self.bins])
 
     @property
     def external_terms(self) -> ComplexArray:
-        """Spectra of the half-cosines that make up the external term, (term, bin)."""
+        """Return the spectra of the external term's half-cosines, shape (term, bin)."""
         return _half_cosines(self.torque.shape[1], self.bins.start, self.bins.stop)
 
     def rows(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
-        """Regressors chosen of (signal, column) and, as the last row, the torque: (row, run, bin) and which bins.
+        """Yield slices of bins and their regressors, shape (row, run, bin).
 
-        In blocks of frequencies, so that memory does not grow with the record times the columns.
+        ``chosen`` (signal, column) selects the regressors. The last row is the torque. Blocks of
+        frequencies keep memory from growing with the record times the columns.
         """
         count = self.torque.shape[1]
         periods = count / self.rate / kernel.period
@@ -133,7 +134,10 @@ class Runs:
             yield bins, out
 
     def _shifted(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
-        """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
+        """Yield products with harmonics, as shifts in frequency.
+
+        These are exact where a run holds whole periods.
+        """
         signal, column = np.nonzero(chosen)
         runs, count = self.torque.shape
         shift = round(count / self.rate / kernel.period)
@@ -166,7 +170,7 @@ class Runs:
             yield slice(start - self.bins.start, stop - self.bins.start), out
 
     def _transformed(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
-        """Products with any features, each transformed."""
+        """Yield products with any features, each transformed."""
         signal, column = np.nonzero(chosen)
         shape = (len(column) + 1, *self.output.shape)
         if (size := 16 * math.prod(shape)) > LARGEST:
@@ -188,7 +192,7 @@ class Runs:
         yield slice(0, shape[2]), out
 
     def _slow(self, kernel: Kernel) -> Array:
-        """Slow functions over each run, shape (function, run, time)."""
+        """Return the slow functions over each run, shape (function, run, time)."""
         return np.ascontiguousarray(
             np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0)
         )
@@ -199,9 +203,9 @@ class Runs:
 
 @lru_cache(maxsize=4)
 def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
-    """Spectra of the first half-cosines over so many samples.
+    """Return the spectra of the first half-cosines over a number of samples.
 
-    Asked for again with each turn of a fit.
+    They are cached because each iteration of a fit needs them.
     """
     terms = np.stack(
         [half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]
@@ -212,10 +216,10 @@ def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
 
 
 def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
-    """Ensemble whose angle has passed a first-order lag with this time constant in s, in each unbroken run.
+    """Return an ensemble whose angle passed a first-order lag (time constant in s) in each run.
 
-    Within a run the lag remembers the realizations before. A run's first sample, that of its
-    context, is taken for the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
+    Within an unbroken run the lag continues from one realization to the next. The first sample of a
+    run's context is taken as the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
     """
     if lag == 0:
         return ensemble
@@ -229,7 +233,7 @@ def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
 
 
 def _joined(ensemble: Ensemble, members: NDArray[np.int64], context: int) -> Array:
-    """Angle (run, time) of realizations that follow each other, with so much context at both ends."""
+    """Return the angle (run, time) of consecutive realizations, with context at both ends."""
     start, stop = ensemble.core.start, ensemble.core.stop
     before = ensemble.angle[members[:, 0], start - context : start]
     after = ensemble.angle[members[:, -1], stop : stop + context]
@@ -247,7 +251,7 @@ class Record:
 
     @classmethod
     def of(cls, ensemble: Ensemble, band: tuple[float, float]) -> Record:
-        """Raises if nothing is left in the band."""
+        """Divide an ensemble into runs. Raise InputError if the band has no data."""
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
         runs = [run for run in ensemble.runs if len(run) * ensemble.samples >= 2 * lost + 2]
         if not runs or band[0] >= rate / 2:
@@ -266,11 +270,11 @@ class Record:
         return cls(stacks, min(each.clock.min() for each in stacks), stop)
 
     def kernel(self, period: float, l1: float, l2: float = ENDLESS) -> Kernel:
-        """Features that matter over the record."""
+        """Return the kernel with the features that matter over the record."""
         return Kernel.of(period, l1, l2, self.start, self.stop, self.stacks[0].rate)
 
     def with_instrument(self, other: Record) -> Record:
-        """Record with the signals of another after its own."""
+        """Return the record with the signals of another record after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
         return attrs.evolve(
             self,
@@ -281,10 +285,11 @@ class Record:
 
     @property
     def scale(self) -> float:
-        """Stiffness in N·m/rad of the data: so much of the impedance at 1 Hz, if it is taken as constant.
+        """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
-        1 N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on
-        the perturbation or the noise; at 1 Hz, a joint without stiffness has one too.
+        It is a fixed share of the modulus at 1 Hz of the constant impedance that fits best: 1
+        N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on the
+        perturbation or the noise. A joint without stiffness also has a modulus at 1 Hz.
         """
         constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
         found = fit(
@@ -298,33 +303,33 @@ class Record:
 
     @cached_property
     def powers(self) -> Array:
-        """Summed squares of each signal."""
+        """Return the summed squares of each signal."""
         return np.asarray(
             sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks)
         )
 
     @cached_property
     def power(self) -> float:
-        """Summed squares of the torque."""
+        """Return the summed squares of the torque."""
         return sum(float(np.vdot(runs.torque, runs.torque)) for runs in self.stacks)
 
     @property
     def size(self) -> int:
-        """Samples of the torque."""
+        """Return the number of samples of the torque."""
         return sum(runs.torque.size for runs in self.stacks)
 
     @property
     def weak_prior(self) -> float:
-        """Prior precision of the external terms: one over the torque's mean square."""
+        """Return the prior precision of the external terms: one over the torque's mean square."""
         return self.size / (self.power or 1.0)
 
     def statistics(
         self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE
     ) -> Statistics:
-        """Weighted sums over real and imaginary parts of the frequencies in the band, of the features chosen.
+        """Return weighted sums over the band's frequencies, of the chosen features.
 
-        Each run has its own external terms; they are turned so that they are orthogonal in the
-        band.
+        Real and imaginary parts count separately. Each run has its own external terms. They are
+        rotated so that they are orthogonal in the band.
         """
         size, number = np.count_nonzero(chosen) + 1, 0
         gram = np.zeros((size, size), order="F")
@@ -358,7 +363,7 @@ class Record:
 
 
 def clocks_of(ensemble: Ensemble) -> Array:
-    """Onset in s of each realization on one clock, on which trials come one after the other."""
+    """Return the onset in s of each realization on one clock, with trials one after another."""
     assert ensemble.onsets is not None
     assert ensemble.trials is not None
     span = float(np.ptp(ensemble.onsets)) + ensemble.duration

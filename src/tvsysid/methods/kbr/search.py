@@ -1,4 +1,4 @@
-"""Search for the settings of kernel-based regression that are most likely."""
+"""Search for the most likely settings of kernel-based regression."""
 
 from __future__ import annotations
 
@@ -72,11 +72,14 @@ class Tried:
 
     @property
     def variances(self) -> Array:
-        """Prior variances of the coefficients that the model has."""
+        """Return the prior variances of the coefficients that the model has."""
         return np.asarray(np.exp(self.theta[1 : 2 + self.order]))
 
     def settings(self, scale: float) -> dict[str, Any]:
-        """As arguments of the method, to four digits; gammas count in squares of the scale."""
+        """Return the settings as arguments of the method, rounded to four digits.
+
+        Gammas are in units of the squared scale.
+        """
         numbers = (
             math.exp(self.theta[0]),
             self.decay,
@@ -90,7 +93,7 @@ class Tried:
 
 @attrs.frozen(eq=False)
 class Likelihood:
-    r"""Log marginal likelihood as a function of the logs of l1, three prior variances and the noise variance.
+    r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
     For one order, lag and decay (in s), and so that others can be compared with them:
 
@@ -126,9 +129,9 @@ class Likelihood:
         decay: float = ENDLESS,
         share: float = 1.0,
     ) -> Likelihood:
-        """With the external terms eliminated for about this noise variance.
+        """Return the likelihood without the external terms, for about this ``noise`` variance.
 
-        Of a share of the numbers.
+        ``share`` is the effective fraction of independent samples.
         """
         coefficient, column = np.nonzero(kept)
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
@@ -143,18 +146,18 @@ class Likelihood:
         )
 
     def up_to(self, order: int) -> Likelihood:
-        """Likelihood of the model without the higher derivatives."""
+        """Return the likelihood of the model without the higher derivatives."""
         mask = self.coefficient <= order
         columns = {name: getattr(self, name)[mask] for name in ("coefficient", "harmonic", "fixed")}
         return attrs.evolve(self, statistics=of_columns(self.statistics, mask), **columns)
 
     @property
     def order(self) -> int:
-        """Highest derivative of the angle."""
+        """Return the highest derivative of the angle."""
         return int(self.coefficient.max())
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
-        """Restricted log likelihood, and its derivatives."""
+        """Return the restricted log likelihood and its derivatives."""
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
         variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
         with np.errstate(divide="ignore"):
@@ -167,7 +170,7 @@ class Likelihood:
         return found.value, np.array([by_length, *by_gamma, found.by_noise])
 
     def at(self, theta: Array, line: str) -> Tried:
-        """These settings, but with the noise variance that suits them best."""
+        """Return these settings with the noise variance that suits them best."""
         place = theta.copy()
         for _ in range(NOISES):
             value, slope = self(place)
@@ -181,9 +184,9 @@ class Likelihood:
     def climb(
         self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0
     ) -> Tried:
-        """Highest likelihood near a start.
+        """Climb to the highest likelihood near a start.
 
-        At one l1, if that is given, and with gammas no larger than by a leeway.
+        l1 stays at ``length`` if that is given. Log gammas rise by ``leeway`` at most.
         """
         lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
         low, high = (
@@ -213,7 +216,7 @@ class Likelihood:
         return self.tried(found.x, usual - float(found.fun), line)
 
     def tried(self, theta: Array, value: float, line: str) -> Tried:
-        """Settings with their restricted likelihood, made comparable with other orders' and lags'."""
+        """Return settings and their likelihood, made comparable across orders and lags."""
         price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.statistics.number)
         comparable = unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
         return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)
@@ -221,7 +224,7 @@ class Likelihood:
 
 @attrs.frozen(eq=False)
 class Search:
-    """What settings are compared on.
+    """Data and noise level by which settings are compared.
 
     ``noise`` is about the variance that the settings given leave; ``share`` says how many
     independent numbers one number of the record is worth.
@@ -234,9 +237,9 @@ class Search:
     share: float
 
     def evidence(self, given: Tried, method: object, scale: float) -> Evidence:
-        """Evidence for all settings that are tried, first those given, which are a method's.
+        """Return the evidence for all settings that were tried, those given first.
 
-        ``scale`` is of gamma.
+        The ``given`` settings are those of the ``method``. ``scale`` is the unit of gamma.
         """
         tried, chosen = self.from_settings(given)
         settings = [each.settings(scale) for each in tried]
@@ -266,10 +269,10 @@ class Search:
         )
 
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
-        """All that was tried, those given first, and which is the best.
+        """Return all settings that were tried, those given first, and the position of the best.
 
-        With the order and the lag given: l1 without decay, then shorter and shorter decays.
-        Then, without decay, other orders, and other lags for each order.
+        With the order and the lag given, l1 is searched without decay, then with shorter and
+        shorter decays. Then, without decay, other orders are tried, and other lags for each order.
         """
         record = self._record(given.lag)
         # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
@@ -301,11 +304,11 @@ class Search:
         return tried, tried.index(chosen)
 
     def _clearly_better(self, endless: Tried, other: list[Tried]) -> Tried:
-        """Best of other orders and lags, if it is clearly better than the order and lag given, or else these.
+        """Return the best other order and lag if clearly better, or else the one given.
 
-        A share of the numbers says too little of an order or a lag: noise that is not white is
-        slow, and so is quiet where inertia shows. So they must be better by all the numbers,
-        too.
+        Noise that is not white is slow, and so is quiet where inertia shows. A share of the samples
+        then says too little about an order or a lag. Another order or lag must therefore also be
+        better by all the samples.
         """
         whole = attrs.evolve(self, share=1.0)
         best_of_kind = {(each.order, each.lag > 0): each for each in sorted(other, key=_value)}
@@ -322,7 +325,11 @@ class Search:
     def _likelihood(
         self, about: Tried, variances: Array, lag: float, decay: float = ENDLESS, least: float = 0.0
     ) -> Likelihood:
-        """Likelihood of features that may be seen with prior variances (coefficient,), or with this power at least."""
+        """Return the likelihood of the features that may exceed the noise.
+
+        The prior ``variances`` (coefficient,) say how strong a feature may be; its power is
+        ``least`` or more.
+        """
         record = self._record(lag)
         kernel = record.kernel(self.period, math.exp(about.theta[0]), decay)
         kept = kernel.visible(
@@ -335,7 +342,7 @@ class Search:
         return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
 
     def _loose(self, record: Record) -> Array:
-        """Of each coefficient so much that the torque it makes is a thousand times the noise."""
+        """Return a start at which each coefficient makes a torque 1000 times the noise."""
         noise = math.log(self.noise)
         return np.array([0.0, *(math.log(START) + noise - np.log(record.powers)), noise])
 
@@ -348,7 +355,7 @@ class Search:
             return given
 
     def _lengths(self, record: Record, strict: Likelihood) -> list[Tried]:
-        """Best settings for each l1, and those for any."""
+        """Return the best settings for each l1, then the best with l1 free."""
         starts, found = [self._loose(record)], []
         for length in LENGTHS:
             found.append(
@@ -358,7 +365,7 @@ class Search:
         return [*found, strict.climb(max(found, key=_value).theta, "no decay")]
 
     def _decays(self, best: Tried, length: float) -> Iterator[Tried]:
-        """Best settings for shorter and shorter decays, as long as there is something to gain."""
+        """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
         for share in DECAYS:
             found = self._decayed(best, share * length) if share * length >= 2 * self.period else []
             yield from found
@@ -367,7 +374,7 @@ class Search:
             best = max(best, *found, key=_value)
 
     def _decayed(self, best: Tried, decay: float) -> list[Tried]:
-        """Best settings for a decay; none if that takes too many coefficients."""
+        """Return the best settings for a decay; none if it needs too many coefficients."""
         try:
             likelihood = self._likelihood(best, LEEWAY * best.variances, best.lag, decay)
         except InputError:
@@ -375,7 +382,7 @@ class Search:
         return [likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))]
 
     def _orders(self, record: Record, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
-        """Best settings for each other order."""
+        """Yield the best settings for each other order."""
         theta, absent = best.theta.copy(), slice(2 + best.order, 4)
         theta[absent] = self._loose(record)[absent]
         for order in range(3):
@@ -384,21 +391,19 @@ class Search:
                 yield own.climb(own.at(theta, line).theta, line)
 
     def _about(self, best: Tried, lag: float) -> Likelihood:
-        """Likelihood without decay, about the best settings, for another lag."""
+        """Return the likelihood without decay for another lag, near the best settings."""
         return self._likelihood(best, LEEWAY * best.variances, lag, least=START * self.noise)
 
     def _at(self, best: Tried, lag: float) -> Tried:
-        """Best settings but for a lag, with the noise that suits them."""
+        """Return the best settings with another lag, and with the noise that suits them."""
         return self._about(best, lag).at(best.theta, "other lags")
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
-        """Other lags, each twice the one before, with the best settings.
+        """Yield settings with other lags, each twice the one before, then the best of them.
 
-        And the best settings for the best of them.
-
-        The likelihood has one peak: where the shortest lag is worse than none, longer ones are
-        so too. Next to the peak, one of these lags has gained at least eight ninths of what the
-        best of all gains; so the peak is looked for only where it may come up to a rival.
+        The likelihood has one peak. If the shortest lag is worse than none, longer ones are worse,
+        too. Next to the peak, one of these lags has gained at least eight ninths of the highest
+        possible gain. So the peak is searched for only where it may reach a rival.
         """
         tried = [self._at(best, 0.0) if best.lag else best]
         for lag in LAGS:

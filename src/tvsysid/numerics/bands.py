@@ -21,9 +21,10 @@ def critical_value(level: float, freedom: Array) -> Array:
 
 
 def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
-    r"""Multiple of the standard deviation within which all times of an estimate lie with this probability.
+    r"""Return the multiple of the standard deviation for a band that covers all times at once.
 
-    The smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as
+    All times of the estimate lie within the band with probability ``level``. The multiple is the
+    smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as
     independent: the level at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun &
     Loader 1994) uses that an estimate which is smooth in time hardly takes other values at the next
     sample: the chance to leave the band is at most
@@ -42,7 +43,8 @@ def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
 def arc_length(features: Array, covariance: Array) -> float:
     r"""Length in rad of the path that a normalised linear estimate takes over time.
 
-    .. math:: \kappa = \sum_i \arccos \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}
+    .. math:: \kappa = \sum_i \arccos
+              \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}
 
     with l the ``features`` (time, coefficient) that the coefficients are multiplied by, and C
     their covariance.

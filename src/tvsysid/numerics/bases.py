@@ -48,9 +48,10 @@ def evaluate(basis: Basis, samples: int) -> Array:
 
 
 def chebyshev_of(values: Array, limits: tuple[float, float], count: int) -> Array:
-    """Chebyshev polynomials of degree 0 to count - 1 of values mapped from their limits to -1 and 1.
+    """Evaluate Chebyshev polynomials of degree 0 to count - 1.
 
-    Of shape (..., polynomial). Values beyond the limits count as the nearer limit.
+    The values are mapped from their limits to -1 and 1. Values beyond the limits count as the
+    nearer limit. The result has shape (..., polynomial).
 
     Examples
     --------
@@ -178,7 +179,10 @@ class HaarWavelets:
 
 @attrs.frozen
 class FourierSeries:
-    """The constant, and a cosine and a sine for each harmonic of the period: 2 x harmonics + 1 functions."""
+    """The constant, and a cosine and a sine for each harmonic of the period.
+
+    These are 2 x harmonics + 1 functions.
+    """
 
     harmonics: int = 4
     periodic: ClassVar[bool] = True
@@ -207,13 +211,19 @@ class _Polynomials:
 
 
 class LegendrePolynomials(_Polynomials):
-    """Legendre polynomials over the realization, the highest degree being one less than the number of functions."""
+    """Legendre polynomials over the realization.
+
+    The highest degree is one less than the number of functions.
+    """
 
     _vander = staticmethod(legendre.legvander)
 
 
 class ChebyshevPolynomials(_Polynomials):
-    """Chebyshev polynomials of the first kind, the highest degree being one less than the number of functions."""
+    """Chebyshev polynomials of the first kind over the realization.
+
+    The highest degree is one less than the number of functions.
+    """
 
     _vander = staticmethod(chebyshev.chebvander)
 

@@ -98,9 +98,12 @@ def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
 
 
 def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
-    r"""One precision for each coefficient: the relevance vector machine, which prunes what explains nothing.
+    r"""Estimate coefficients by the relevance vector machine: one prior precision for each.
 
-    .. math:: w_i \sim N(0, \alpha_i^{-1}), \quad \Sigma = (\beta G + \mathrm{diag}\,\alpha)^{-1}, \quad
+    Coefficients that explain nothing are pruned.
+
+    .. math:: w_i \sim N(0, \alpha_i^{-1}), \quad
+              \Sigma = (\beta G + \mathrm{diag}\,\alpha)^{-1}, \quad
               m = \beta \Sigma c, \quad \gamma_i = 1 - \alpha_i \Sigma_{ii}, \quad
               \alpha_i \leftarrow \frac{\gamma_i}{m_i^2}, \quad
               \beta \leftarrow \frac{N - \sum_i \gamma_i}{\|y - Xm\|^2}

@@ -22,7 +22,9 @@ BAND = 0.8
 
 @cache
 def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Array:
-    r"""Weights, shape (3, 2 n + 1), that turn samples into the signal and its derivatives for unit sample time.
+    r"""Return weights, shape (3, 2 n + 1), that give a signal and its first two derivatives.
+
+    They hold for unit sample time.
 
     .. math:: \frac{d^m u}{dt^m}(i) \approx f_s^m \sum_{j=-n}^{n} d_m(j)\, u(i - j)
 
@@ -47,7 +49,10 @@ def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Arra
 
 
 def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) -> Array:
-    """Signal (..., time) and two derivatives, where the filter has samples on both sides: (3, ..., time - 2 n)."""
+    """Return a signal (..., time) and its first two derivatives, (3, ..., time - 2 n).
+
+    Samples are left out where the filter has no samples on one side.
+    """
     rows = u.reshape(-1, u.shape[-1])
     times = u.shape[-1] - 2 * half_width
     out = np.empty((3, len(rows), times))

@@ -59,7 +59,10 @@ class Fit(NamedTuple):
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance (column, column), from the inverse Cholesky factor of the scaled columns' precision."""
+        """Return the posterior covariance (column, column).
+
+        It follows from the inverse Cholesky factor of the precision of the scaled columns.
+        """
         lower = lapack.dlauum(self.inverse_factor, lower=1)[0]
         lower += np.tril(lower, -1).T
         lower *= np.outer(0.5 * self.noise_variance * self.scale, self.scale)
@@ -70,8 +73,9 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     r"""Weights and the noise variance that they leave.
 
     .. math:: S = T^T T + \sigma^2 q, \qquad
-              (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w = X^T y - X^T T S^{-1} T^T y, \qquad
-              \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
+                        (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w
+                        = X^T y - X^T T S^{-1} T^T y, \qquad
+                        \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
 
     a fixed point, found by secants in the logarithm of the noise variance.
     """
@@ -110,9 +114,12 @@ class InstrumentalFit(NamedTuple):
 
 
 def instrumental(both: Statistics, precision: Array, weak: float) -> InstrumentalFit:
-    r"""Weights of regressors X that noise moves too, by instruments Z in the place of X in the left factor.
+    r"""Estimate weights of regressors X that noise moves, too, by instruments Z.
 
-    .. math:: A\, \hat w = Z^T y - Z^T T S^{-1} T^T y, \qquad A = Z^T X - Z^T T S^{-1} T^T X + \sigma^2 P
+    The instruments take the place of X in the left factor:
+
+    .. math:: A\, \hat w = Z^T y - Z^T T S^{-1} T^T y, \qquad
+              A = Z^T X - Z^T T S^{-1} T^T X + \sigma^2 P
 
     with S as in :func:`fit`, and the noise variance of the residual y - X w. The columns of
     ``both`` are those of X, then as many of Z.
@@ -147,7 +154,11 @@ def instrumental(both: Statistics, precision: Array, weak: float) -> Instrumenta
 
 
 class LogDensity(NamedTuple):
-    """Of the data, and its derivatives by the log prior variances, shape (column,), and by the log noise variance."""
+    """Log density of the data, and its derivatives.
+
+    ``by_variances`` (column,) are those by the log prior variances, ``by_noise`` is that by the
+    log noise variance.
+    """
 
     value: float
     by_variances: Array
@@ -164,7 +175,8 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
     none, whose weights b are integrated out with unit density (restricted likelihood). With Q,
     :math:`D^{-1}` projected on what they leave,
 
-    .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D| - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
+    .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D|
+              - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
 
     Where the derivative by the noise vanishes, :func:`fit` stands still.
     """
@@ -198,7 +210,9 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
 
 
 def unit_information(statistics: Statistics, noise: float) -> float:
-    r"""Log density of a unit-information prior of columns F at its mean, which is what the data say of them.
+    r"""Return the log density of a unit-information prior of columns F at its mean.
+
+    The mean is the estimate from the data.
 
     A restricted likelihood, in which the weights of F have unit density, is measured in their
     units, and cannot be compared with one of other columns. Under a prior that tells as much of b
@@ -237,12 +251,12 @@ def of_share(statistics: Statistics, share: float) -> Statistics:
 
 
 def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
-    r"""Statistics from which the nuisance terms were eliminated, once for all noise variances near :math:`\sigma_0^2`.
+    r"""Return statistics without the nuisance terms, for noise variances near :math:`\sigma_0^2`.
 
-    Their prior variance is taken to be :math:`\sigma^2 / (q \sigma_0^2)`, so that what they
-    leave of the data does not depend on the noise variance. That is little, as a rule: what the
-    terms can explain is then lost whatever the noise. The log evidence is less than that of the
-    whole by the log of a constant.
+    The terms are eliminated once for all these variances. Their prior variance is taken to be
+    :math:`\sigma^2 / (q \sigma_0^2)`, so that what they leave of the data does not depend on the
+    noise variance. That is little, as a rule: what the terms can explain is then lost whatever the
+    noise. The log evidence is less than that of the whole by the log of a constant.
     """
     gram, cross, square, number, mixed, shared, powers = statistics
     shrink = 1 / (powers + noise * weak)

@@ -1,6 +1,7 @@
-"""Parallel pathways that do not change in time: linear dynamics, and a static function followed by linear dynamics.
+"""Identify a linear and a Hammerstein pathway in parallel that do not change in time.
 
-From sums of products of lagged signals, so that taking turns between the pathways costs nothing.
+The Hammerstein pathway is a static function followed by linear dynamics. The fits use sums of
+products of lagged signals, so that alternating between the pathways costs nothing.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class LaggedProducts(NamedTuple):
     samples: int
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
-        """Products ``gram`` and ``cross`` of the lags of a sum of signals with these coefficients."""
+        """Return ``gram`` and ``cross`` of the lags of a sum of signals with these coefficients."""
         gram = np.einsum("k,kilj,l->ij", coefficients, self.gram, coefficients, optimize=True)
         return gram, coefficients @ self.cross
 
@@ -102,7 +103,9 @@ def lagged_gram(signals: Array, before: int) -> Array:
 
 
 def response(gram: Array, cross: Array, square: float, samples: int) -> Solution:
-    """Weights of lags by least squares, truncated by description length: most explaining directions first.
+    """Estimate weights of lags by least squares, truncated by description length.
+
+    Directions that explain most come first.
 
     See :func:`tvsysid.numerics.pseudoinverse.truncated`; of its arrays, those of the one time.
     """
@@ -112,7 +115,9 @@ def response(gram: Array, cross: Array, square: float, samples: int) -> Solution
 
 
 def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Array, Array]:
-    r"""Return coefficients c (signal,) and response g (lag,) by separable least squares (Kaufman 1975).
+    r"""Return coefficients c (signal,) and response g (lag,) by separable least squares.
+
+    After Kaufman (1975).
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
 
@@ -125,7 +130,7 @@ def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Arr
     ridge = RIDGE * diagonal * np.eye(products.cross.shape[1])
 
     def minimum(coefficients: Array) -> tuple[Any, Array, float]:
-        """Factor of the normal equations for the response, their solution, and the sum of squares that it leaves."""
+        """Return the factor of the normal equations, the best response and its squared error."""
         gram, cross = products.of(coefficients)
         factor = cho_factor(gram + ridge)
         weights = cho_solve(factor, cross)
@@ -194,7 +199,10 @@ def hunter_korenberg(
 
 
 def _windows(values: Array, length: int) -> Array:
-    """What lies in a window that slides along values (realization, time): (place, sample), the latest sample first."""
+    """Return sliding windows of values (realization, time), shape (place, sample).
+
+    The latest sample of a window comes first.
+    """
     return sliding_window_view(values, length, axis=1)[:, :, ::-1].reshape(-1, length)
 
 
@@ -265,7 +273,10 @@ def parallel_cascade(
 
 
 def _less(answer: Array, signals: Array, output: Array) -> Rows:
-    """Signals but for the first, as long as the output, and the output less the first one's answer."""
+    """Return the signals but the first, and the output without the response to the first.
+
+    The signals are as long as the output.
+    """
     before = signals.shape[2] - output.shape[1]
     angle = signals[0, :, before - len(answer) + 1 :]
     return signals[1:, :, before:], output - (_windows(angle, len(answer)) @ answer).reshape(

@@ -35,7 +35,9 @@ def lag_samples(rate: float) -> tuple[int, int]:
 
 
 def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.int64]:
-    """Group of each realization: of some that follow each other, as the noise of neighbours is alike.
+    """Return the group of each realization, for a scatter over groups.
+
+    Consecutive realizations share a group, because the noise of neighbours is alike.
 
     A realization that was drawn twice is in one group.
     """

@@ -11,7 +11,10 @@ SINC = 12  # samples to either side that a value between samples is made from
 
 
 def between(values: Array, later: float) -> Array:
-    """Values a fraction of a sample later, shape (..., time): a windowed sinc, which smooths hardly at all."""
+    """Return values a fraction of a sample later, shape (..., time).
+
+    They are interpolated by a windowed sinc, which smooths hardly at all.
+    """
     if later == 0:
         return values
     lags = np.arange(-SINC, SINC + 1)

@@ -15,7 +15,8 @@ def laguerre_filters(count: int, lags: int, time_constant: float) -> Array:
 
     They decay over a time constant in samples.
 
-    .. math:: L_i(z) = \frac{\sqrt{1 - a^2}}{1 - a z^{-1}} \left(\frac{z^{-1} - a}{1 - a z^{-1}}\right)^i, \qquad
+    .. math:: L_i(z) = \frac{\sqrt{1 - a^2}}{1 - a z^{-1}}
+              \left(\frac{z^{-1} - a}{1 - a z^{-1}}\right)^i, \qquad
               a = e^{-1/\tau}
 
     Examples

@@ -14,7 +14,9 @@ from tvsysid.numerics.differentiation import BAND, HALF_WIDTH
 
 @lru_cache(maxsize=64)
 def lag_weights(lag: float) -> tuple[Array, float]:
-    r"""Weights c (lags from -n to n) and pole q of a filter that lags as :math:`1 / (1 + a s)` does, a in samples.
+    r"""Return weights c (lags from -n to n) and pole q of a filter with a first-order lag.
+
+    The filter lags as :math:`1 / (1 + a s)` does, with a in samples.
 
     .. math:: v(i) = q\, v(i - 1) + \sum_{j=-n}^{n} c_j u(i - j), \qquad q = e^{-1/a}
 
@@ -51,8 +53,8 @@ def low_pass(u: Array, lag: float, sampling_rate: float) -> Array:
 
     Before its first sample the signal is continued as point-symmetric, over the width of the
     filter's weights, and before that as constant, where v has come to rest; after its last sample
-    likewise. What that is wrong by fades as
-    :math:`e^{-t/a}` from the first sample on, and is none beyond the weights' half width from the last.
+    likewise. The error that this makes fades as :math:`e^{-t/a}` from the first sample on. It is
+    zero beyond the weights' half width from the last sample.
     """
     if lag == 0:
         return u

@@ -31,16 +31,22 @@ def row_blocks(rows: int, values: int) -> Iterator[slice]:
 
 
 def time_chunks(times: int, unknowns: int) -> Iterator[slice]:
-    """Consecutive slices of time, short enough for their (unknowns, unknowns) matrices to be held at once."""
+    """Yield consecutive slices of time that are short enough for the memory.
+
+    The (unknowns, unknowns) matrices of all times of a slice can be held at once.
+    """
     length = max(16, CHUNK // unknowns**2)
     for start in range(0, times, length):
         yield slice(start, min(start + length, times))
 
 
 def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
-    r"""Second moments of two signals (realization, time) in a window that slides along them: (centre, place, place).
+    r"""Return second moments of two signals in a sliding window, shape (centre, place, place).
 
-    .. math:: M(i, j, k) = \frac1R \sum_r a_r(i + j)\, b_r(i + k), \qquad 0 \le j, k \le before + after
+    The signals have shape (realization, time).
+
+    .. math:: M(i, j, k) = \frac1R \sum_r a_r(i + j)\, b_r(i + k), \qquad
+              0 \le j, k \le before + after
 
     The first centre is sample ``before``, the last one ``after`` samples from the end.
     """
@@ -49,8 +55,9 @@ def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
 
 
 def window_matrices(later: Array, earlier: Array) -> Array:
-    """Second moments in a window that slides along two signals (window centre, sample, sample), as a read-only view.
+    """Return second moments of two signals in a sliding window, (window centre, sample, sample).
 
+    The result is a read-only view.
     ``later`` and ``earlier`` are the moments along the diagonals (:func:`diagonal_moments`) of
     the first signal with the second and of the second with the first, as far as the window is
     long.
@@ -68,7 +75,9 @@ def window_matrices(later: Array, earlier: Array) -> Array:
 
 
 def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
-    r"""Second moments of each sample and those of another signal up to ``reach`` samples later: (time, reach + 1).
+    r"""Return second moments of each sample and later samples of another signal.
+
+    The result has shape (time, reach + 1).
 
     .. math:: M(i, d) = \frac1R \sum_r a_r(i)\, b_r(i + d), \qquad 0 \le d \le reach
 
@@ -90,11 +99,14 @@ def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
 
 
 def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, Array]:
-    r"""Correlations of lagged inputs with each other and with the output, and mean square and mean of the output.
+    r"""Return correlations of lagged inputs, their correlations with the output, and its moments.
+
+    The moments of the output are its mean square and its mean.
 
     With :math:`x_r(i) = [u_r(i + n), \dots, u_r(i - n)]`, that is, lags from -n to n samples,
 
-    .. math:: \Phi(i) = \frac1R \sum_r x_r(i) x_r(i)^T, \qquad \varphi(i) = \frac1R \sum_r x_r(i)\, y_r(i)
+    .. math:: \Phi(i) = \frac1R \sum_r x_r(i) x_r(i)^T, \qquad
+              \varphi(i) = \frac1R \sum_r x_r(i)\, y_r(i)
 
     (equations 4 and 6 of van de Ruit et al. 2021, in matrix form). Row 0 of all four belongs to
     sample n; there are time - 2 n.
@@ -110,7 +122,10 @@ def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, 
 
 
 def expanded(moments: Array, functions: Array) -> Array:
-    """Gram matrix of coefficients of lags times functions of time, from the lags' moments at each time."""
+    """Return the Gram matrix of coefficients of lags times functions of time.
+
+    It follows from the moments of the lags at each time.
+    """
     unknowns, count = moments.shape[1], functions.shape[1]
     gram = np.zeros((unknowns**2, count**2))
     for chunk in time_chunks(len(functions), unknowns):
@@ -126,7 +141,9 @@ def expanded(moments: Array, functions: Array) -> Array:
 
 
 def coloured_moments(products: Array, weights: Array, correlation: Array) -> Array:
-    r"""Mean products of weighted sums of lagged inputs over a window, weighted by the correlation at their distance.
+    r"""Return mean products of weighted sums of lagged inputs over a window.
+
+    Each product is weighted by the correlation at the distance of its two samples.
 
     .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
               z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
@@ -167,10 +184,11 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
 
 
 def sliding_sum(x: Array, before: int, after: int) -> Array:
-    """Sum of x over a window along its first axis, ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i.
+    """Return the sum of x over a sliding window along its first axis.
 
-    Done by doubling, so that the cost grows with the logarithm of the window and nothing is
-    subtracted (which would lose digits).
+    It is ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i, computed by doubling.
+    The cost grows with the logarithm of the window, and nothing is subtracted (which would lose
+    digits).
     """
     length, total, span = before + after + 1, None, 1
     padded = np.zeros((len(x) + length - 1, *x.shape[1:]))

@@ -15,7 +15,7 @@ FAINT = 1e-13  # share of the power that filters could pass below which a filter
 
 
 def autocovariance(x: Array, lags: int) -> Array:
-    r"""Product of samples of x (realization, time) so many samples apart, summed over all such pairs, over all samples.
+    r"""Return the autocovariance of x (realization, time) from lag 0 to ``lags`` samples.
 
     .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d), \qquad 0 \le d \le lags
 
@@ -51,7 +51,10 @@ def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
 
 
 def cross_covariance(x: Array, y: Array, lags: int) -> Array:
-    """Product of a sample and another signal's, d from -lags to lags samples later, as :func:`autocovariance`."""
+    """Return the cross-covariance of x and y at lags d from -lags to lags, y being d later.
+
+    It is normalised as :func:`autocovariance`.
+    """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
     product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
@@ -62,9 +65,10 @@ def cross_covariance(x: Array, y: Array, lags: int) -> Array:
 
 
 def angle_products(angle: Array, width: int, lags: int) -> Array:
-    """The angle's moments along the diagonals as far as :func:`regressor_covariances` needs them, (time, width + lags).
+    """Return the angle's moments along the diagonals, shape (time, width + lags).
 
-    The angle (realization, time) is mirrored at the ends where it is shorter than that.
+    They reach as far as :func:`regressor_covariances` needs. The angle (realization, time) is
+    mirrored at the ends where it is shorter than that.
     """
     missing = max(0, width + lags - angle.shape[1])
     if missing:
@@ -78,9 +82,10 @@ def angle_products(angle: Array, width: int, lags: int) -> Array:
 
 
 def regressor_covariances(filters: Array, products: Array) -> Array:
-    r"""Products of filtered angles that lie d samples apart, of each with each, shape (d, regressor, regressor).
+    r"""Return products of filtered angles d samples apart, shape (d, regressor, regressor).
 
-    .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
+    .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad
+              s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
 
     for ``filters`` F (regressor, lag) and the angle's :func:`angle_products`, over the N samples
     at which the filters lie within the angle. As with :func:`autocovariance`, sums of them
@@ -106,10 +111,10 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 
 
 def regressor_correlation(covariances: Array) -> Array:
-    r"""How alike M regressors are that lie so many samples apart: :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0.
+    r"""Return the mean correlation of M regressors with themselves d samples later.
 
-    A least-squares fit takes products of the noise with itself at this distance away in this
-    proportion.
+    It is :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0. A least-squares fit takes products of
+    the noise with itself at this distance away in this proportion.
     """
     scaled, inverse = _scaled(covariances)
     return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))
@@ -132,12 +137,12 @@ def power_in_band(correlation: Array, low: float, high: float) -> float:
 def white_share(
     noise: Array, signal: Array, sampling_rate: float, band: tuple[float, float]
 ) -> float:
-    r"""How many samples of white noise one sample of this noise is worth to a fit of a signal, at most 1.
+    r"""Return how many samples of white noise one sample of this noise is worth, at most 1.
 
     A factor fitted by least squares to frequencies in the band (Hz) has the variance
-    :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and noise, both
-    (realization, time). White noise of the same power in the band gives as much from a share of the data,
-    :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
+    :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and
+    noise, both (realization, time). White noise of the same power in the band gives as much from a
+    share of the data, :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
     """
     times = noise.shape[1]
     window = 1 - np.cos(2 * np.pi * np.arange(times) / times)
@@ -155,7 +160,9 @@ def white_share(
 
 
 def colour_factors(covariances: Array, noise: Array) -> Array:
-    r"""Variances of a least-squares fit under coloured noise, as multiples of those under white noise.
+    r"""Return the variances of a least-squares fit under coloured noise.
+
+    They are multiples of the variances under white noise of the same power.
 
     .. math:: f_m = \frac{(S_0^{-1} \tilde S S_0^{-1})_{mm}}{(S_0^{-1})_{mm}}, \qquad
               \tilde S = S_0 + \sum_{d > 0} \rho(d) \left(S_d + S_d^T\right)
@@ -170,7 +177,7 @@ def colour_factors(covariances: Array, noise: Array) -> Array:
 
 
 def _scaled(covariances: Array) -> tuple[Array, Array]:
-    """Covariances scaled to unit power of the regressors, and the inverse of the regressors' moments."""
+    """Scale covariances to unit power of the regressors. Also invert the regressors' moments."""
     power = np.diag(covariances[0])
     scale = np.sqrt(np.where(power > 0, power, 1.0))
     scaled = covariances / np.outer(scale, scale)

@@ -15,12 +15,12 @@ RIDGE = 1e-9  # share of the regressors' mean power that is added to each
 
 
 class Solution(NamedTuple):
-    """Least squares at each time: ``weights = inverse @ phi_uy``, the impulse response times the sample time.
+    """Least-squares solution at each time: ``weights = inverse @ phi_uy``.
 
-    ``rank`` singular values are in them. Without truncation there would be ``usable`` ones,
-    those above rounding, which explain the power ``explained`` of the output: what they leave is
-    noise whichever of them were taken. Shapes are (time, lag), (time,), (time, lag, lag), and
-    (time,) twice.
+    The weights are the impulse response times the sample time. They use ``rank`` singular values.
+    Without truncation there would be ``usable`` ones, those above rounding, which explain the power
+    ``explained`` of the output: what they leave is noise whichever of them were taken. Shapes are
+    (time, lag), (time,), (time, lag, lag), and (time,) twice.
     """
 
     weights: Array
@@ -37,16 +37,17 @@ def truncated(
     samples: Array | float,
     order: Order = "natural",
 ) -> Solution:
-    r"""Truncated pseudo-inverse whose rank minimises the description length at each time (Lortie & Kearney 2001).
+    r"""Solve by a truncated pseudo-inverse of minimum description length at each time.
 
-    With :math:`\Phi = U S U^T`, singular value k explains :math:`v_k = (u_k^T \varphi)^2 / s_k` of
-    the output's power, and the rank d is the one that minimises
+    After Lortie & Kearney (2001). With :math:`\Phi = U S U^T`, singular value k explains :math:`v_k
+    = (u_k^T \varphi)^2 / s_k` of the output's power, and the rank d is the one that minimises
 
-    .. math:: MDL(d) = \left(1 + \frac{d \ln L}{L}\right) \left(\sigma_y^2 - \sum_{k \le d} v_k\right)
+    .. math:: MDL(d) = \left(1 + \frac{d \ln L}{L}\right)
+              \left(\sigma_y^2 - \sum_{k \le d} v_k\right)
 
     with L the ``samples`` averaged, one number or (time,). ``phi_uu`` and ``phi_uy`` are those of
-    :func:`tvsysid.numerics.moments.lagged_moments`. The order ``"natural"`` takes singular values from the largest on,
-    ``"output"`` first those that explain most of the output.
+    :func:`tvsysid.numerics.moments.lagged_moments`. The order ``"natural"`` takes singular values
+    from the largest on, ``"output"`` first those that explain most of the output.
     """
     vectors, projections, reciprocal = _spectrum(phi_uu, phi_uy)
     explained = projections**2 * reciprocal
@@ -65,13 +66,19 @@ def truncated(
 
 
 def full(phi_uu: Array, phi_uy: Array) -> Solution:
-    r"""Solve :math:`\Phi w = \varphi` at each time with every singular value above the numerical rank."""
+    r"""Solve :math:`\Phi w = \varphi` at each time without truncation.
+
+    Every singular value above rounding is used.
+    """
     vectors, projections, reciprocal = _spectrum(phi_uu, phi_uy)
     return _solution(vectors, projections, reciprocal, np.count_nonzero(reciprocal, axis=1))
 
 
 def _spectrum(phi_uu: Array, phi_uy: Array) -> tuple[Array, Array, Array]:
-    """Eigenvectors (largest eigenvalue first), projections of phi_uy, and reciprocals, 0 of what is rounding."""
+    """Return eigenvectors, projections of phi_uy and reciprocals of the eigenvalues.
+
+    The largest eigenvalue comes first. The reciprocal of an eigenvalue that is rounding is 0.
+    """
     values, vectors = np.linalg.eigh(phi_uu)
     values, vectors = values[:, ::-1], vectors[:, :, ::-1]
     usable = values > values.shape[1] * np.finfo(float).eps * values[:, :1]
@@ -89,7 +96,10 @@ def _solution(
     rank: NDArray[np.int64],
     place: NDArray[np.int64] | None = None,
 ) -> Solution:
-    """Solution from the first ``rank`` eigenvalues, by their ``place`` where it is not their own order."""
+    """Return the solution from the first ``rank`` eigenvalues.
+
+    ``place`` is the position of each eigenvalue where the order is not from the largest on.
+    """
     place = np.arange(reciprocal.shape[1])[None] if place is None else place
     kept = np.where(place < rank[:, None], reciprocal, 0.0)
     weights = (vectors @ (projections * kept)[..., None])[..., 0]
@@ -99,10 +109,10 @@ def _solution(
 
 
 def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
-    """Least squares on the lagged inputs themselves at each time, by singular value decomposition, of minimum norm.
+    """Solve least squares on the lagged inputs at each time by singular value decomposition.
 
-    (MacNeil, Kearney & Hunter 1992.) u and y are (realization, time); the ``block`` of times at
-    once bounds the memory.
+    The solution has minimum norm (MacNeil, Kearney & Hunter 1992). u and y are (realization, time).
+    Solving a ``block`` of times at once bounds the memory.
     """
     windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
     parts = []

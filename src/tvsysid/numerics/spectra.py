@@ -56,7 +56,7 @@ def _from_moments(u: Array, y: Array, length: int, products: Array | None) -> Sh
     twice = np.where(np.arange(length) == 0, 1.0, 2.0)[:, None]
 
     def correlation(moments: Array) -> Array:
-        """Products of samples of a windowed segment and later ones, summed over it, shape (time, lag)."""
+        """Return products of windowed samples and later ones, summed, shape (time, lag)."""
         windows = sliding_window_view(moments, length, axis=0)
         return np.asarray(np.einsum("tdj,dj->td", windows, taper)) / length
 
@@ -89,9 +89,12 @@ def _from_segments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
 
 def half_cosine_spectrum(half_cycles: int, length: int, low: int, high: int) -> ComplexArray:
-    r"""Fourier transform of q half-cycles of a cosine over a record at some bins, without transforming it.
+    r"""Return the Fourier transform of q half-cycles of a cosine over a record at some bins.
 
-    .. math:: \sum_{n=0}^{N-1} \cos\frac{\pi q (n + 1/2)}{N}\, e^{-2\pi j k n / N}, \qquad low \le k < high
+    It is computed without a transform:
+
+    .. math:: \sum_{n=0}^{N-1} \cos\frac{\pi q (n + 1/2)}{N}\, e^{-2\pi j k n / N}, \qquad
+              low \le k < high
 
     a geometric series for each k.
     """
@@ -138,7 +141,7 @@ class PowerSpectrum(NamedTuple):
         return cls(np.asarray(np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)), power_spectrum(x))
 
     def shares(self, *bands: tuple[float, float]) -> list[float]:
-        """Return the shares of the variance that lie within bands, each from a frequency to another in Hz."""
+        """Return the share of the variance that lies within each band (low, high) in Hz."""
         total = self.power.sum()
         inside = [
             self.power[(self.frequency >= low) & (self.frequency <= high)].sum()

@@ -1,4 +1,4 @@
-"""How fast a muscle is stretched: the velocity, rectified at the rate at which the angle was recorded."""
+"""Compute how fast a muscle is stretched: velocity, rectified at the rate of the recording."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ HALF_WIDTH = 8  # samples to either side of the derivative at lower rates
 
 
 def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
-    """Velocity in rad/s at the recorded rate (realization, time * sample) of an angle (realization, time, sample).
+    """Return the velocity in rad/s at the recorded rate, shape (realization, time * sample).
 
-    ``sampling_rate`` is that of the axis of time. From 500 Hz on it is the slope of a parabola
-    through five samples, which leaves an encoder's noise out; below, the band-limited derivative of
-    :mod:`tvsysid.numerics.differentiation`. Before its first and after its last sample the angle is taken as constant.
+    The angle has shape (realization, time, sample). ``sampling_rate`` is that of the axis of time.
+    From 500 Hz on the velocity is the slope of a parabola through five samples, which leaves an
+    encoder's noise out; below, it is the band-limited derivative of
+    :mod:`tvsysid.numerics.differentiation`. Before its first and after its last sample the angle is
+    taken as constant.
     """
     rate = recorded_angle.shape[-1] * sampling_rate
     angle = recorded_angle.reshape(len(recorded_angle), -1)
@@ -28,7 +30,9 @@ def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
 
 
 def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int = 1) -> Array:
-    r"""Velocity beyond a threshold in the direction of stretch, at the lower rate: (realization, time).
+    r"""Return the velocity beyond a threshold in the direction of stretch, (realization, time).
+
+    It is returned at the lower rate:
 
     .. math:: f = s \max(s v - c, 0)
 

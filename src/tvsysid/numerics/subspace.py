@@ -1,8 +1,8 @@
-"""Subspace identification of a joint with two pathways: a short linear one beside a Hammerstein system of low order.
+"""Identify a joint with two pathways by subspaces: a short linear one and a Hammerstein one.
 
-Arrays only. Data come in *pieces*, each a stretch of record without a gap; a whole record is one
-piece. What an earlier input of a piece still does is estimated as the free response of its
-initial state.
+The Hammerstein system has a low order. All data are arrays. They come in *pieces*, each a stretch
+of record without a gap; a whole record is one piece. What an earlier input of a piece still does is
+estimated as the free response of its initial state.
 """
 
 from __future__ import annotations
@@ -53,7 +53,10 @@ class Piece(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """Poles of a linear system as the ``denominator`` (order + 1,) of its transfer function in powers of 1/z."""
+    """Poles of a linear system.
+
+    ``denominator`` (order + 1,) is that of its transfer function in powers of 1/z.
+    """
 
     denominator: Array
 
@@ -89,9 +92,9 @@ class Rows(NamedTuple):
 
 
 class Hammerstein(NamedTuple):
-    """Weighted sum of the inputs, ``weights`` (input,) of unit norm, through numerator / denominator in 1/z.
+    """Weighted sum of the inputs through numerator / denominator in 1/z.
 
-    ``left`` is what it leaves of the output.
+    ``weights`` (input,) have unit norm. ``left`` is what the system leaves of the output.
     """
 
     weights: Array
@@ -160,7 +163,7 @@ def joined(rows: Sequence[Rows]) -> Rows:
 
 
 def project(rows: Rows) -> Rows:
-    r"""What is left of lagged signals and output after all that a system with these poles could do is taken out.
+    r"""Remove from lagged signals and output all that a system with these poles can explain.
 
     .. math:: \hat h = (U^T M U)^{-1} U^T M\, y, \qquad M = 1 - \Phi \Phi^+
 
@@ -175,11 +178,12 @@ def project(rows: Rows) -> Rows:
 
 
 def weights_of(rows: Rows, found: Dynamics) -> Array:
-    """Weights (input,) of the Hammerstein system with these poles that fits the output of the rows, of unit norm.
+    """Return weights (input,) of the Hammerstein system that fits the output of the rows.
 
-    Numerator and weights take turns, each by least squares, from the matrix of rank one that is
-    nearest to the coefficients of all inputs through all systems, until the error does not fall
-    any more. The first weight that is not zero is positive.
+    The weights have unit norm; the poles are given. Numerator and weights take turns, each by least
+    squares, from the matrix of rank one that is nearest to the coefficients of all inputs through
+    all systems, until the error does not fall any more. The first weight that is not zero is
+    positive.
     """
     basis = _basis(rows.answers)
     target, product = basis.T @ rows.output, basis.T @ rows.answers
@@ -210,7 +214,9 @@ def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
 
 
 def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
-    """Future outputs (sample, direction) along what past inputs add to the directions of future ones.
+    """Return future outputs (sample, direction) along directions that past inputs add.
+
+    The directions of the future inputs are not among them.
 
     With [future inputs, past inputs, future outputs] = QR, it is the block of R for past inputs
     and future outputs. R is the Cholesky factor of the columns' products. A slight ridge serves

@@ -1,4 +1,4 @@
-"""What can be wrong with data: one catalogue of faults, with one limit for each, and a diagnosis of ensembles."""
+"""Check data for faults: a catalogue of faults with one limit each, and a diagnosis."""
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves

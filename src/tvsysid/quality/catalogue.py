@@ -1,4 +1,4 @@
-"""The catalogue of faults: what can be wrong with data, its one limit, what it does to the result, what to do."""
+"""List the faults that data can have, with the limit, the effect and the remedy of each."""
 
 from __future__ import annotations
 

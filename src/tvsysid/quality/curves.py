@@ -108,7 +108,10 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
-    """Lags, correlation of what is left with angle and speed, all whitened, each over the same samples, and chance."""
+    """Return lags, correlations of the residual with angle and speed, and the chance level.
+
+    All signals are whitened. Each lag uses the same samples.
+    """
     residual, speed = data.white_residual, np.abs(np.gradient(data.angle, axis=1))
     reach = min(round(FARTHEST * data.rate), residual.shape[1] // 3)
     lags = np.arange(-reach, reach + 1)

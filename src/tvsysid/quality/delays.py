@@ -75,12 +75,18 @@ def delay(data: FittedEnsemble) -> Seen:
 
 
 def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
-    """Delay that is left in samples, its standard error, and how much more it is if the noise is not whitened."""
+    """Return the remaining delay in samples, its standard error, and the effect of whitening.
+
+    The effect is by how much the delay is longer if the noise is not whitened.
+    """
     torque = data.fit.parts.sum(axis=0)
     change = between(torque, -0.5) - between(torque, 0.5)
 
     def fitted(signal: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Step at each sample times its weight, and the weight, with noise as a signal is made of it."""
+        """Return the step at each sample times its weight, and the weight.
+
+        ``signal`` turns each signal into the one that is fitted, for example a whitened one.
+        """
         parts, left, later = (
             gaussian_filter1d(signal(each), SMOOTH, axis=-1)
             for each in (data.fit.parts, data.fit.residual, change)
@@ -106,7 +112,10 @@ def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
 
 
 def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clear: bool) -> str:
-    """What else in these data looks like a delay in ms, or like one that does not make the fit clearly better."""
+    """Describe what else in these data looks like a delay of ``late`` ms.
+
+    ``clear`` is False for a delay that does not make the fit clearly better.
+    """
     inertia, smooth = (
         float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance)
     )

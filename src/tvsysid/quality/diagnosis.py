@@ -87,7 +87,10 @@ class Finding:
 
     @property
     def state(self) -> str:
-        """``"found"``, ``"in order"``, ``"uncertain"`` (beyond the limit, not significant) or ``"not judged"``."""
+        """Return ``"found"``, ``"in order"``, ``"uncertain"`` or ``"not judged"``.
+
+        Uncertain is a value beyond the limit that is not significant.
+        """
         if self.found:
             return "found"
         return "uncertain" if self.beyond else "in order" if self.judged else "not judged"
@@ -160,7 +163,7 @@ class Diagnosis:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for everything that was looked at: name, state, value, limit, what, effect, remedy."""
+        """Return a row for each check: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
         own = ("name", "state", "found", "value", "what")
@@ -174,7 +177,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """The outcome in a sentence, with how many of the catalogue's checks apply to these data."""
+        """Return the outcome in a sentence, with the number of checks that apply to these data."""
         judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)}"
         count, uncertain = len(self.findings), len(self.uncertain)
         if uncertain and not count:
@@ -184,7 +187,10 @@ class Diagnosis:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A line on what is uncertain, with its value, one on what was not judged, with the reason, and the remarks."""
+        """Return a line on uncertain checks, one on checks that were not judged, and the remarks.
+
+        The lines include the values and the reasons.
+        """
         uncertain = [f"{check.name} ({check.strength})" for check in self.uncertain]
         reasons: dict[str, list[str]] = {}
         for check in self.checks:
@@ -308,12 +314,18 @@ def diagnose(
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:
-    """Look for a stretch reflex alone, in the ensemble as it is: no delay or drifting offset is taken out before."""
+    """Look for a stretch reflex alone, in the ensemble as it is.
+
+    No delay and no drifting offset is removed before.
+    """
     return _finding("reflex", structure.reflex, FittedEnsemble.of(ensemble))
 
 
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:
-    """``loop-bias`` of a channel that nobody named, which is found only where it moves the angle as a command does."""
+    """Look for ``loop-bias`` with a channel that was not declared as a reference.
+
+    It is found only where the channel drives the angle as a command does.
+    """
     return _finding("loop-bias", structure.applied, FittedEnsemble.of(ensemble), channel)
 
 
@@ -426,7 +438,10 @@ def _measures(data: FittedEnsemble, seen: Curves) -> dict[str, tuple[float, str]
 
 
 def _condition(data: FittedEnsemble) -> float:
-    """Condition number of the mean correlation matrix of lagged angles, which impulse-response methods invert."""
+    """Return the condition number of the mean correlation matrix of lagged angles.
+
+    Impulse-response methods invert this matrix.
+    """
     lags = min(round(LAGS * data.rate), (data.angle.shape[1] - 1) // 2)
     spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
     # What rounding leaves of the smallest eigenvalue tells nothing.

@@ -1,4 +1,4 @@
-"""What all checks start from: deviations from the mean, the joint's second-order model, and what it leaves."""
+"""Compute what all checks use: deviations from the mean, a second-order fit, its residual."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
 
 @attrs.frozen(eq=False)
 class SecondOrder:
-    r"""Fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta` by least squares, with k and b free in bins.
+    r"""Fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta` by least squares.
 
-    ``motion`` is angle, velocity and acceleration, shape (3, realization, time), ``torque`` of
-    shape (realization, time); their first sample is sample ``first`` of the ensemble, context
-    counted. ``bins`` is the bin of each sample.
+    Stiffness k and viscosity b are free in bins of time. ``motion`` is angle, velocity and
+    acceleration, shape (3, realization, time), ``torque`` of shape (realization, time); their first
+    sample is sample ``first`` of the ensemble, context counted. ``bins`` is the bin of each sample.
     """
 
     motion: Array
@@ -121,7 +121,10 @@ def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[
 def fit_second_order(
     angle: Array, torque: Array, sampling_rate: float, context: int
 ) -> SecondOrder:
-    """Fit to deviations from the mean, shape (realization, context + time + context), where derivatives are known."""
+    """Fit to deviations from the mean at the samples with known derivatives.
+
+    Angle and torque have shape (realization, context + time + context).
+    """
     region = known_region(angle.shape[1] - 2 * context, context)
     motion = differentiate(angle, sampling_rate)[
         :, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH
@@ -130,11 +133,11 @@ def fit_second_order(
 
 
 class Regressors:
-    """Angle, velocity and acceleration, shape (3, realization, time), to be fitted to any number of torques.
+    """Angle, velocity and acceleration as regressors of any number of torques.
 
-    Stiffness and viscosity are free in each bin of time and the inertia is common to all, which
-    is a partitioned least-squares problem: what stiffness and viscosity explain of torque and
-    acceleration is taken from both first.
+    They have shape (3, realization, time). Stiffness and viscosity are free in each bin of time and
+    the inertia is common to all, which is a partitioned least-squares problem: what stiffness and
+    viscosity explain of torque and acceleration is taken from both first.
     """
 
     def __init__(self, motion: Array, sampling_rate: float, first: int) -> None:
@@ -164,7 +167,10 @@ class Regressors:
         return np.asarray(np.linalg.solve(self._gram, moments[..., None])[..., 0])
 
     def _inertia(self, torque: Array, by_torque: Array) -> tuple[float, float]:
-        """Inertia, and what it has in common with the torque where stiffness and viscosity leave both."""
+        """Return the inertia, and the product of the residual acceleration and residual torque.
+
+        The residuals are what stiffness and viscosity leave of both.
+        """
         common = np.sum(self._moment(self._motion[2], torque)) - np.sum(
             self._with_acceleration * by_torque
         )
@@ -180,7 +186,10 @@ class Regressors:
         )
 
     def left(self, torque: Array) -> float:
-        """Share of the torque's variance that a fit to it leaves, in a third of the time of the fit's own."""
+        """Return the share of the torque's variance that a fit to it leaves.
+
+        This takes a third of the time of :meth:`fit`.
+        """
         total, moments = float(np.sum(torque**2)), self._with(torque)
         by_torque = self._solve(moments)
         inertia, common = self._inertia(torque, by_torque)
@@ -221,7 +230,10 @@ class FittedEnsemble:
         return len(self.ensemble)
 
     def require(self, realizations: int = 0, *, answer: bool = True) -> None:
-        """Raise NotJudged where there are fewer realizations, or where the torque does not answer the angle."""
+        """Raise NotJudged if there are too few realizations or no response to the angle.
+
+        ``answer`` asks for a torque that responds to the angle.
+        """
         if len(self) < realizations:
             raise NotJudged(f"it takes {realizations} realizations")
         if answer and self.explained < ANSWERED:
@@ -234,7 +246,10 @@ class FittedEnsemble:
 
     @cached_property
     def angle(self) -> Array:
-        """Deviation from the mean over realizations in rad, shape (realization, context + time + context)."""
+        """Return the deviation of the angle from its mean over realizations, in rad.
+
+        The shape is (realization, context + time + context).
+        """
         return self.signal("angle")
 
     @cached_property
@@ -325,10 +340,10 @@ class FittedEnsemble:
 
     @cached_property
     def mean_impedance(self) -> tuple[Array, Array]:
-        """Stiffness, viscosity and inertia that are constant in time, and their standard errors, each of shape (3,).
+        """Return stiffness, viscosity and inertia constant in time, and their standard errors.
 
-        The errors come from the scatter over realizations, so that the noise may have any
-        colour. NaN where the data do not tell the three apart.
+        Both have shape (3,). The errors come from the scatter over realizations, so that the noise
+        may have any colour. NaN where the data do not tell the three apart.
         """
         return _constant_impedance(self.fit.motion, self.fit.torque)
 
@@ -339,7 +354,10 @@ class FittedEnsemble:
 
     @cached_property
     def smooth_impedance(self) -> tuple[Array, Array]:
-        """The same behind a low-pass, where noise in the angle (steps, spikes) hardly lowers the inertia."""
+        """Return the mean impedance behind a low-pass filter.
+
+        There, noise in the angle (steps, spikes) hardly lowers the inertia.
+        """
         return _constant_impedance(
             *(
                 gaussian_filter1d(each, SMOOTH, axis=-1)
@@ -349,7 +367,10 @@ class FittedEnsemble:
 
     @cached_property
     def angle_step(self) -> float:
-        """Smallest step in which the angle that was given is recorded, in % of its standard deviation."""
+        """Return the step of the recorded angle in % of its standard deviation.
+
+        It is the smallest step in the ensemble that was given.
+        """
         angle = self.given.angle[:, self.given.core]
         values = np.sort(angle - angle.mean(axis=0), axis=0)
         size = float(np.std(values))
@@ -365,7 +386,10 @@ class FittedEnsemble:
 
     @cached_property
     def own_fits(self) -> tuple[Array, Array]:
-        """Second moments of each realization's torque parts, and theirs with its residual: (r, 3, 3) and (r, 3)."""
+        """Return second moments of each realization's torque parts: (r, 3, 3) and (r, 3).
+
+        The first are those of the parts, the second those of the parts and the residual.
+        """
         parts = self.white_parts.transpose(1, 0, 2)
         return parts @ parts.transpose(0, 2, 1), (parts @ self.white_residual[..., None])[..., 0]
 
@@ -379,7 +403,7 @@ class FittedEnsemble:
 
     @cached_property
     def relative_noise(self) -> Array:
-        """RMS of each realization's whitened residual over the median of all, shape (realization,)."""
+        """Return the whitened residual's RMS in each realization over its median (realization,)."""
         size = np.sqrt(np.mean(self.white_residual**2, axis=1))
         usual = float(np.median(size))
         return np.asarray(size / usual) if usual > 0 else np.ones_like(size)

@@ -85,9 +85,10 @@ def coarse_angle(data: FittedEnsemble) -> Seen:
 
 
 def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen:
-    """Time during which one signal stands still, or is but what the subtracted mean left, while the other moves.
+    """Measure for how long one signal is lost while the other moves.
 
-    Heights are those of :func:`spike_heights`.
+    A lost signal stands still, or is only what the subtracted mean left. Heights are those of
+    :func:`spike_heights`.
     """
     samples = max(LEAST_SAMPLES, round(WINDOW * data.rate))
     answer, measured = data.white_parts.sum(axis=0), data.whitened(data.fit.torque)
@@ -145,11 +146,12 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
 
 
 def _held(data: FittedEnsemble) -> NDArray[np.bool_]:
-    """Times of some BRIEF seconds at which the torque is the same, or should move and has no noise of its own either.
+    """Find times of some BRIEF seconds at which the torque is held.
 
-    The noise is what the torque's past does not predict at the rate that was given: at some 100
-    Hz, so short a time has too few samples. A torque that is held or zero has only what the
-    subtracted mean left. Shape (realization, time - w).
+    The torque is the same there, or should move and has no noise of its own either. The noise is
+    what the torque's past does not predict at the rate that was given: at some 100 Hz, so short a
+    time has too few samples. A torque that is held or zero has only what the subtracted mean left.
+    Shape (realization, time - w).
     """
     given, fit = data.given, data.fit
     fast, slow = round(BRIEF * given.sampling_rate), max(5, round(BRIEF * data.rate))
@@ -201,11 +203,11 @@ def _window_power(values: Array, samples: int, others: Array | None = None) -> A
 
 
 def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
-    """How high the samples that stand out are over what is usual, of either signal, shape (realization, time - w).
+    """Return by how much outlying samples of each signal exceed the usual.
 
-    In the angle, samples that neither past nor neighbours predict, and that the torque does not
-    answer. In the torque, those that neither the model nor the past of what it leaves predicts,
-    and that are not the angle's. Others are zero.
+    Both have shape (realization, time - w). In the angle, samples that neither past nor neighbours
+    predict, and that the torque does not answer. In the torque, those that neither the model nor
+    the past of what it leaves predicts, and that are not the angle's. Others are zero.
     """
     angle, torque = (
         over_usual(np.abs(data.unpredicted(own)), USUAL_SURPRISE)

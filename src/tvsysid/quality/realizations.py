@@ -1,4 +1,4 @@
-"""Whether the realizations are of one behaviour: no mean or offset left, none repeated, unlike or misplaced."""
+"""Check that realizations share one behaviour: none is offset, repeated, unlike or misplaced."""
 
 from __future__ import annotations
 
@@ -106,7 +106,10 @@ def offset(data: FittedEnsemble, which: str) -> Seen:
 
 
 def offset_line(data: FittedEnsemble, which: str) -> Array:
-    """Line through the means of realizations in the order of recording, about zero, shape (realization,)."""
+    """Return a line through the means of realizations in the order of recording.
+
+    It is about zero, shape (realization,).
+    """
     means, place = data.core(which).mean(axis=1), np.linspace(-0.5, 0.5, len(data))
     line = np.empty(len(data))
     line[data.order] = place * float(place @ means[data.order] / (place @ place))
@@ -129,7 +132,7 @@ def misaligned(data: FittedEnsemble) -> Seen:
     weights = 1 / _local_noise(data)
 
     def error(shift: int, which: int | slice = slice(None)) -> Array:
-        """What the behaviour of all leaves of realizations, whitened, if it comes so many samples later."""
+        """Return the whitened residual if the common behaviour comes ``shift`` samples later."""
         answer = (
             np.roll(stiffness, shift) * fit.motion[0, which]
             + np.roll(viscosity, shift) * fit.motion[1, which]
@@ -163,10 +166,11 @@ def misaligned(data: FittedEnsemble) -> Seen:
 
 
 def _local_noise(data: FittedEnsemble) -> Array:
-    """Power of the whitened residual about each time, the median over realizations, shape (time - w,).
+    """Return the power of the whitened residual about each time, shape (time - w,).
 
-    Voluntary torque may be louder at one time of the behaviour than at another; what a few
-    realizations do does not show.
+    It is the median over realizations, so that what a few realizations do does not show. Voluntary
+    torque may be louder at one time of the behaviour than at another. realizations do does not
+    show.
     """
     size = min(max(1, round(ABOUT * data.rate)), data.white_residual.shape[1])
     power = np.median(
@@ -220,11 +224,12 @@ def unlike(data: FittedEnsemble, misplaced: tuple[int, ...]) -> Seen:
 
 
 def scattered(data: FittedEnsemble, told: tuple[int, ...], other_period: bool) -> Seen:
-    """Standard deviation over realizations of the stiffness beyond noise and drift, over the stiffness' RMS.
+    """Test whether stiffness differs between realizations by more than noise and drift.
 
-    How far the stiffness of a realization is from that of all is estimated in each tenth of its
-    time. Noise differs from part to part, a realization of another behaviour differs in all of them
-    by the pattern in time of the others that differ. So the products of two parts that are no
+    The value is the standard deviation over realizations, relative to the RMS of the stiffness. How
+    far the stiffness of a realization is from that of all is estimated in each tenth of its time.
+    Noise differs from part to part, a realization of another behaviour differs in all of them by
+    the pattern in time of the others that differ. So the products of two parts that are no
     neighbours, weighed by the pattern of other realizations, are on average the variance that is
     sought, with no need to know the noise; their scatter over realizations is the base of the test.
     It does not matter how many realizations differ, where a median breaks down at half of them.

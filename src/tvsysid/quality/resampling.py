@@ -22,7 +22,10 @@ TAPS = 3
 
 
 def known_region(samples: int, context: int) -> slice:
-    """Samples of an ensemble, context counted, whose derivatives are known: all but those at the edges of a record."""
+    """Return the samples of an ensemble, context counted, whose derivatives are known.
+
+    These are all samples but those at the edges of a record.
+    """
     margin = max(context, HALF_WIDTH)
     return slice(margin, max(margin, samples + min(context, 2 * context - HALF_WIDTH)))
 
@@ -37,7 +40,8 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     """Ensemble at some 100 Hz, at which a realization is a whole number of samples.
 
     Where the samples of realization and context share a factor, that is the decimation of
-    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the old ones.
+    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the
+    old ones.
     """
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     factors = [

@@ -44,7 +44,10 @@ def weak_answer(data: FittedEnsemble) -> Seen:
 
 
 def narrow_excitation(data: FittedEnsemble) -> Seen:
-    """How well a mean stiffness and inertia are determined at best, by the scatter over realizations."""
+    """Measure how well the data determine a mean stiffness and inertia at best.
+
+    The measure is the scatter over realizations.
+    """
     data.require()
     if not np.isfinite(data.mean_impedance[0]).all():
         return Seen(100 * UNKNOWN, NOT_SEPARATE)

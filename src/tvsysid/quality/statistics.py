@@ -31,7 +31,10 @@ STEP_S, WINDOW_S = (
 
 
 def p_value(mean: float, error: float, count: int) -> float:
-    """Probability of so large a mean of independent realizations by chance, from its standard error (Student's t)."""
+    """Return the two-sided p-value of the mean of independent realizations (Student's t).
+
+    ``error`` is the standard error of the mean.
+    """
     if count < MIN_TESTED_REALIZATIONS:
         return 1.0
     if error == 0:
@@ -47,7 +50,7 @@ def p_value_of(scores: Array) -> float:
 
 
 def gained(target: Array, regressors: Array) -> tuple[float, float]:
-    """Share of a signal's variance that regressors predict in realizations they were not fitted to, and its p-value.
+    """Return the variance share that regressors predict in held-out realizations, and its p-value.
 
     The signal is of shape (realization, time), regressors of shape (regressor, realization,
     time). The share is below zero where they predict nothing; the p-value comes from the scatter
@@ -89,7 +92,10 @@ def without(target: Array, regressors: Array) -> Array:
 
 
 def prediction_error(signal: Array, order: int) -> Array:
-    """Filter that leaves what so many samples of the past do not predict of a signal (realization, time)."""
+    """Return the prediction-error filter of a signal (realization, time).
+
+    It leaves what ``order`` samples of the past do not predict.
+    """
     rows = sliding_window_view(signal, order + 1, axis=1).reshape(-1, order + 1)
     gram = rows.T @ rows
     return np.concatenate(
@@ -116,7 +122,7 @@ class MeanLeft(NamedTuple):
     size: float
     expected: float
     ratio: float
-    """The first over the second, or that of a common offset over its standard error if it is more."""
+    """Ratio of size to expected, or of a common offset to its standard error if it is more."""
     significant: bool
     """Whether noise does not explain a ratio beyond the limit."""
 
@@ -127,10 +133,11 @@ class MeanLeft(NamedTuple):
 
 
 def mean_left(values: Array) -> MeanLeft:
-    """Judge the mean over realizations, values of shape (realization, time), by what chance leaves of it.
+    """Judge the mean over realizations by what chance leaves of it.
 
-    Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence a
-    limit above 1, and a test over realizations where there are enough of them.
+    Values have shape (realization, time). Noise is alike at neighbouring times, so that its mean is
+    not averaged out over time: hence a limit above 1, and a test over realizations where there are
+    enough of them.
     """
     count = len(values)
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
@@ -154,7 +161,10 @@ def mean_left(values: Array) -> MeanLeft:
 
 
 def _by_others(values: Array) -> Array:
-    """Products of each realization with the mean of the others, less its neighbours: above zero if they share one."""
+    """Return products of each realization with the mean of the others, neighbours left out.
+
+    They are above zero if the realizations share a mean.
+    """
     place = np.arange(len(values))
     near = np.abs(np.subtract.outer(place, place)) <= 1
     return np.asarray(np.where(near, 0.0, values @ values.T).sum(axis=1))
@@ -167,11 +177,11 @@ def still_samples(angle: Array) -> NDArray[np.intp]:
 
 
 def angle_inflation(angle: Array, sampling_rate: float) -> Array:
-    """Return by how much velocity and acceleration inflate the variance of what is regressed on the angle, (window,).
+    """Return the variance inflation of a regression on the angle by velocity and acceleration.
 
-    From second moments of the angle (realization, time) over realizations and windows, longer
-    where these are few. It is 1 to 10 where noise, pulses or sines move a joint, and infinite
-    where it rings freely or moves at one frequency.
+    The factors have shape (window,). From second moments of the angle (realization, time) over
+    realizations and windows, longer where these are few. It is 1 to 10 where noise, pulses or sines
+    move a joint, and infinite where it rings freely or moves at one frequency.
     """
     angle = angle[:: max(1, len(angle) // SEVERAL)]
     step = max(1, min(round(STEP_S * sampling_rate), (angle.shape[1] - 1) // 2))

@@ -1,4 +1,4 @@
-"""What a joint of second order that is moved from outside does not do: closed loop, reflexes, slow answers."""
+"""Check for what a passive second-order joint does not do: feedback, reflexes, slow answers."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ SHORT = "realizations and their context are too short"
 
 
 def feedback(data: FittedEnsemble) -> Seen:
-    """Share of the torque that later movement predicts, beyond earlier movement and the joint's response (Sims, 1972).
+    """Return the share of the torque that later movement predicts (Sims, 1972).
 
-    An imposed angle's future tells nothing of the torque's noise, of which a joint that it moves
-    tells; a reflex is late. All is whitened by the noise, and judged by realizations that were
-    not fitted to.
+    Earlier movement and the joint's response are taken into account first. An imposed angle's
+    future tells nothing of the torque's noise, of which a joint that it moves tells; a reflex is
+    late. All is whitened by the noise, and judged by realizations that were not fitted to.
     """
     data.require(MIN_TESTED_REALIZATIONS)
     if FAULTS["coarse-angle"].beyond(data.angle_step):
@@ -71,10 +71,10 @@ def feedback(data: FittedEnsemble) -> Seen:
 
 
 def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
-    """Whether the stiffness is another where the angle that a reference predicts takes the angle's place.
+    """Test whether the stiffness changes if the angle is replaced by its prediction.
 
-    By one step from the open-loop fit, whose residual is then no answer to what the reference
-    moves.
+    The reference predicts the angle. By one step from the open-loop fit, whose residual is then no
+    answer to what the reference moves.
     """
     data.require(MIN_TESTED_REALIZATIONS)
     ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
@@ -119,11 +119,11 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
 
 
 def applied(data: FittedEnsemble, channel: str) -> Seen:
-    """What ``channel`` mends as a reference, if it is what was applied: it moves the angle, the angle does not move it.
+    """Test what ``channel`` changes as a reference, if it is what was applied.
 
-    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are
-    the torque and noise; and EMG that makes the torque's noise gives a stiffness that is lower
-    still, which is the load's.
+    It was applied if it moves the angle and the angle does not move it. EMG and further sensors of
+    the angle follow it, or hardly lead it; those of the torque are the torque and noise; and EMG
+    that makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require(MIN_TESTED_REALIZATIONS)
     values = data.signal(channel)
@@ -165,7 +165,10 @@ def _predicted(signal: Array, cause: Array, rate: float) -> float:
 
 
 def reflex(data: FittedEnsemble) -> Seen:
-    """Whether late velocity of one direction predicts torque that neither the joint nor the other direction does."""
+    """Test whether late velocity of one direction predicts torque as a stretch reflex does.
+
+    This torque is predicted neither by the joint nor by the other direction.
+    """
     data.require(MIN_TESTED_REALIZATIONS, answer=False)
     try:
         test = data.reflex

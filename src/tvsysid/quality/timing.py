@@ -133,10 +133,11 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
 
 
 def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
-    """Say that stiffness repeats itself with a third or a half of the period, and what a cut with that gains.
+    """Report whether the stiffness repeats itself with a third or a half of the period.
 
-    Harmonics of stiffness are fitted to the realization, not whitened, as that takes its
-    beginning away. Those that such a period has make up what repeats, the others what does not.
+    The text says what segments of that length gain. Harmonics of stiffness are fitted to the
+    realization, not whitened, as that takes its beginning away. Those that such a period has make
+    up what repeats, the others what does not.
     """
     ensemble, fit, given = data.ensemble, data.fit, data.ensemble.duration
     count = min(MOST_HARMONICS, int(FASTEST_CHANGE * given))

@@ -2,8 +2,9 @@
 
 The way data flows::
 
-    file -> Recording -> preprocess -> Ensemble -> method.identify -> model -> stiffness, viscosity, inertia
-                system.simulate -> Simulation(recording, truth)  ^                    metrics, figures ^
+    file -> Recording -> preprocess -> Ensemble -> method.identify -> model
+    system.simulate -> Simulation(recording, truth)
+    model -> stiffness, viscosity, inertia -> metrics, figures
 
 >>> import tvsysid as tv
 >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())

@@ -37,7 +37,8 @@ legend, h2 { font-size: 1.15rem; font-weight: 600 }
 figure img { background: #fff; width: 100%; height: auto }
 @media (max-width: 576px) { figure img { width: 38rem } }
 [data-bs-theme=dark] figure img { filter: brightness(.8) contrast(1.2) }
-textarea { font: .85rem var(--bs-font-monospace); width: 100%; margin-bottom: .75rem; field-sizing: content }
+textarea { font: .85rem var(--bs-font-monospace); width: 100%; margin-bottom: .75rem; \
+field-sizing: content }
 .unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%) }
 .scroll { overflow-x: auto; position: relative }
 th, td { padding: .15rem .75rem .15rem 0; font-variant-numeric: tabular-nums }

@@ -48,7 +48,8 @@ def contents_of(layout: Layout) -> dict[str, bytes]:
             array = array.astype(np.dtypes.StringDType())
         kind = "string" if array.dtype.kind == "T" else array.dtype
         created = group.create_array(
-            item.name, shape=array.shape, chunks=array.shape, dtype=kind, dimension_names=item.dims, compressors=None,
+            item.name, shape=array.shape, chunks=array.shape, dtype=kind,
+            dimension_names=item.dims, compressors=None,
             attributes=dict(item.attributes), config={"write_empty_chunks": True},
         )  # fmt: skip
         created[...] = array

@@ -415,7 +415,8 @@ CLAIMS: tuple[Claim, ...] = (
           "several durations of a square wave"),
     Claim("eirf improves strongly above 40 s", "3.4",
           _compared(_changed(lambda short: short._replace(duration_s=80.0),
-                             SQUARES | {"duration_s": (40.0,), "perturbation": PERTURBATIONS}, [RANDOM], ["eirf"]),
+                             SQUARES | {"duration_s": (40.0,), "perturbation": PERTURBATIONS},
+                             [RANDOM], ["eirf"]),
                     AVERAGED, lambda short, long: log_ratio(short, long) - np.log(2) / 2),
           RATIO, "a square wave of 40 and of 80 s at 10 dB"),
     Claim("Given a few hundred realizations, eirf has the smallest total error", "5",
@@ -424,7 +425,8 @@ CLAIMS: tuple[Claim, ...] = (
           _ranked("vaf", _above("eirf"), least_s=FEW_HUNDRED_S), POINTS, FEW_HUNDRED, VAF_RANKING),
     Claim(f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than "
           f"{DIP:g} point)", "3.4",
-          _compared(_beside("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS, lambda dip, _: dip - DIP),
+          _compared(_beside("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS,
+                    lambda dip, _: dip - DIP),
           POINTS, SQUARE),
     Claim(f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} "
           f"point)", "3.4",
@@ -459,11 +461,13 @@ CLAIMS: tuple[Claim, ...] = (
           f"ten times the data do (to within {100 * ALIKE:g} %)", "5",
           _compared(_changed(lambda loud: loud._replace(snr_db=loud.snr_db + 10),
                              {name: SQUARES[name] for name in ("profile", "viscosity")}, [RANDOM]),
-                    LESS_NOISE, lambda loud, quiet: _alike(log_ratio(loud, quiet) - np.log(10) / 2)),
+                    LESS_NOISE,
+                    lambda loud, quiet: _alike(log_ratio(loud, quiet) - np.log(10) / 2)),
           RATIO, "noise of 10 dB more and less (the preset snr)", RESIDUE),
     Claim(f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by "
           f"{A_QUARTER})", "5",
-          _compared(_changed(lambda constant: constant._replace(viscosity="covarying"), SQUARES, [TOTAL, RANDOM]),
+          _compared(_changed(lambda constant: constant._replace(viscosity="covarying"), SQUARES,
+                             [TOTAL, RANDOM]),
                     COVARYING, lambda constant, covarying: _alike(log_ratio(covarying, constant))),
           RATIO, "constant and covarying viscosity (the preset viscosity)"),
 )  # fmt: skip

@@ -1,1 +1,1 @@
-"""Adaptive smoothing with switches: the method is in adaptive.py, the model that it makes in model.py."""
+"""Adaptive smoothing with switches: the method is in adaptive.py, its model in model.py."""

@@ -1,4 +1,7 @@
-"""Adaptive smoothing with switches: how smooth a joint's impedance is, and where it switches, by evidence."""
+"""Adaptive smoothing with switches.
+
+The method finds by evidence how smooth a joint's impedance is, and where it switches.
+"""
 
 from __future__ import annotations
 
@@ -66,16 +69,18 @@ UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 @attrs.frozen
 class AdaptiveRegression(base.Method):
-    r"""Stiffness that changes smoothly, suddenly, or not at all, as the data say: there is nothing to set.
+    r"""Stiffness that changes smoothly, suddenly, or not at all: the data decide.
+
+    The method has no settings to tune.
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
               k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 
     with c a constant, f none, a Gaussian process of some standard deviation and length
     (squared-exponential, or Matérn 3/2 for corners) or a sum of few cosines and sines, and a few
-    switches :math:`\Delta_j` at times
-    :math:`s_j`, also between samples. Everything is averaged by its evidence: whether there is a smooth part, how rough
-    it is, how many switches there are, how large and where.
+    switches :math:`\Delta_j` at times :math:`s_j`, also between samples. All models are averaged by
+    their evidence: with and without a smooth part, with any roughness, and with any number, size
+    and time of the switches.
 
     Parameters
     ----------
@@ -84,8 +89,9 @@ class AdaptiveRegression(base.Method):
 
     Notes
     -----
-    Stiffness is freed at every time, which leaves a problem of one dimension. With W the inverse covariance (time,
-    time) of the noise within a realization, what is seen of it is the solution z of
+    Stiffness is first estimated freely at every time, which leaves a problem of one dimension. With
+    W the inverse covariance (time, time) of the noise within a realization, this estimate is the
+    solution z of
 
     .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
               \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
@@ -133,8 +139,9 @@ class AdaptiveRegression(base.Method):
 
     References
     ----------
-    Evidence of adding a column in closed form: Tipping & Faul 2003. Positions of single effects, one at a time given
-    the others: Wang, Sarkar, Carbonetto & Stephens 2020, J. R. Statist. Soc. B 82, 1273-1300. The method is our own.
+    Evidence of adding a column in closed form: Tipping & Faul 2003. Positions of single effects,
+    one at a time given the others: Wang, Sarkar, Carbonetto & Stephens 2020, J. R. Statist. Soc. B
+    82, 1273-1300. The method is our own.
 
     Examples
     --------
@@ -164,11 +171,11 @@ class AdaptiveRegression(base.Method):
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The EMG, if its channel is named."""
+        """Return the EMG input, if its channel is named."""
         return () if self.emg is None else (base.Input(self.emg, "input", "V"),)
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Too few realizations, or samples of one."""
+        """Return why the method skips an ensemble: its realizations are too few, short or long."""
         known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
         if len(ensemble) < MIN_REALIZATIONS:
             return (
@@ -196,7 +203,10 @@ class AdaptiveRegression(base.Method):
         ).model(repr(self))
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Fit what the model found plausible, and no more: its reflex, smooth parts and numbers of switches."""
+        """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
+
+        No other hypotheses are searched for.
+        """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
         reflex = None if model.beside is None else with_reflex(ensemble, self.emg, model.beside)
@@ -205,11 +215,10 @@ class AdaptiveRegression(base.Method):
 
 
 class Stiffness(NamedTuple):
-    """Stiffness (time,), what is known of it, and the constants beside it.
+    """Estimate of stiffness (time,), its uncertainty, and the constants beside it.
 
-    In units of the scaled signals.
-
-    ``known`` (time,) is the viscosity that was taken as known, 0 if it was one of the constants.
+    All count in units of the scaled signals. ``known`` (time,) is the viscosity that was taken as
+    known, 0 if it was one of the constants.
     """
 
     averaged: Averaged
@@ -224,7 +233,7 @@ class Stiffness(NamedTuple):
 class Identification:
     """An ensemble, reduced to its moments at each time.
 
-    Of ``known`` hypotheses, no others are looked for.
+    If ``known`` hypotheses are given, no others are searched for.
     """
 
     def __init__(
@@ -254,9 +263,9 @@ class Identification:
         self.known = known if alike else {}
 
     def stiffness(self, viscosity: Array, variance: Array) -> Stiffness:
-        """Stiffness beside a viscosity (time,) that is known with a variance.
+        """Estimate stiffness beside a viscosity (time,) that is known with a variance.
 
-        It is a constant if both are 0.
+        The viscosity is a constant to be estimated if both are 0.
         """
         times, rate, signals = self.axis.times, self.signals.rate, self.signals
         known = bool(variance.any())
@@ -290,10 +299,12 @@ class Identification:
         return Stiffness(result, mean, own, steady, beyond, (found, about), viscosity)
 
     def _normal(self, viscosity: Array) -> tuple[Normal, Normal, float]:
-        """Normal matrices, those whose inverse sandwich gives the covariance, and the noise's mean variance.
+        """Return two normal matrices and the mean variance of the noise.
 
-        Both are the same where the noise is whitened. It is not where the scores of velocity
-        show that the residual is no noise but misfit, which whitening would amplify.
+        The first gives the estimates. The inverse of the first around the second, a sandwich, gives
+        the covariance. Both are the same where the noise is whitened. It is not whitened where the
+        scores of velocity show that the residual is misfit, not noise, which whitening would
+        amplify.
         """
         signals, times = self.signals, self.axis.times
         noise = residual_products(signals, self.coefficients, viscosity) / max(
@@ -325,7 +336,7 @@ class Identification:
         )
 
     def viscosity(self, beside: Stiffness) -> Averaged:
-        """Viscosity beside a stiffness."""
+        """Estimate viscosity beside a stiffness."""
         (found, about), steady = beside.normal, beside.constants
         spread = inverse_of(found.velocity)
         solved, moved = spread @ found.right[V].T, spread @ found.mixed.T
@@ -345,11 +356,10 @@ class Identification:
         return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
     def _line(self, signal: int, seen: Array, error: Array) -> Line:
-        """What is seen of a signal's coefficient.
+        """Return the estimate of a signal's coefficient at each time, with its error.
 
-        Its size is its mean by the signal's power, and never 0.
-
-        Where the signal is still, nothing is seen, however small the noise.
+        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
+        move, the error is very large, however small the noise.
         """
         own = self.gram[:, signal, signal]
         power = floored(own)
@@ -364,9 +374,9 @@ class Identification:
         )
 
     def model(self, name: str) -> AdaptiveModel:
-        """Everything that was found.
+        """Identify the model.
 
-        The last round looks for no other switches than the round before found.
+        The last round searches for no switches other than those of the round before.
         """
         stiffness = self.stiffness(*np.zeros((2, self.axis.times)))
         viscosity = self.viscosity(stiffness)
@@ -441,7 +451,7 @@ class Identification:
         )
 
     def _agreement(self, impedance: Array) -> float:
-        """Share of the torque that answers to the angle which the model explains, in per cent."""
+        """Return the share of the angle-dependent torque that the model explains, in per cent."""
         ensemble = self.ensemble
         first = max(0, ensemble.context - shared.HALF_WIDTH)
         angle, torque = (
@@ -452,9 +462,9 @@ class Identification:
         return moments.second_order_agreement(impedance, len(ensemble))
 
     def _warnings(self, stiffness: Stiffness, viscosity: Mixture) -> Iterator[str]:
-        """What could not be decided, in one warning.
+        """Yield warnings: open decisions in one, and contradictions of second order.
 
-        And that viscosity and inertia are those of no such joint.
+        The others say that the viscosity or the inertia is not that of a second-order joint.
         """
         open_ones = []
         if len(self.ensemble) < MIN_TESTED_REALIZATIONS:

@@ -1,4 +1,4 @@
-"""Posterior of what changes over time: everything that is likely, weighted by its evidence."""
+"""Posterior of a function of time: all plausible models, weighted by their evidence."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Hypotheses = Sequence[Hypothesis]
 
 
 def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidate]:
-    """Every smooth part with every set of switches and prior of sizes."""
+    """Return every smooth part with every set of switches and prior of sizes."""
     line = smooths[0].line
     out = [
         Candidate(smooth, smooth.score, placed, None)
@@ -80,21 +80,21 @@ def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidat
 
 
 class Outcome(NamedTuple):
-    """What is kept of any candidate: its matrices would be many times the data."""
+    """Summary of a candidate, whose matrices would be many times the data."""
 
     evidence: float
     roughness: Roughness
     switches: bool
 
     def constant(self) -> bool:
-        """Whether nothing changes."""
+        """Return whether nothing changes."""
         return not self.switches and self.roughness.kind == "none"
 
 
 class Averaged(NamedTuple):
-    """Candidates that count, with their weights; what all together say of the line.
+    """Candidates that count, with their weights, and the mixture of all.
 
-    The outcome of ``every`` one.
+    ``every`` holds the outcome of each candidate.
     """
 
     candidates: list[Candidate]
@@ -103,24 +103,24 @@ class Averaged(NamedTuple):
     every: list[Outcome]
 
     def probabilities(self) -> Array:
-        """Of every candidate."""
+        """Return the probability of every candidate."""
         evidence = np.array([each.evidence for each in self.every])
         share = np.exp(evidence - evidence.max())
         return np.asarray(share / share.sum())
 
     def probability(self, wanted: Callable[[Outcome], bool]) -> float:
-        """Of all candidates of a kind together."""
+        """Return the probability of all candidates of a kind together."""
         return float(self.probabilities()[[wanted(each) for each in self.every]].sum())
 
     def hypotheses(self) -> Hypotheses:
-        """Return what was averaged, the most probable first."""
+        """Return the hypotheses that were averaged, the most probable first."""
         return tuple(
             Hypothesis(each.smooth.line.axis, each.smooth.roughness, each.placed.positions)
             for each in self.candidates
         )
 
     def arc(self) -> float:
-        """Length of the path of the estimate apart from its size, for simultaneous bands."""
+        """Return the length of the path of the scaled estimate, for simultaneous bands."""
         paths = [path(each) for each in self.candidates]
         mean = sum(weight * each.mean for weight, each in zip(self.weights, paths, strict=True))
         apart = [
@@ -134,11 +134,11 @@ class Averaged(NamedTuple):
 def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
     """Average all plausible models of a line, weighted by their evidence.
 
-    Of ``known`` ones, only these.
+    If there are ``known`` models, only these are averaged.
 
-    How a step is smeared, by a low-pass before sampling or because realizations switch at
-    different times, is tried where there are steps; the usual low-pass has a prior probability
-    of 1/2, and what the data leave open is averaged.
+    A low-pass before sampling smears a step, and so do realizations that switch at different times.
+    Each is tried where there are steps. The usual low-pass has a prior probability of 1/2; what the
+    data leave open is averaged.
     """
     if known:
         own = attrs.evolve(line, axis=known[0].axis)
@@ -169,17 +169,17 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
 
 
 def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:
-    """The same of a line that is mostly constant, and that may switch where another does.
+    """Average models of a line that is mostly constant, but may switch where another does.
 
-    That it switches where the other's best candidate does has a prior probability of 1/2. No
-    other switches are searched for where none seems to be there at first.
+    The prior probability is 1/2 that it switches where the other's best candidate does. Other
+    switches are searched for only where some seem to be there at first.
     """
     own = attrs.evolve(line, axis=other.candidates[0].smooth.line.axis)
     return _weighed(own, _found(own, other.candidates[0].placed, known))
 
 
 def tied(placed: Placed, line: Line) -> Placed:
-    """Switches of another line, with what is known of where they lie."""
+    """Return the switches of another line, with the distributions of their times."""
     columns = line.columns(placed.positions)
     volume = len(placed.positions) * math.log(line.axis.times) + math.log(
         0.5
@@ -188,7 +188,7 @@ def tied(placed: Placed, line: Line) -> Placed:
 
 
 def _score(best: Candidate, line: Line, axis: Axis) -> float:
-    """Score of a candidate's switches, smeared as on another axis."""
+    """Return the score of a candidate's switches, smeared as on another axis."""
     smeared = attrs.evolve(line, axis=axis)
     smooth = Smooth(smeared, best.smooth.roughness)
     windows = Windows(smeared, COARSELY)
@@ -202,11 +202,9 @@ def _found(
     known: Hypotheses = (),
     parts: Sequence[Roughness] = (),
 ) -> list[Candidate]:
-    """Everything that may be said of a line, steps being smeared as its axis says.
+    """Return all plausible candidates of a line, with steps smeared as its axis says.
 
-    See :func:`averaged_beside`.
-
-    Of the smooth ``parts`` alone, if there are any.
+    If there are smooth ``parts``, only these are used. See :func:`averaged_beside`.
     """
     kinds = {each.weights.tobytes(): each for each in [*parts, *(each.roughness for each in known)]}
     smooths = tuple(Smooth(line, each) for each in kinds.values() or roughnesses(line.axis))

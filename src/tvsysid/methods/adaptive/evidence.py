@@ -1,4 +1,7 @@
-"""What the data say of a smooth part and of switches, by small matrices: nothing here knows of realizations."""
+"""Evidence for smooth parts and switches, by small matrices.
+
+Nothing in this module depends on realizations.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ ROUNDING = 1e-10  # share of a matrix's trace that is rounding
 
 
 def factor_of(matrix: Array) -> Array:
-    """Cholesky factor; of a matrix that is singular to rounding, that of one that is not."""
+    """Return the Cholesky factor of a matrix.
+
+    If the matrix is singular to rounding, its diagonal is raised a little first.
+    """
     factor, failed = dpotrf(
         matrix, lower=1, clean=1
     )  # many are small: checks around it take longer than it does
@@ -31,7 +37,7 @@ def factor_of(matrix: Array) -> Array:
 
 
 def inverse_of(matrix: Array) -> Array:
-    """Inverse of a covariance."""
+    """Return the inverse of a covariance."""
     scale = np.sqrt(np.diag(matrix))
     units = np.outer(scale, scale)
     lower = np.tril(dpotri(factor_of(matrix / units), lower=1)[0])
@@ -39,13 +45,13 @@ def inverse_of(matrix: Array) -> Array:
 
 
 def solved_by(factor: Array, right: Array) -> Array:
-    """Inverse of a Cholesky factor times something."""
+    """Return the inverse of a Cholesky factor times an array."""
     return np.asarray(dtrtrs(factor, right, lower=1)[0])
 
 
 @attrs.frozen(eq=False)
 class Line:
-    """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error.
+    """Estimates ``seen`` at each time of an axis, with the ``precision`` (time, time) of errors.
 
     Both count in the mean ``size``.
     """
@@ -57,31 +63,31 @@ class Line:
 
     @classmethod
     def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
-        """Of what is seen, and the covariance of its error."""
+        """Return the line of estimates with the covariance of their error."""
         return cls(axis, seen / size, inverse_of(covariance) * size**2, size)
 
     @cached_property
     def weighted(self) -> Array:
-        """Precision times what is seen, (time,)."""
+        """Return the precision times the estimates, shape (time,)."""
         return self.precision @ self.seen
 
     @cached_property
     def features(self) -> Array:
-        """Of the smooth part, (time, feature)."""
+        """Return the features of the smooth part, shape (time, feature)."""
         return self.axis.features()
 
     @cached_property
     def gram(self) -> Array:
-        """Features times the precision times features."""
+        """Return the features times the precision times the features."""
         return self.features.T @ (self.precision @ self.features)
 
     @cached_property
     def cross(self) -> Array:
-        """Features times what is seen, weighted."""
+        """Return the features times the weighted estimates."""
         return self.features.T @ self.weighted
 
     def columns(self, positions: Array) -> Columns:
-        """Steps at positions in samples as they are seen, with their products."""
+        """Return steps at positions in samples, as they are recorded, with their products."""
         steps = self.axis.seen(positions)
         weighted = self.precision @ steps
         power = np.einsum("tc,tc->c", steps, weighted)
@@ -91,7 +97,7 @@ class Line:
 
 
 class Columns(NamedTuple):
-    """Steps at ``positions`` as they are ``seen`` (time, step), and their products.
+    """Steps at ``positions`` as they are recorded, ``seen`` (time, step), and their products.
 
     They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step), by
     themselves as ``power`` (step,), and by what is seen, as ``cross`` (step,).
@@ -105,14 +111,14 @@ class Columns(NamedTuple):
     cross: Array
 
     def take(self, index: NDArray[np.intp] | slice) -> Columns:
-        """Some of them; a slice copies nothing."""
+        """Return some of the columns; a slice copies nothing."""
         return Columns(*(each[..., index] for each in self))
 
 
 class Smooth:
     """A line explained by one smooth part.
 
-    ``evidence`` is its log, more than that of nothing at all.
+    ``evidence`` is the log evidence relative to the empty model.
     """
 
     def __init__(self, line: Line, roughness: Roughness) -> None:
@@ -131,7 +137,7 @@ class Smooth:
 
     @property
     def score(self) -> float:
-        """Log evidence and prior."""
+        """Return the log evidence plus the log prior."""
         return self.evidence + self.roughness.log_prior
 
     @property
@@ -140,45 +146,52 @@ class Smooth:
         return float(self.line.seen @ self.line.weighted - self.answer @ self.answer)
 
     def solved(self, right: Array) -> Array:
-        """Inverse of the Cholesky factor times something."""
+        """Return the inverse of the Cholesky factor times an array."""
         return solved_by(self.factor, right)
 
     def reduced(self, features: Array) -> Array:
-        """What the smooth part takes of columns with these products with the features, (coefficient, column)."""
+        """Return the part of columns that the smooth part explains, shape (coefficient, column).
+
+        ``features`` are the columns' products with the features.
+        """
         return self.solved(self.root[:, None] * features[self.kept])
 
     def products(self, columns: Columns) -> Products:
-        """Of columns, less what the smooth part takes."""
+        """Return the products of columns, less the part that the smooth part explains."""
         taken = self.reduced(columns.features)
         return Products(columns, taken, columns.cross - self.answer @ taken)
 
     @cached_property
     def spread(self) -> Array:
-        """Factor (coefficient, time) of the smooth part's posterior covariance."""
+        """Return a factor of the smooth part's posterior covariance, shape (coefficient, time)."""
         return self.solved(self.root[:, None] * self.line.features[:, self.kept].T)
 
 
 class Products(NamedTuple):
-    """Columns beside a smooth part: what it takes of them (coefficient, column), and the ``cross`` that it leaves."""
+    """Columns beside a smooth part.
+
+    ``taken`` (coefficient, column) is the part of them that the smooth part explains. ``cross`` are
+    their products with the estimates that it leaves.
+    """
 
     columns: Columns
     taken: Array
     cross: Array
 
     def diagonal(self) -> Array:
-        """Squares of the columns (column,)."""
+        """Return the squares of the columns, shape (column,)."""
         return np.asarray(self.columns.power - np.einsum("kc,kc->c", self.taken, self.taken))
 
     def between(self, other: Products) -> Array:
-        """Products with other columns (column, other)."""
+        """Return the products with other columns, shape (column, other)."""
         return np.asarray(self.columns.seen.T @ other.columns.weighted - self.taken.T @ other.taken)
 
     def take(self, index: NDArray[np.intp] | slice) -> Products:
-        """Of some columns."""
+        """Return the products of some columns."""
         return Products(self.columns.take(index), self.taken[:, index], self.cross[index])
 
     def put(self, place: int, other: Products, index: int) -> Products:
-        """With another's column in the place of one."""
+        """Return the products with one column replaced by another's."""
         out = self.take(np.arange(len(self.cross)))
         for mine, theirs in zip(
             (*out.columns, out.taken, out.cross),
@@ -190,7 +203,11 @@ class Products(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """How large switches may be: standard deviation in mean sizes, and whether those over a period add up to zero."""
+    """Prior of the sizes of switches.
+
+    ``spread`` is their standard deviation in mean sizes. ``balanced`` says whether the switches
+    over a period add up to zero.
+    """
 
     spread: float
     balanced: bool
@@ -198,9 +215,9 @@ class Sizes(NamedTuple):
 
 @lru_cache(maxsize=4)
 def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
-    """Priors of sizes, equally likely.
+    """Return the priors of sizes; they are equally likely.
 
-    Where the end goes on at the beginning, ramps between switches may cancel.
+    If the interval is periodic, ramps between switches may cancel.
     """
     return tuple(
         Sizes(spread, balanced)
@@ -211,7 +228,7 @@ def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
 
 @lru_cache(maxsize=64)
 def directions(count: int, balanced: bool) -> Array:
-    """Orthonormal directions (switch, direction) of the sizes of so many switches."""
+    """Return orthonormal directions (switch, direction) of the sizes of ``count`` switches."""
     if not balanced:
         return np.eye(count)
     out = np.zeros((count, max(count - 1, 0)))
@@ -230,7 +247,11 @@ class Jumps(NamedTuple):
 
 
 def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
-    """Of the products of switches with each other (switch, switch) and with what is seen."""
+    """Return the evidence for switches, and their sizes, from products.
+
+    ``gram`` (switch, switch) are the products of the switches with each other, ``cross`` (switch,)
+    those with the estimates.
+    """
     if sizes.balanced and len(cross) == 1:
         return Jumps(-np.inf, np.zeros(1), np.zeros((1, 1)))
     turn = directions(len(cross), sizes.balanced)
@@ -246,10 +267,10 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
 
 
 def jumps_of_every_size(gram: Array, cross: Array, periodic: bool) -> Array:
-    """Log evidence for some switches (..., size) with each of :func:`every_sizes`.
+    """Return the log evidence for switches (..., size) with each of :func:`every_sizes`.
 
-    Of the products of switches with each other (..., switch, switch) and with what is seen (...,
-    switch). The eigenvalues of their products serve all sizes.
+    ``gram`` (..., switch, switch) are the products of switches with each other, ``cross`` (...,
+    switch) those with the estimates. The eigenvalues of ``gram`` serve all sizes.
     """
     variance, out = np.square(SIZES)[:, None], []
     for balanced in (False, True) if periodic else (False,):
@@ -271,11 +292,12 @@ def one_more(
     balanced: bool,
     spreads: tuple[float, ...],
 ) -> Array:
-    """Log evidence (spread, column) for some switches and each of many others in turn, by rank-one updates.
+    """Return the log evidence (spread, column) for some switches and each other in turn.
 
-    The others' ``own`` products with what is seen, their squares ``power`` (column,), and those
-    ``mixed`` with the switches (column, switch), whose own products are ``gram`` and ``cross``.
-    The eigenvalues of these serve all ``spreads`` of :class:`Sizes`.
+    Rank-one updates add the others, one at a time. ``own`` are the products of the others with the
+    estimates, ``power`` (column,) their squares, and ``mixed`` (column, switch) their products with
+    the switches. The switches' own products are ``gram`` and ``cross``. The eigenvalues of ``gram``
+    serve all ``spreads`` of :class:`Sizes`.
     """
     count, wanted = len(cross), own.cross
     if balanced and not count:

@@ -1,4 +1,4 @@
-"""What a candidate, or all together, say at each time: mixtures of normal distributions."""
+"""Mixtures of normal distributions: the posterior at each time, of one candidate or of all."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_POSITIONS = 24  # of a switch, in a model that has all the weight
 
 
 class Hypothesis(NamedTuple):
-    """A smooth part, and switches at positions in samples that are smeared as an axis says."""
+    """A smooth part, and switches at positions in samples, smeared as an axis says."""
 
     axis: Axis
     roughness: Roughness
@@ -27,7 +27,7 @@ class Hypothesis(NamedTuple):
 class Candidate(NamedTuple):
     """A smooth part, switches and the prior of their sizes.
 
-    ``evidence`` is the log of it all with the prior.
+    ``evidence`` is the log evidence, including the prior.
     """
 
     smooth: Smooth
@@ -37,28 +37,31 @@ class Candidate(NamedTuple):
 
 
 class Mixture(NamedTuple):
-    """Weights, means and variances of normal distributions at each time, (time, component)."""
+    """Weights, means, variances of normal distributions at each time, (time, component)."""
 
     weights: Array
     means: Array
     variances: Array
 
     def mean(self) -> Array:
-        """Of the mixture (time,)."""
+        """Return the mean of the mixture, shape (time,)."""
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.means))
 
     def above(self, least: float) -> Mixture:
-        """Return the same distributions with no mean below a number."""
+        """Return the same distributions with no mean below ``least``."""
         return self._replace(means=np.maximum(self.means, least))
 
     def variance(self) -> Array:
-        """Of the mixture (time,)."""
+        """Return the variance of the mixture, shape (time,)."""
         apart = self.means - self.mean()[:, None]
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
 
 
 class Path(NamedTuple):
-    """Posterior of a candidate whose switches lie at their modes: ``mean`` (time,), factor of the covariance."""
+    """Posterior of a candidate whose switches lie at their modes.
+
+    It has a ``mean`` (time,) and a ``factor`` of the covariance (time, coefficient).
+    """
 
     mean: Array
     factor: Array
@@ -68,7 +71,7 @@ class Path(NamedTuple):
 
 
 def path(candidate: Candidate) -> Path:
-    """Posterior over time; the covariance is ``factor @ factor.T``, (time, coefficient)."""
+    """Return the posterior over time; its covariance is ``factor @ factor.T``."""
     smooth, placed = candidate.smooth, candidate.placed
     mean, products = smooth.answer @ smooth.spread, smooth.products(placed.columns)
     if candidate.sizes is None:
@@ -88,7 +91,10 @@ def path(candidate: Candidate) -> Path:
 
 
 def mixture_of(candidate: Candidate, weight: float) -> Mixture:
-    """Of a candidate: at each time the nearest switch takes all its positions, the others their modes."""
+    """Return the mixture of a candidate at each time.
+
+    The nearest switch takes all its positions. The others lie at their modes.
+    """
     own, placed = path(candidate), candidate.placed
     times = len(own.mean)
     variance = np.einsum("tc,tc->t", own.factor, own.factor)
@@ -120,7 +126,7 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
 
 
 def thinned(window: Array, share: Array, most: int) -> tuple[Array, Array]:
-    """The positions that count, at most so many: each stands for its neighbours."""
+    """Thin positions to at most ``most``, each of which represents its neighbours."""
     kept = np.flatnonzero(share > LIGHTEST)
     if not len(kept):
         kept = np.array([int(np.argmax(share))])
@@ -136,7 +142,10 @@ def thinned(window: Array, share: Array, most: int) -> tuple[Array, Array]:
 def _moved(
     candidate: Candidate, own: Path, place: int, window: Array, rows: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Means and variances (row, position) with one switch at the positions of a window, the others at their modes."""
+    """Return means and variances (row, position) with one switch moved through a window.
+
+    The other switches stay at their modes.
+    """
     smooth, sizes, factor = candidate.smooth, candidate.sizes, candidate.smooth.spread.T[rows]
     assert sizes is not None
     modes, moving = own.products, smooth.products(smooth.line.columns(window))

@@ -1,4 +1,4 @@
-"""What adaptive regression returns: impedance over time with bands, and what it decided."""
+"""Model of adaptive regression: impedance over time with bands, and a table of its changes."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its e
 
 
 class Switch(NamedTuple):
-    """A sudden change of a ``quantity``, at a ``time`` in s, most probably between ``earliest`` and ``latest`` (95 %).
+    """A sudden change of a ``quantity``, at a ``time`` in s.
 
-    Of so large a ``size`` in the quantity's unit, with a standard error; ``probability`` that
-    there is one.
+    The switch lies between ``earliest`` and ``latest`` with a probability of 95 %. Its ``size``, in
+    the quantity's unit, has a standard error. ``probability`` is that of the switch itself.
     """
 
     quantity: str
@@ -38,7 +38,11 @@ class Switch(NamedTuple):
 
 
 class Smoothness(NamedTuple):
-    """A smooth part of a ``quantity``: its ``kind``, standard deviation in its unit, length in s, and probability."""
+    """A smooth part of a ``quantity``.
+
+    It has a ``kind``, a standard deviation in the quantity's unit, a length in s, and a
+    probability.
+    """
 
     quantity: str
     kind: str
@@ -49,10 +53,10 @@ class Smoothness(NamedTuple):
 
 @attrs.frozen(eq=False)
 class MixtureError(StandardError):
-    """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
+    """Random error of an estimate that is a mixture of possible values.
 
-    The ``mixture`` is over the times that are known. Where none of its means is negative, nor is
-    a band.
+    Near an undecided switch, the band spans both levels. The ``mixture`` is over the times that are
+    known. A band is not negative where none of the mixture's means is.
     """
 
     mixture: Mixture | None = None
@@ -60,7 +64,7 @@ class MixtureError(StandardError):
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
-        """Quantiles of the mixture, of Student's t for each of its parts, between which the truth lies."""
+        """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
         assert self.mixture is not None
         known = np.isfinite(self.values)
         freedom = self.freedom[known]
@@ -76,7 +80,7 @@ class MixtureError(StandardError):
         return (np.maximum(lower, 0.0) if self.mixture.means.min() >= 0 else lower), upper
 
     def _quantile(self, multiple: Array, freedom: Array) -> Array:
-        """Below which the mixture lies with the probability of Student's t below a multiple, (time,)."""
+        """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
         assert self.mixture is not None
         weights, means, variances = self.mixture
         spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
@@ -95,7 +99,7 @@ class MixtureError(StandardError):
 
 
 def _as_normal(multiple: Array, freedom: Array) -> Array:
-    """Normal deviate of the same probability as Student's t, to 0.2 % (Wallace 1959)."""
+    """Return the normal deviate with the probability of Student's t, to 0.2 % (Wallace 1959)."""
     shrunk = (
         np.sqrt(freedom * np.log1p(multiple**2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
     )
@@ -104,14 +108,14 @@ def _as_normal(multiple: Array, freedom: Array) -> Array:
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class AdaptiveModel(Model):
-    r"""Impedance of second order, of which stiffness and viscosity change smoothly, suddenly, or not at all.
+    r"""Second-order impedance whose stiffness and viscosity change smoothly, suddenly, or not.
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
     ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found.
     Where a reflex is shown, the model ``beside`` has its pathway, and the intrinsic response of
-    which stiffness and viscosity are a part.
-    :meth:`plot` shows it all. ``hypotheses`` are what was averaged, by quantity, the most probable first.
+    which stiffness and viscosity are a part. ``hypotheses`` are the models that were averaged, by
+    quantity, the most probable first. :meth:`plot` shows all of these.
     """
 
     switches: tuple[Switch, ...] = ()
@@ -135,7 +139,7 @@ class AdaptiveModel(Model):
 
 
 def _columns(axis: str, rows: tuple[NamedTuple, ...]) -> Labelled:
-    """A table by columns, over an axis of its own."""
+    """Return a table by columns, over an axis of its own."""
     if not rows:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""From realizations to one dimension: moments at each time, and the constants that stiffness stands beside."""
+"""Moments of realizations at each time, and the constant coefficients beside stiffness."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Signals(ABC):
-    """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
+    """Signals of realizations.
 
-    At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the
-    samples at either end of a realization that are missing; ``realizations`` how many there are,
-    and how many are independent. ``holds`` (constant,) are the noise's variance over those of
-    the priors of constants. Their products with each row of ``positive`` (row, constant) are not
-    negative.
+    They are the angle, its velocity and acceleration, any further regressors, and the torque, at a
+    ``rate`` in Hz. Angle and torque are in units of ``scale``. ``edges`` are the samples at either
+    end of a realization that are missing. ``realizations`` is the number of realizations, and the
+    number of independent ones. ``holds`` (constant,) are the noise variance over the prior
+    variances of the constants. The products of the constants with each row of ``positive`` (row,
+    constant) are not negative.
     """
 
     rate: float
@@ -47,21 +48,22 @@ class Signals(ABC):
 
     @abstractmethod
     def blocks(self) -> Iterator[Array]:
-        """Signals (signal, realization, time) of some realizations after the other."""
+        """Yield signals (signal, realization, time) of one block of realizations after another."""
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Derived(Signals):
-    """Angle and torque of an ensemble and the angle's derivatives, made anew for a block of realizations at a time.
+    """Angle and torque of an ensemble, and the angle's derivatives.
 
-    They count in root mean squares, so that no unit matters.
+    Derivatives are calculated for one block of realizations at a time. Signals are in units of
+    their root mean square, so that no unit matters.
     """
 
     ensemble: Ensemble
 
     @classmethod
     def of(cls, ensemble: Ensemble) -> Derived:
-        """Of an ensemble."""
+        """Return the signals of an ensemble."""
         return cls(
             rate=ensemble.sampling_rate,
             edges=(missing_edge(HALF_WIDTH, ensemble),) * 2,
@@ -76,7 +78,7 @@ class Derived(Signals):
         )
 
     def blocks(self) -> Iterator[Array]:
-        """Signals of some realizations after the other."""
+        """Yield the signals of one block of realizations after another."""
         ensemble = self.ensemble
         first = ensemble.context + self.edges[0] - HALF_WIDTH
         near = slice(first, ensemble.context + ensemble.samples - self.edges[1] + HALF_WIDTH)
@@ -99,7 +101,7 @@ def _filtered(values: Array, taps: Array) -> Array:
 
 
 def gram_of(signals: Signals) -> Array:
-    """Sums over realizations of products of the signals at each time, (time, signal, signal)."""
+    """Return sums over realizations of products at each time, shape (time, signal, signal)."""
     total: Array | float = 0.0
     for block in signals.blocks():
         at_times = np.ascontiguousarray(block.transpose(2, 0, 1))
@@ -130,11 +132,10 @@ class Normal(NamedTuple):
 def normal(
     signals: Signals, weights: tuple[Array, Array], coefficients: Array, viscosity: Array
 ) -> Normal:
-    """Products with weights of the whole band and of the low one.
+    """Return the products with weights of the whole band and of the low one.
 
-    The torque loses that of a ``viscosity`` (time,).
-
-    The ``coefficients`` (signal, time) give the errors whose scores are compared.
+    The torque of a ``viscosity`` (time,) is subtracted from the torque. The ``coefficients``
+    (signal, time) give the errors whose scores are compared.
     """
     whole, low = weights
     sums: list[Array] = []
@@ -172,10 +173,10 @@ def normal(
 
 
 class Constants(NamedTuple):
-    """Coefficients beside stiffness that do not change (viscosity, inertia, further ones), and their covariance.
+    """Constant coefficients beside stiffness, and their covariance.
 
-    Where the signals do not tell them apart they are not ``told``, and 0 in directions that
-    nothing is known of.
+    They are viscosity, inertia and further ones. ``told`` is False where the signals are collinear.
+    The coefficients are then 0 in the directions that the data do not determine.
     """
 
     values: Array
@@ -184,7 +185,10 @@ class Constants(NamedTuple):
 
 
 def without_angle(gram: Array) -> Array:
-    """Products of what of each signal but the angle is not in proportion to the angle at each time."""
+    """Return the products of signals after the angle is regressed out at each time.
+
+    The angle itself is left out.
+    """
     power = floored(gram[:, U, U])
     return np.asarray(
         gram[:, 1:, 1:] - gram[:, 1:, U, None] * gram[:, None, U, 1:] / power[:, None, None]
@@ -192,10 +196,11 @@ def without_angle(gram: Array) -> Array:
 
 
 def constants(free: Array, power: Array, holds: Array, positive: Array) -> Constants:
-    """Constants from the products of their signals and the torque without what a free stiffness takes of them.
+    """Estimate the constants from products of their signals and the torque.
 
-    ``power`` (constant,) is that of the signals with it, ``holds`` (constant,) the precision of
-    their priors. Their products with the rows of ``positive`` are not negative.
+    A free stiffness is eliminated from these products. ``power`` (constant,) is that of the signals
+    before this. ``holds`` (constant,) is the precision of their priors. Their products with the
+    rows of ``positive`` are not negative.
     """
     size = np.sqrt(np.maximum(power + holds, np.finfo(float).tiny))
     own, cross = free[:, :-1], free[:, -1]
@@ -208,5 +213,5 @@ def constants(free: Array, power: Array, holds: Array, positive: Array) -> Const
 
 
 def floored(power: Array) -> Array:
-    """Power at each time, as if nothing were ever still."""
+    """Return the power at each time, at least a small floor."""
     return np.asarray(np.maximum(power, STILL * power.mean() + np.finfo(float).tiny))

@@ -1,4 +1,4 @@
-"""What colour the noise has and how loud it is over time; and what is misfit, not noise."""
+"""Colour and strength of the noise over time, and misfit, which is not noise."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ EXACT = 1e-8  # share of the torque's power that is taken as noise at least
 
 
 def residual_products(signals: Signals, coefficients: Array, viscosity: Array) -> Array:
-    """Sums over realizations (time, time) of products of what ``coefficients`` (signal, time) leave of the torque."""
+    """Return sums over realizations of products of the residual, shape (time, time).
+
+    The residual is that of ``coefficients`` (signal, time).
+    """
     total: Array | float = 0.0
     for block in signals.blocks():
         left = block[-1] - viscosity * block[V] - np.einsum("krt,kt->rt", block[:-1], coefficients)
@@ -35,15 +38,18 @@ def residual_products(signals: Signals, coefficients: Array, viscosity: Array) -
 
 
 def reach_of(independent: int, rate: float) -> int:
-    """Samples to either side over which the strength of the noise is pooled: few realizations say little of a time."""
+    """Return the samples to either side over which the strength of the noise is pooled.
+
+    With few realizations, the strength at a single time is uncertain.
+    """
     return round(max(POOLED, TOGETHER / max(independent - 1, 1)) * rate)
 
 
 def whitened(covariance: Array, independent: int, rate: float, periodic: bool) -> Array:
-    """Filter (time, time) that makes the noise white and of unit variance, from its covariance.
+    """Return the filter (time, time) that makes the noise white with unit variance.
 
-    It predicts the noise from the samples before, as many as the Bayesian information criterion
-    says, and divides what it does not predict by its strength, pooled over time.
+    It predicts the noise from the samples before, and divides the prediction error by its strength,
+    pooled over time. The Bayesian information criterion gives the number of samples.
     """
     times, reach = len(covariance), reach_of(independent, rate)
     filters = predictors(covariance, min(round(COLOUR * rate), times // 4), independent)
@@ -53,7 +59,10 @@ def whitened(covariance: Array, independent: int, rate: float, periodic: bool) -
 
 
 def predictors(covariance: Array, lags: int, independent: int) -> Array:
-    """Noise less its prediction, (time, time): of each order from 0 at first, of the order chosen from there on."""
+    """Return the noise less its prediction, shape (time, time).
+
+    The rows of the first samples have orders from 0 up, until the chosen order is reached.
+    """
     times, (row, column) = len(covariance), covariance.strides
     shape = times - lags, lags + 1, lags + 1
     order = np.append(
@@ -76,7 +85,7 @@ def predictors(covariance: Array, lags: int, independent: int) -> Array:
 
 
 def pooled(values: Array, reach: int, periodic: bool) -> Array:
-    """Sums over so many samples to either side."""
+    """Return sums over ``reach`` samples to either side."""
     reach = min(reach, (len(values) - 1) // 2)
     if not reach:
         return values
@@ -87,17 +96,17 @@ def pooled(values: Array, reach: int, periodic: bool) -> Array:
 
 
 class Misfit(NamedTuple):
-    """Variances by which viscosity and inertia seem to change from time to time beyond the noise."""
+    """Variances by which viscosity and inertia seem to change over time, beyond the noise."""
 
     viscosity: float
     inertia: float
 
 
 def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
-    """Of what a joint of second order does not describe, in the same way in all realizations.
+    """Estimate the misfit that all realizations share: a response that is not of second order.
 
-    At each time what the ``coefficients`` (signal, time) leave is regressed on velocity and
-    acceleration; the answers vary more than by chance where there is misfit.
+    At each time the residual of the ``coefficients`` (signal, time) is regressed on velocity and
+    acceleration. The regression coefficients vary more than by chance where there is misfit.
     """
     every = without_angle(gram)
     own = every[:, :2, :2]
@@ -133,5 +142,5 @@ def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
 
 
 def alike(times: int, rate: float) -> Array:
-    """How far misfit is the same at two times (time, time)."""
+    """Return the correlation of the misfit at two times, shape (time, time)."""
     return np.asarray(toeplitz(np.exp(-np.arange(times) / (rate * POOLED))))

@@ -1,4 +1,4 @@
-"""Where each switch lies, and how surely: positions between samples, each beside the others."""
+"""Distributions of the times of switches: positions between samples, each beside the others."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CLOSE, SAME = (
 
 
 class Found(NamedTuple):
-    """Positions of switches in samples, and beside which smooth part they were found."""
+    """Positions of switches in samples, and the smooth part beside which they were found."""
 
     positions: Array
     smooth: Smooth
@@ -39,8 +39,8 @@ class Found(NamedTuple):
 class Placed(NamedTuple):
     """Switches at their most probable ``positions``, with the products of these.
 
-    Each may also lie at other positions: a window of them and their probabilities for each,
-    ``log_volume`` being the log of what the positions weigh together, in samples.
+    Each switch may also lie at other positions: it has a window of them and their probabilities.
+    ``log_volume`` is the log of the weight of all positions together, in samples.
     """
 
     positions: Array
@@ -58,9 +58,9 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Windows about places where switches may be, made once for each place.
+    """Windows of positions about places of switches, calculated once for each place.
 
-    Positions are so far apart in samples.
+    The distance between positions is in samples.
     """
 
     def __init__(self, line: Line, resolved: float = RESOLVED, near: float = NEAR) -> None:
@@ -69,7 +69,7 @@ class Windows:
         self.windows: dict[tuple[int, int], Window] = {}
 
     def beside(self, position: float, smooth: Smooth) -> Window:
-        """Window about a position beside a smooth part."""
+        """Return the window about a position beside a smooth part."""
         centre = round(position)
         key = centre, id(smooth)
         if key not in self.windows:
@@ -88,12 +88,12 @@ class Windows:
 
 
 def joined(parts: list[Columns]) -> Columns:
-    """Columns side by side."""
+    """Join columns side by side."""
     return Columns(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
 
 def together(parts: list[Products]) -> Products:
-    """Products side by side."""
+    """Join products side by side."""
     taken, cross = (
         np.concatenate([getattr(each, name) for each in parts], axis=-1)
         for name in ("taken", "cross")
@@ -102,7 +102,7 @@ def together(parts: list[Products]) -> Products:
 
 
 def distance(line: Line, positions: Array, other: float | Array) -> Array:
-    """Distances in samples."""
+    """Return distances in samples."""
     apart = np.abs(positions - other)
     return np.minimum(apart, line.axis.times - apart) if line.axis.periodic else apart
 
@@ -115,7 +115,7 @@ def best_sizes(switches: Products, periodic: bool) -> tuple[Sizes, float]:
 
 
 def refined(found: Found, windows: Windows) -> Placed:
-    """Switches moved to where they are most probable, each beside the others, until none moves."""
+    """Move switches to their most probable positions, each beside the others, until none moves."""
     smooth, line, count = found.smooth, windows.line, len(found.positions)
     own = smooth.products(line.columns(np.array(found.positions)))
     if not count:
@@ -154,7 +154,10 @@ def refined(found: Found, windows: Windows) -> Placed:
 
 
 def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array:
-    """Log evidence for some switches and one more at each position of a window, apart from them."""
+    """Return the log evidence for switches and one more at each position of a window.
+
+    The additional switch keeps a distance from the others.
+    """
     products = window.products
     gram, mixed = others.between(others), products.between(others)
     (value,) = one_more(
@@ -168,7 +171,7 @@ def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array
 
 
 def total(placed: Placed, smooth: Smooth) -> float:
-    """Log evidence for switches wherever they may lie, and prior."""
+    """Return the log evidence for switches at any position, plus the log prior."""
     count = len(placed.positions)
     if not count:
         return smooth.score
@@ -182,7 +185,10 @@ def total(placed: Placed, smooth: Smooth) -> float:
 
 
 def simplified(placed: Placed, smooth: Smooth, windows: Windows) -> Placed:
-    """Without one of two switches that are close, where that is better: on a grid two may stand for one."""
+    """Remove one of two close switches where that raises the evidence.
+
+    On a grid, two switches may stand for one.
+    """
     best, score = placed, total(placed, smooth)
     while len(best.positions) > 1:
         gaps = distance(windows.line, best.positions, np.roll(best.positions, 1))

@@ -1,4 +1,4 @@
-r"""What may change, and how: a constant, a smooth Gaussian process or none, and switches at any time.
+r"""Priors of a function of time: a constant, perhaps a smooth Gaussian process, and switches.
 
 .. math:: x(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 """
@@ -33,10 +33,11 @@ HARMONICS = 160  # at most: what is shorter is left out of long realizations
 
 
 class Roughness(NamedTuple):
-    """A smooth part: its ``kind``, standard deviation in mean sizes, length in samples, and log prior probability.
+    """A smooth part of a function of time.
 
-    ``weights`` (feature,) are variances, in squares of the mean size, of a constant and of
-    cosines and sines.
+    It has a ``kind``, a standard deviation in mean sizes, a length in samples, and a log prior
+    probability. ``weights`` (feature,) are variances, in squares of the mean size, of a constant
+    and of cosines and sines.
     """
 
     kind: str
@@ -47,11 +48,12 @@ class Roughness(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Samples over which something changes: how many ``times``, and whether the end goes on at the beginning.
+    """Sampled time axis of a function.
 
-    ``taps`` are samples to either side over which a low-pass before sampling smears a step, 0
-    for none; ``jitter`` is the standard deviation in samples of a switch's time from one of so
-    many ``realizations`` to the next: their mean changes gradually.
+    It has ``times`` samples. If ``periodic``, the end continues at the beginning. ``taps`` are
+    samples to either side over which a low-pass before sampling smears a step, 0 for none.
+    ``jitter`` is the standard deviation in samples of a switch's time between ``realizations``. It
+    makes their mean change gradually.
     """
 
     times: int
@@ -62,16 +64,19 @@ class Axis(NamedTuple):
 
     @property
     def period(self) -> int:
-        """Of the Fourier series: where nothing repeats it is twice as long, and of any process over the interval."""
+        """Return the period of the Fourier series in samples.
+
+        Without repetition it is twice as long as the interval, so that it represents any process.
+        """
         return self.times if self.periodic else 2 * self.times
 
     @property
     def harmonics(self) -> int:
-        """What the shortest length needs."""
+        """Return the number of harmonics that the shortest length needs."""
         return min(HARMONICS, max(1, int(0.78 * self.period / SHORTEST)))
 
     def features(self) -> Array:
-        """A constant, and cosines and sines of the harmonics, (time, feature)."""
+        """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
         turns = (
             2
             * np.pi
@@ -82,22 +87,25 @@ class Axis(NamedTuple):
         return np.concatenate([np.ones((self.times, 1)), waves], axis=1)
 
     def late(self, positions: Array) -> Array:
-        """Samples by which times are later than positions (time, position): at most half of them where they repeat."""
+        """Return by how many samples times are later than positions, shape (time, position).
+
+        On a periodic axis, this is at most half a period.
+        """
         late = np.arange(self.times)[:, None] - positions
         return np.asarray(
             late - self.times * np.floor(late / self.times + 0.5) if self.periodic else late
         )
 
     def sharp(self, late: Array) -> Array:
-        """Steps of 1, so many samples late.
+        """Return the values of unit steps, ``late`` samples after each step.
 
-        A sawtooth that jumps by 1 where the end goes on at the beginning.
+        On a periodic axis, a step is a sawtooth that jumps by 1.
         """
         step = (late >= 0).astype(np.float64)
         return np.asarray(step - 0.5 - late / self.times if self.periodic else step)
 
     def steps(self, positions: Array) -> Array:
-        """Steps at positions in samples, on the average of realizations, (time, position)."""
+        """Return steps at positions in samples, averaged over realizations, (time, position)."""
         late = self.late(positions)
         out = self.sharp(late)
         if self.jitter:
@@ -105,14 +113,17 @@ class Axis(NamedTuple):
         return out
 
     def uneven(self, positions: Array) -> Array:
-        """Variance of the mean over realizations of steps that come at different times, (time, position)."""
+        """Return the variance of the mean over realizations of steps, shape (time, position).
+
+        The steps come at different times in different realizations.
+        """
         if not self.jitter:
             return np.zeros((self.times, len(positions)))
         share = ndtr(self.late(positions) / self.jitter)
         return np.asarray(share * (1 - share) / self.realizations)
 
     def seen(self, positions: Array) -> Array:
-        """Steps as they are recorded."""
+        """Return the steps as they are recorded."""
         late = self.late(positions)
         out = self.sharp(late)
         if self.jitter:
@@ -132,13 +143,20 @@ def _smeared_table(taps: float) -> tuple[Array, Array]:
 
 
 def smeared(late: Array, taps: float) -> Array:
-    """What a decimation filter, a Hamming-windowed sinc, makes of a step, at times in samples."""
+    """Return a step after a decimation filter, at times in samples.
+
+    The filter is a Hamming-windowed sinc.
+    """
     return np.interp(late, *_smeared_table(taps))
 
 
 @lru_cache(maxsize=16)
 def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
-    """None (prior weight 1/2), squared-exponential smooth parts, and Matérn 3/2 ones, for corners (1/2 together)."""
+    """Return the smooth parts that are tried, with their prior probabilities.
+
+    No smooth part has 1/2. Squared-exponential parts and Matérn 3/2 parts, which suit corners,
+    share the other half.
+    """
     period, harmonic = axis.period, np.arange(1, axis.harmonics + 1)
     shapes: list[tuple[str, float, float, Array]] = []
 

@@ -1,4 +1,7 @@
-"""A stretch reflex beside an adaptive stiffness: its coefficients are constants more, if there is one."""
+"""A stretch reflex beside an adaptive stiffness.
+
+If there is one, its coefficients are further constants.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,9 @@ from tvsysid.signals import Ensemble
 class WithReflex(Signals):
     """Signals of a joint with a reflex.
 
-    Behind angle, velocity and acceleration follow the angle's differences of higher order (the
-    intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
-    by its shape: ``columns`` (signal, realization, time), of realizations with a history.
+    Angle, velocity and acceleration come first. Then follow the angle's differences of higher order
+    (the intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
+    by its shape. ``columns`` (signal, realization, time) are those of realizations with a history.
     """
 
     columns: Array
@@ -34,12 +37,15 @@ class WithReflex(Signals):
     readout: Array
 
     def blocks(self) -> Iterator[Array]:
-        """Some realizations after the other."""
+        """Yield the signals of one block of realizations after another."""
         for some in row_blocks(*self.columns.shape[1:]):
             yield self.columns[:, some]
 
     def viscosity(self, mixture: Mixture, constants: Constants) -> Mixture:
-        """Of a second-order fit to the whole intrinsic response, from the mixture of its velocity's coefficient."""
+        """Return the viscosity of a second-order fit to the whole intrinsic response.
+
+        ``mixture`` is that of the velocity's coefficient.
+        """
         own, further = self.readout[1, 1], self.readout[1, 3:]
         rest = slice(2, 2 + len(further))
         added = float(further @ constants.values[rest])
@@ -49,12 +55,12 @@ class WithReflex(Signals):
         )
 
     def stiffness(self, mean: float, constants: Constants) -> float:
-        """Of the same fit, from the mean of the angle's coefficient."""
+        """Return the stiffness of the same fit, from the mean of the angle's coefficient."""
         weights = self.readout[0, 2:]
         return float(self.readout[0, 0] * mean + weights @ constants.values[1 : 1 + len(weights)])
 
     def inertia(self, constants: Constants) -> tuple[float, float]:
-        """Of the same fit, with its variance."""
+        """Return the inertia of the same fit, with its variance."""
         weights = self.readout[2, 2:]
         rest = slice(1, 1 + len(weights))
         return float(weights @ constants.values[rest]), float(
@@ -65,12 +71,10 @@ class WithReflex(Signals):
 def with_reflex(
     ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None = None
 ) -> WithReflex | None:
-    """Signals of a joint with a reflex, if held-out realizations show one.
+    """Return the signals of a joint with a reflex, if held-out realizations show one.
 
-    Or with one that is ``known``.
-
-    None also if too little is known of the history of enough realizations. A channel of EMG may
-    drive it.
+    If the reflex is ``known``, it is not tested. Return None also if the history of too few
+    realizations is known. A channel of EMG may drive the reflex.
     """
     method = JointCascade(emg=emg)
     try:

@@ -1,4 +1,4 @@
-"""Where switches may be: a deterministic search for the sets of greatest evidence."""
+"""Deterministic search for the sets of switches with the greatest evidence."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ START = Sizes(0.2, False)
 
 
 class State(NamedTuple):
-    """Positions of switches beside a smooth part, their score, and by how much the last step raised it.
+    """Positions of switches beside a smooth part, their score, and the gain of the last step.
 
     The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not
     searched if further switches had to bring more than that, or GAIN, to make it the best. The
@@ -59,7 +59,7 @@ class State(NamedTuple):
 
 
 class Grid:
-    """Positions that are tried, and how far two of them are apart."""
+    """Positions that are tried, and the distance between two of them."""
 
     def __init__(self, line: Line) -> None:
         self.line, times = line, line.axis.times
@@ -79,10 +79,10 @@ class Grid:
 
 
 def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
-    """Best of no switch, one switch and a pair of opposite ones beside each smooth part.
+    """Return the best of no switch, one switch and two opposite ones beside each smooth part.
 
-    Switches add half of the chi-square that a smooth part leaves at most, less a log prior. Where
-    even this is far below the best score, none is looked for.
+    Switches add at most half of the chi-square that a smooth part leaves, less a log prior. If even
+    this bound is far below the best score, no switches are searched for.
     """
     columns, best = grid.fine.take(grid.coarse), max(smooth.score for smooth in smooths)
     return [
@@ -107,7 +107,7 @@ def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
 
 
 def _pair(products: Products, grid: Grid) -> tuple[float, tuple[int, int]]:
-    """Log evidence for the best pair of opposite switches."""
+    """Return the log evidence for the best pair of opposite switches."""
     gram = grid.pair_gram - products.taken.T @ products.taken
     power, variance = np.diag(gram), START.spread**2
     square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
@@ -130,7 +130,7 @@ class Walk:
         self.known: dict[float, tuple[Products, Array]] = {}
 
     def at(self, places: tuple[float, ...]) -> tuple[Products, Array]:
-        """Steps at places, and their products with those on the grid, (position, step)."""
+        """Return steps at places, and their products with those on the grid, (position, step)."""
         for place in places:
             if place not in self.known:
                 step = self.smooth.products(self.grid.line.columns(np.array([place])))
@@ -141,7 +141,7 @@ class Walk:
         return together(list(steps)), np.concatenate(mixed, axis=1)
 
     def score(self, places: tuple[float, ...]) -> float:
-        """Score of a set."""
+        """Return the score of a set."""
         if not places:
             return self.smooth.score
         steps = self.at(places)[0]
@@ -149,7 +149,7 @@ class Walk:
         return self.smooth.score + best - len(places) * self.grid.log_positions
 
     def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
-        """Best score of a set and one switch more, and where that is."""
+        """Return the best score of a set and one more switch, and the place of that switch."""
         steps, mixed = self.at(places)
         gram, kinds = (
             steps.between(steps),
@@ -167,12 +167,15 @@ class Walk:
         return score, float(positions[top])
 
     def polished(self, places: tuple[float, ...]) -> tuple[float, ...]:
-        """The same switches between positions on the grid: what lies between may be worth more than another switch."""
+        """Move the switches to positions between those of the grid.
+
+        This may raise the score more than another switch.
+        """
         placed = refined(Found(np.array(places), self.smooth), self.grid.windows)
         return tuple(float(each) for each in placed.positions)
 
     def best_step(self, state: State) -> State:
-        """Best of one switch less, one elsewhere or for two neighbours, or one more."""
+        """Return the best of one switch less, one elsewhere or for two neighbours, or one more."""
         places, count = state.places, len(state.places)
         fewer = [places[:j] + places[j + 1 :] for j in range(count)]
         options = [(self.score(each), each) for each in fewer]
@@ -187,18 +190,22 @@ class Walk:
         return State(found, score, score - state.score)
 
     def at_once(self, places: tuple[float, ...]) -> Iterator[State]:
-        """Best of all :func:`partitions`, polished: on the grid their scores say only which these are."""
+        """Yield the best of all :func:`partitions` after :meth:`polished`.
+
+        Their scores on the grid only say which of them to polish.
+        """
         parts = dict.fromkeys(partitions(self.grid.line, places))
         for each in map(self.polished, nlargest(PARTS, parts, key=self.score)):
             yield State(each, self.score(each))
 
 
 def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
-    """Best set of each number of switches between levels if noise were white, by dynamic programming (Bellman 1961).
+    """Yield the best set of each number of switches, as if the noise were white.
 
-    Step by step, several switches of which none alone is worth much are not found. Where the end
-    goes on at the beginning, what repeats is cut at the first of the ``places``, which is a
-    switch or is not.
+    Dynamic programming finds the levels between them (Bellman 1961).
+
+    A step-by-step search would miss several switches of which none alone is worth much. On a
+    periodic axis, the cycle is cut at the first of the ``places``, with or without a switch there.
     """
     times, periodic = line.axis.times, line.axis.periodic
     cut = round(places[0]) % times if periodic and places else 0
@@ -228,7 +235,7 @@ def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, .
 
 
 def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
-    """Sets of switches near the best score, best first, and the empty one."""
+    """Return sets of switches near the best score, best first, and the empty one."""
     scores: dict[tuple[float, ...], tuple[float, int]] = {}
 
     def note(state: State, key: int) -> None:

@@ -1,4 +1,4 @@
-"""What was decided, in tables: switches, and how smooth the rest is."""
+"""Tables of the switches, and of how smooth the rest is."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WORTH, NAMED = 0.01, 0.05  # probabilities from which on a smooth part, and a sw
 
 
 def parameters(found: Averaged) -> float:
-    """Effective number of parameters of the best candidate, a switch's time counted as one."""
+    """Return the best candidate's effective number of parameters; a switch time counts as one."""
     best = found.candidates[0]
     line = best.smooth.line
     factor = path(best).factor
@@ -26,7 +26,7 @@ def parameters(found: Averaged) -> float:
 
 
 def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iterator[Smoothness]:
-    """Smooth parts that are likely, the most probable first."""
+    """Return the smooth parts that are likely, the most probable first."""
     line = found.candidates[0].smooth.line
     rows, probabilities = [], dict[tuple[str, float, float], float]()
     for each, share in zip(found.every, found.probabilities(), strict=True):
@@ -44,7 +44,7 @@ def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iter
 def switches(
     quantity: str, found: Averaged, unit: float, missing: int, rate: float
 ) -> Iterator[Switch]:
-    """Switches that are likely enough to be named, in the order of time."""
+    """Return the switches that are likely enough to be listed, in the order of time."""
     line = found.candidates[0].smooth.line
     seen: list[tuple[float, Switch]] = []
     for candidate in found.candidates:
@@ -73,7 +73,7 @@ def switches(
 
 
 def _near(found: Averaged, position: float) -> Iterator[tuple[Candidate, float]]:
-    """Candidates with a switch about a position, and their weights."""
+    """Return the candidates with a switch near a position, and their weights."""
     for candidate, weight in zip(found.candidates, found.weights, strict=True):
         positions = candidate.placed.positions
         line = candidate.smooth.line
@@ -82,7 +82,7 @@ def _near(found: Averaged, position: float) -> Iterator[tuple[Candidate, float]]
 
 
 def _limits(candidate: Candidate, place: int) -> tuple[float, float]:
-    """Positions between which a switch lies with a probability of 95 %."""
+    """Return the positions between which a switch lies with a probability of 95 %."""
     window, share = candidate.placed.windows[place], candidate.placed.shares[place]
     times, mode = candidate.smooth.line.axis.times, candidate.placed.positions[place]
     offsets: Array = window - mode

@@ -1,4 +1,4 @@
-"""How stiffness changes by a model of adaptive regression, in sentences that say how sure it is."""
+"""Describe how stiffness changes in a model of adaptive regression, and how certain that is."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ CERTAIN, LIKELY = (
 
 
 def changes(model: AdaptiveModel) -> list[str]:
-    """When stiffness switches, in the order of time, whether it changes smoothly, and whether a reflex is taken out."""
+    """Describe the changes of stiffness in sentences.
+
+    They say when stiffness switches, in the order of time, whether it changes smoothly, and whether
+    a reflex was separated from it.
+    """
     switches = [each for each in model.switches if each.quantity == "stiffness"]
     constant = sum(
         row.probability

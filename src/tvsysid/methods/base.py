@@ -1,4 +1,4 @@
-"""The base class of methods, and how windows fit into realizations."""
+"""Define the base class of methods, and fit windows into realizations."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class SkippedError(InputError):
 
     @property
     def reason(self) -> str:
-        """Reason without the method's class."""
+        """Return the reason without the method's class."""
         return str(self).partition(": ")[2]
 
 

@@ -1,4 +1,4 @@
-"""Methods by name: the package's own, those of installed packages, and ``module:Class``.
+"""Find methods by name: the package's own, those of installed packages, and ``module:Class``.
 
 Systems, profiles, perturbations and scenarios of a user's own are found in the same way.
 """
@@ -261,7 +261,7 @@ def load(name: str, kind: str = "object") -> Any:
 
 
 def _is_a(kind: str, value: object) -> bool:
-    """Whether a class or an object can serve as a method, or has what another kind must have."""
+    """Return whether an object is a method, or has the attribute that another kind needs."""
     if kind == "method":
         return isinstance(value, Method) or (isinstance(value, type) and issubclass(value, Method))
     return hasattr(value, ATTRIBUTES.get(kind, "__doc__"))

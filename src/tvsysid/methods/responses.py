@@ -77,12 +77,12 @@ class Posterior(Protocol):
 
     @property
     def mean(self) -> Array:
-        """Of shape (coefficient,)."""
+        """Return the mean of the coefficients, shape (coefficient,)."""
         ...  # pragma: no cover
 
     @property
     def covariance(self) -> Array:
-        """Of shape (coefficient, coefficient)."""
+        """Return the covariance of the coefficients, shape (coefficient, coefficient)."""
         ...  # pragma: no cover
 
 
@@ -99,12 +99,12 @@ class SecondOrderModel(Model):
 
     @property
     def coefficients(self) -> Array:
-        """Posterior mean of the coefficients, shape (coefficient,)."""
+        """Return the posterior mean of the coefficients, shape (coefficient,)."""
         return read_only(self.posterior.mean)
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance of the coefficients, shape (coefficient, coefficient)."""
+        """Return the posterior covariance of the coefficients, shape (coefficient, coefficient)."""
         return read_only(self.posterior.covariance)
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""What several methods share, and the vocabulary in which they are written."""
+"""Provide the functions and names that several methods share."""
 
 from tvsysid.methods.shared.correlations import (
     Solver,

@@ -1,4 +1,4 @@
-"""From correlations at each time to an impulse response at each time: what the impulse-response methods share."""
+"""Estimate an impulse response at each time from the correlations at each time."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ Solver = Callable[[slice, Array, Array, Array, Array], Solution]
 
 
 class Windows(NamedTuple):
-    """Least squares in a window about each time whose ``lags`` lie within the context, of so many ``realizations``.
+    """Least squares in a window about each time whose ``lags`` lie within the context.
 
-    The windows reach ``half`` samples to either side, of which ``margin`` may lie beyond the
-    realization. ``weights`` (time, lag) and ``rank`` of the solution; ``samples`` that it was
-    found from, how many of them are ``independent``, the ``noise`` variance and its degrees of
-    ``freedom``, the power of the torque that a second-order fit ``fitted``, what lagged angles
-    explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3,
-    lag) by which stiffness, viscosity and inertia follow from the correlations, the
-    ``impedance`` itself and, of windows of one sample, its variances under ``white`` noise, both
-    (time, 3). Of instruments, ``on_instruments`` (time, 3, lag) is that by which the impedance
-    follows from their correlations with the torque.
+    There are ``realizations`` realizations. The windows reach ``half`` samples to either side, of
+    which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and ``rank`` describe
+    the solution. These have shape (time,): the number of ``samples`` in the window, the number of
+    ``independent`` ones, the ``noise`` variance, its degrees of ``freedom``, and three powers of
+    the torque. A second-order fit explains ``fitted``, lagged angles explain ``beyond`` more, and
+    noise would make them explain ``chance`` more. ``readout`` (time, 3, lag) gives stiffness,
+    viscosity and inertia from the correlations. The ``impedance`` has shape (time, 3), as have
+    its variances under ``white`` noise, which only windows of one sample have. With instruments,
+    ``on_instruments`` (time, 3, lag) gives the impedance from their correlations with the torque.
     """
 
     realizations: int
@@ -64,12 +64,15 @@ class Windows(NamedTuple):
     on_instruments: Array
 
     def angle_products(self, ensemble: Ensemble) -> Array:
-        """Moments of the angle along the diagonals, as far as windows and lags reach."""
+        """Return the moments of the angle along the diagonals, as far as windows and lags reach."""
         angle, _, _ = _within_reach(ensemble, self.lags, self.half)
         return diagonal_moments(angle, angle, 2 * (self.lags + self.half))
 
     def noise_correlation(self, ensemble: Ensemble) -> Array:
-        """Autocorrelation of the noise up to twice as many samples as windows and lags reach, and the window's."""
+        """Return the autocorrelation of the noise, from the residual of the windows.
+
+        It reaches to twice the lags plus four times ``half``.
+        """
         reach = 2 * (self.lags + 2 * self.half)
         # So many lagged angles share hardly anything with those of the next sample: the fit takes
         # variance only.
@@ -84,15 +87,15 @@ def solve_windows(
     solve: Solver | None = None,
     instruments: LaggedReference | None = None,
 ) -> Windows:
-    r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
+    r"""Solve :math:`\varphi(t) = \Phi(t) w(t)` at each time.
 
-    The window reaches ``half`` samples to either side, and is cut short where the context ends.
-    ``solve`` gives the solution from times, :math:`\Phi`, :math:`\varphi`, the torque's variance
-    and the number of samples averaged; the default is
-    :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is what all directions of the
-    lagged angles leave, of which some truncated solution was taken by the same noise: what is
-    left beside that would be too small. With ``instruments`` the correlations are theirs
-    (:class:`LaggedReference`), truncated at a threshold.
+    The correlations are means over realizations and a window of time. The window reaches ``half``
+    samples to either side, and is cut short where the context ends. ``solve`` gives the solution
+    from times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples
+    averaged; the default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is the
+    residual of all directions of the lagged angles. The residual of the truncated solution would
+    be too small, because the same noise chose its directions. With ``instruments`` the
+    correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
@@ -143,11 +146,12 @@ def solve_windows(
 
 
 def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
-    r"""Variances (time, 3) of the impedance when the noise of neighbouring samples is correlated.
+    r"""Return the variances (time, 3) of the impedance if neighbouring noise is correlated.
 
     With :math:`z_r(i) = a^T x_r(i)`, the readout a of a quantity applied to the lagged angles,
 
-    .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2} \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
+    .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2}
+              \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
     with the autocorrelation :math:`\rho` of the residual at all times
     (:func:`tvsysid.numerics.moments.coloured_moments`). ``products`` and ``noise`` are the
@@ -181,14 +185,17 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
 
 
 def window_errors(ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
-    """Standard errors where realizations are the samples, whose noise is white."""
+    """Return the standard errors of windows of one sample, whose noise is white."""
     return errors_of_variances(windows, windows.white, missing_edge(windows.lags, ensemble))
 
 
 def errors_of_variances(
     windows: Windows, variances: Array, missing: int
 ) -> dict[str, StandardError]:
-    """Standard errors from variances (time, 3) at the windows' times, with so many times missing at either end."""
+    """Return the standard errors from variances (time, 3) at the windows' times.
+
+    ``missing`` times at either end have no window; their errors are NaN.
+    """
     freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
     # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
     values = np.sqrt(np.where(variances >= 0, variances, np.nan))
@@ -202,7 +209,7 @@ def window_model(
     noise: Array,
     errors: ErrorStatistics | Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
-    """Model from windows and their noise's autocorrelation."""
+    """Return the model of windows and of the autocorrelation of their noise."""
     rank = padded(windows.rank.astype(float), missing_edge(windows.lags, ensemble))
     # With few samples for so many lags the noise, and so chance, is hardly known.
     chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
@@ -217,12 +224,13 @@ def window_model(
 
 
 def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
-    r"""Standard error of the second-order agreement in per cent, on a joint of second order.
+    r"""Return the standard error of the second-order agreement in per cent.
 
-    What noise makes lagged angles explain beyond three of them, m directions, at one time has the
-    variance
-    :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of freedom. At times d samples
-    apart it is alike as far as they share lagged angles and, squared, as their noise is.
+    The joint is taken to be of second order. By noise alone, m directions of lagged angles explain
+    some torque beyond the second-order fit. At one time, the variance of its power is
+    :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of
+    freedom. At times d samples apart, the powers are correlated as far as the times share lagged
+    angles, and by the squared correlation of their noise.
     """
     known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
     if not known.any():
@@ -251,12 +259,10 @@ def impulse_response_model(
     diagnostics: Diagnostics,
     errors: ErrorStatistics | Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
-    """Model from weights (time, lag) at the times whose lags lie within the context.
+    """Return the model of weights (time, lag) at the times whose lags lie within the context.
 
-    NaN at the others.
-
-    Stiffness is the area under the response; viscosity and inertia are those of the
-    ``impedance`` (time, 3).
+    The model is NaN at the other times. Stiffness is the area under the response; viscosity and
+    inertia are those of the ``impedance`` (time, 3).
     """
     lags = weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
@@ -275,7 +281,7 @@ def impulse_response_model(
 
 
 def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -> LaggedReference:
-    """Lags of a reference as far as windows and lags reach.
+    """Return the lags of a reference as far as windows and lags reach.
 
     See :meth:`LaggedReference.projected`.
     """
@@ -289,7 +295,10 @@ def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -
 
 
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
-    """Angle and torque as far as lags and window reach, and the samples beyond the realization that a window has."""
+    """Return angle and torque as far as lags and window reach, and the margin of the window.
+
+    The margin is the number of samples beyond the realization that a window may use.
+    """
     missing = missing_edge(lags, ensemble)
     # Beyond the realization, the window may use the context that the lags leave.
     margin = min(half, max(0, ensemble.context - lags))

@@ -1,4 +1,4 @@
-"""Estimates of a joint's impedance, with standard errors that are computed when they are needed."""
+"""Build estimates of a joint's impedance. Their standard errors are computed when needed."""
 
 from __future__ import annotations
 

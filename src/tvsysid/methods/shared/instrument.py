@@ -1,8 +1,9 @@
-r"""A closed loop, in which noise of the torque moves the angle: that which the reference predicts is an instrument.
+r"""Identify a joint in closed loop, with the angle that a reference predicts as the instrument.
 
-With :math:`x = (u, \dot u, \ddot u)` of the angle and z of the predicted one, :math:`E[z (y -
-x^T \theta)] = 0`, whatever the loop, where :math:`E[x (y - x^T \theta)]` is not. So z takes the
-place of x in the left factor of every moment.
+In closed loop, noise of the torque moves the angle. With :math:`x = (u, \dot u, \ddot u)` of the
+angle and z of the predicted angle, :math:`E[z (y - x^T \theta)] = 0` whatever the loop, but
+:math:`E[x (y - x^T \theta)]` is not zero. So z takes the place of x in the left factor of every
+moment.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ SINGULAR = 1e-9  # determinant of scaled moments below which the three quantitie
 
 
 class Instrument(NamedTuple):
-    r"""An ensemble as it would be ``moved`` by the ``reference`` alone, and how good an instrument that is.
+    r"""Ensemble as the ``reference`` alone would have ``moved`` it, and its instrument strength.
 
-    ``explained`` is the share of the angle that was predicted of realizations left out;
-    ``strength`` (time,) is
-    :math:`(\sum_r q_r)^2 / \sum_r q_r^2` with q the product of instrument and angle in a realization about a time,
-    what belongs to viscosity and inertia taken out: at most the number of realizations. Where it is less than
-    ``needed`` the stiffness that the data do not contradict has no end (Anderson & Rubin 1949). ``drowned`` are the
-    frequencies in Hz from and to which noise moves the angle more than the reference does; None if at none.
+    ``explained`` is the predicted share of the angle in held-out realizations. ``strength``
+    (time,) is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
+    product of instrument and angle in a realization about a time, without the parts of viscosity
+    and inertia. Where the strength is less than ``needed``, the data set no limit to the stiffness
+    (Anderson & Rubin 1949). ``drowned`` is the range of frequencies in Hz in which noise moves the
+    angle more than the reference does; None if there is no such frequency.
     """
 
     moved: Ensemble
@@ -60,7 +61,10 @@ class Instrument(NamedTuple):
     def of(
         cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY_MOVED
     ) -> Instrument:
-        """Predict the angle; raises where less than so much of it follows the reference."""
+        """Predict the angle from the reference.
+
+        Raise InputError if the reference predicts less than the share ``least`` of the angle.
+        """
         angle = _predicted(ensemble, reference)
         core = ensemble.core
         left = ensemble.angle[:, core] - angle[:, core]
@@ -88,9 +92,9 @@ class Instrument(NamedTuple):
         )
 
     def seen(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
-        """Diagnostics with what there is to say of the instrument.
+        """Add the details and warnings of the instrument to the diagnostics.
 
-        ``banded`` of bands that need it at each time.
+        ``banded`` says that the method's bands need a strong instrument at each time.
         """
         known = self.strength[np.isfinite(self.strength)]
         of_known = (float(np.median(known)), float(known.min())) if known.size else (np.nan, np.nan)
@@ -109,11 +113,11 @@ class Instrument(NamedTuple):
 
     @property
     def weak(self) -> NDArray[np.bool_]:
-        """Times (time,) at which the reference tells too little for a band."""
+        """Return at which times (time,) the instrument is too weak for a band."""
         return ~(self.strength >= self.needed)
 
     def _warnings(self, banded: bool) -> tuple[str, ...]:
-        """What is doubtful, in words."""
+        """Return the warnings about the instrument."""
         found = []
         if self.explained < WEAK:
             where = ""
@@ -132,7 +136,7 @@ class Instrument(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why there is no band where the instrument is weak."""
+        """Return why there is no band where the instrument is weak."""
         return (
             "the reference hardly moves the angle there, or in too few realizations "
             "(instrument_strength of less than "
@@ -140,10 +144,10 @@ class Instrument(NamedTuple):
         )
 
     def agreement(self, ensemble: Ensemble, impedance: Array) -> float:
-        """How much of the torque that answers to the predicted angle an impedance (time, 3) explains, in per cent.
+        """Return how much of the torque linear in the predicted angle an impedance explains, in %.
 
-        The angle itself will not do: what noise makes of it answers to the noise that the fit
-        leaves.
+        The ``impedance`` has shape (time, 3). The measured angle cannot serve here: the part of it
+        that noise moves is correlated with the noise in the residual.
         """
         fit = np.einsum("mrt,tm->rt", ensemble.derivatives(), impedance)
         known = np.isfinite(fit).all(axis=0)
@@ -156,12 +160,12 @@ class Instrument(NamedTuple):
         return agreement_of(fit[:, known], torque - fit[:, known], angle, covariance)
 
     def banded(self, errors: ErrorStatistics | Mapping[str, StandardError]) -> WhereStrong:
-        """Errors of a method, where the instrument is strong enough to tell them."""
+        """Return the errors of a method, only where the instrument is strong enough."""
         return WhereStrong(errors, self.weak, self.reason)
 
 
 class ByReference(Method):
-    """A method that identifies in closed loop too, if a ``reference`` moves the angle."""
+    """Identify a joint, also in closed loop if a ``reference`` moves the angle."""
 
     reference: str | None
 
@@ -172,7 +176,7 @@ class ByReference(Method):
         return () if name is None else (Input(name, "reference", "of any unit"),)
 
     def _least_share(self) -> float:
-        """Return the share of the angle that the reference must predict at least."""
+        """Return the smallest share of the angle that the reference must predict."""
         return HARDLY_MOVED
 
     def instrument(self, ensemble: Ensemble) -> Instrument | None:
@@ -194,14 +198,17 @@ class ByReference(Method):
 
 @attrs.frozen(eq=False)
 class WhereStrong:
-    """Standard errors without those of the times at which the instrument is ``weak``, for a reason."""
+    """Standard errors, except at the times at which the instrument is ``weak``.
+
+    The reason for their absence is kept.
+    """
 
     errors: ErrorStatistics | Mapping[str, StandardError]
     weak: NDArray[np.bool_]
     reason: str
 
     def standard_errors(self) -> dict[str, StandardError]:
-        """By quantity."""
+        """Return the standard errors by quantity."""
         found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
         why = self.reason if self.weak.all() else ""
         return {
@@ -213,7 +220,10 @@ class WhereStrong:
 
 
 class SegmentFit(NamedTuple):
-    """``impedance`` (time, 3) of segments, its ``variances`` and the ``strength`` of the instrument, (time,)."""
+    """Impedance (time, 3) of segments, its ``variances`` and the instrument's ``strength``.
+
+    ``strength`` has shape (time,).
+    """
 
     impedance: Array
     variances: Array
@@ -223,9 +233,10 @@ class SegmentFit(NamedTuple):
 def segment_fit(
     ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
 ) -> SegmentFit:
-    r"""Instrumental fit to segments from one sample to another, context counted.
+    r"""Fit the impedance of segments by instruments.
 
-    ``power`` weighs a segment's samples.
+    The segments lie between the samples ``begin`` and ``end``, which count the context. ``power``
+    weighs a segment's samples.
 
     .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
               \hat\theta = \left(\sum_r A_r\right)^{-1} \sum_r c_r, \quad
@@ -250,7 +261,7 @@ def segment_fit(
 def _segment_products(
     ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
 ) -> Array:
-    """Weighted sums over segments of z times x and y, shape (realization, time, 3, 4)."""
+    """Return weighted sums over segments of z times x and y: (realization, time, 3, 4)."""
     reach, samples = HALF_WIDTH, ensemble.angle.shape[1]
     first, last = max(reach, begin), min(samples - reach, end)
     at = slice(first - reach, last + reach)
@@ -267,7 +278,7 @@ def _segment_products(
 
 
 def _inverse(matrices: Array) -> Array:
-    """Inverses of matrices (time, 3, 3) that are not symmetric; NaN where there is none."""
+    """Invert matrices (time, 3, 3) that are not symmetric; NaN where they are singular."""
     rows, columns = (np.sqrt(np.sum(matrices**2, axis=axis, keepdims=True)) for axis in (2, 1))
     scale = np.sqrt(rows * columns)
     scaled = np.divide(matrices, scale, out=np.zeros_like(matrices), where=scale > 0)
@@ -280,9 +291,10 @@ def _inverse(matrices: Array) -> Array:
 
 
 def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) -> Array:
-    """Reference with so many more samples before and after each realization and its context.
+    """Return the reference with more samples before and after each realization and its context.
 
-    What is not known of it there is taken as 0: an instrument need not be whole.
+    ``late`` and ``early`` are their numbers. Unknown samples of the reference are 0, because an
+    instrument may be incomplete.
     """
     values = ensemble.signal(reference)
     if ensemble.mean_subtracted:
@@ -299,7 +311,7 @@ def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) 
 
 
 def _predicted(ensemble: Ensemble, reference: str) -> Array:
-    """Angle (realization, context + time + context) that the reference predicts."""
+    """Return the angle (realization, context + time + context) that the reference predicts."""
     if len(ensemble) < 2:
         raise InputError(
             "a reference predicts the angle of a realization by what the others tell; expected at "
@@ -314,9 +326,9 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
 
 
 def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
-    """Strength (time,) of the instrument about each time.
+    """Return the strength (time,) of the instrument about each time.
 
-    Where the window reaches too far, that of the nearest one.
+    Where the window reaches too far, the strength is that of the nearest window.
     """
     power = hann(max(4, round(WINDOW * ensemble.sampling_rate))) ** 2
     before, after = len(power) // 2, (len(power) - 1) // 2
@@ -330,13 +342,17 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
 
 
 def _needed(independent: int) -> float:
-    """Strength from which on the stiffness that the data do not contradict has an end."""
+    """Return the strength above which the data limit the stiffness."""
     freedom = independent - 3
     return float(stdtrit(freedom, 0.975) ** 2 * independent / freedom) if freedom > 0 else np.inf
 
 
 def _drowned(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:
-    """First and last frequency in Hz at which more of the angle is left than predicted, among those that hold 90 %."""
+    """Return the first and last frequency in Hz at which noise moves the angle more.
+
+    At these frequencies the residual of the angle is larger than the predicted angle. Only the
+    lower frequencies that hold 90 % of the residual's power count.
+    """
     noise, signal = (power_spectrum(each) for each in (left, angle))
     within = np.cumsum(noise) <= 0.9 * noise.sum()
     found = np.flatnonzero((noise > signal) & within) / ensemble.duration

@@ -1,4 +1,4 @@
-"""What a fit leaves unexplained: how strong the noise is, what colour it has, and the standard errors that follow."""
+"""Estimate strength and colour of the noise from a fit's residual, and the standard errors."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ LEAST_POWER = 1e-3
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
-    """How many realizations' worth of noise an ensemble holds at each time.
+    """Return the number of realizations with independent noise at each time.
 
-    One less where the mean over them was subtracted: what is fitted then is a regression with an
-    intercept at each time.
+    It is one less if the mean over realizations was subtracted. The fit is then a regression with
+    an intercept at each time.
     """
     return max(1, len(ensemble) - ensemble.mean_subtracted)
 
 
 def counted(ensemble: Ensemble) -> str:
-    """How many realizations there are and what they are worth, in words."""
+    """Describe the number of realizations, and how many of them are independent."""
     count, independent = len(ensemble), independent_realizations(ensemble)
     words = f"{count} realization{'s' * (count > 1)}"
     return (
@@ -54,10 +54,10 @@ def counted(ensemble: Ensemble) -> str:
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
-    """How many independent samples a sample is worth for stiffness: what is left unexplained is not white.
+    """Return the effective fraction of independent samples for stiffness.
 
-    ``predicted`` is the torque (realization, time) by some model, ``band`` the frequencies in Hz
-    that are fitted; see
+    It is not 1 because the residual is not white. ``predicted`` is the torque (realization, time)
+    of some model, ``band`` the fitted frequencies in Hz; see
     :func:`tvsysid.numerics.noise.white_share`.
     """
     known = np.isfinite(predicted).all(axis=0)
@@ -68,7 +68,7 @@ def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, f
 
 
 def residual(ensemble: Ensemble, weights: Array) -> Array:
-    """Torque (realization, time) that weights on lagged angles, shape (time, lag), leave.
+    """Return the residual torque (realization, time) of weights (time, lag) on lagged angles.
 
     The weights are an impulse response times the sample time, at the times whose lags lie within
     the context.
@@ -81,7 +81,7 @@ def residual(ensemble: Ensemble, weights: Array) -> Array:
 
 
 def noise_correlation(covariance: Array, taken: Array) -> Array:
-    """Autocorrelation of the noise from the autocovariance of what a fit left of it, shape (lag,).
+    """Return the autocorrelation (lag,) of the noise from the autocovariance of a fit's residual.
 
     ``taken`` says by how much the fit lowers the autocovariance at each lag, as shares of the
     noise's variance.
@@ -93,12 +93,12 @@ def noise_correlation(covariance: Array, taken: Array) -> Array:
 
 
 class Colour(NamedTuple):
-    """What the noise's colour makes of the variances of a fit, worked out from small statistics when asked.
+    """Statistics from which the effect of the noise's colour on a fit's variances is computed.
 
-    ``covariance`` (lag,) of the residual; ``taken``, the share of the noise's power that the fit
-    took, were its regressors the same at all lags, (lag,) or one for all; ``filters``
-    (regressor, tap) that give the regressors from lagged angles; the angle's ``products`` along
-    the diagonals.
+    ``covariance`` (lag,) is that of the residual. ``taken`` is the share of the noise's power
+    that the fit would explain if its regressors were the same at all lags, (lag,) or one for all.
+    ``filters`` (regressor, tap) give the regressors from lagged angles. ``products`` are those of
+    the angle along the diagonals.
     """
 
     covariance: Array
@@ -110,19 +110,20 @@ class Colour(NamedTuple):
     def of(
         cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array, products: Array
     ) -> Colour:
-        """Colour of a residual (realization, time), and of an angle with these :func:`colour_products`.
+        """Return the colour of a residual ``left`` (realization, time).
 
-        ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is
-        not missing.
+        ``products`` are the :func:`colour_products` of the angle. ``taken`` is the share for noise
+        whose mean over realizations was not subtracted.
         """
         lags = colour_lags(ensemble)
         share = taken * len(ensemble) / independent_realizations(ensemble)
         return cls(autocovariance(left, lags), share, filters, products)
 
     def noise_and_factors(self, seen: Array | float = 1.0) -> tuple[Array, Array]:
-        """Autocorrelation of the noise (lag,), and variances of the fit as multiples of those under white noise.
+        """Return the autocorrelation (lag,) of the noise, and the factors of the fit's variances.
 
-        ``seen`` is the share of the products of noise at each lag that the fit sees.
+        The factors are relative to the variances under white noise. ``seen`` is the share of the
+        noise's products at each lag that enters the fit.
         """
         regressors = regressor_covariances(self.filters, self.products)
         noise = noise_correlation(
@@ -132,17 +133,23 @@ class Colour(NamedTuple):
 
 
 def colour_lags(ensemble: Ensemble) -> int:
-    """Samples over which the noise's autocorrelation counts: no more than a realization has."""
+    """Return the number of lags of the noise's autocorrelation, at most a realization's samples."""
     return min(round(LONGEST_COLOUR * ensemble.sampling_rate), int(ensemble.angle.shape[1]))
 
 
 def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Array:
-    """Moments of the angle along the diagonals as far as so wide filters and the noise's colour need them."""
+    """Return the moments of the angle along the diagonals, as far as they are needed.
+
+    Filters of ``width`` taps and the noise's autocorrelation need them.
+    """
     return angle_products(ensemble.angle, width, colour_lags(ensemble))
 
 
 def angle_covariance(ensemble: Ensemble, products: Array, lags: int) -> Array:
-    """Autocovariance of the angle (lag,), from its :func:`colour_products` where they reach."""
+    """Return the autocovariance (lag,) of the angle.
+
+    It follows from the :func:`colour_products` if they reach as far as ``lags``.
+    """
     samples = ensemble.angle.shape[1]
     if lags < products.shape[1] and len(products) == samples:
         return np.asarray(products[:, : lags + 1].sum(axis=0) / samples)
@@ -150,9 +157,10 @@ def angle_covariance(ensemble: Ensemble, products: Array, lags: int) -> Array:
 
 
 def agreement_of(fit: Array, left: Array, angle: Array, covariance: Array) -> float:
-    """Agreement of a fit that ``left`` something of the torque, both (realization, time).
+    """Return the agreement of a fit with the torque, from the fit and its residual ``left``.
 
-    ``angle`` is that at the same times, ``covariance`` (2 lags + 1,) its autocovariance; see
+    Both have shape (realization, time). ``angle`` is that at the same times, ``covariance``
+    (2 lags + 1,) its autocovariance; see
     :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
     cross = cross_covariance(angle, left, len(covariance) // 2)
@@ -167,13 +175,14 @@ def _mean_square(x: Array) -> float:
 
 @attrs.frozen(eq=False)
 class PosteriorErrors:
-    """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
+    """Standard errors from the posterior of coefficients and the colour of the noise.
 
-    The posterior takes the noise as white; ``colour`` is None if it is. ``expansions`` are
-    functions of time (time, function) of stiffness, viscosity and inertia, as far as the model
-    has them, ``covariances`` those of their coefficients, ``band`` the edges in cycles per
-    sample of the band that was fitted. The noise is so much ``stronger`` than the posterior
-    knows. Of the ``times`` of a realization so many at either end are ``missing``.
+    The posterior takes the noise as white; ``colour`` is None if the noise is white.
+    ``expansions`` are functions of time (time, function) of stiffness, viscosity and inertia, as
+    far as the model has them. ``covariances`` are those of their coefficients. ``band`` holds the
+    edges of the fitted band in cycles per sample. ``stronger`` is the ratio of the noise to that
+    in the posterior. A realization has ``times`` times, of which ``missing`` at either end have no
+    estimate.
     """
 
     expansions: tuple[Array, ...]
@@ -186,7 +195,7 @@ class PosteriorErrors:
     missing: int
 
     def standard_errors(self) -> dict[str, StandardError]:
-        """By quantity, with the arcs of simultaneous bands."""
+        """Return the standard errors by quantity, with the arcs of simultaneous bands."""
         if self.colour is None:
             factors = np.full(len(self.expansions), self.stronger)
         else:

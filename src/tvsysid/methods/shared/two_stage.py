@@ -1,4 +1,4 @@
-"""Impulse responses in closed loop: two-stage least squares within windows, by lags of a reference."""
+"""Estimate impulse responses in closed loop by two-stage least squares within windows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class LaggedReference(NamedTuple):
     ``angle`` and ``torque`` (realization, time) as far as windows and lags reach; ``reference``
     with as many more samples before them as it has more lags than the angle.
 
-    .. math:: \Phi = \Phi_{zu}^T \Phi_{zz}^+ \Phi_{zu}, \qquad \varphi = \Phi_{zu}^T \Phi_{zz}^+ \varphi_{zy}
+    .. math:: \Phi = \Phi_{zu}^T \Phi_{zz}^+ \Phi_{zu}, \qquad
+              \varphi = \Phi_{zu}^T \Phi_{zz}^+ \varphi_{zy}
 
     take the place of the correlations of lagged angles, sums over a window being taken before.
     """
@@ -40,13 +41,16 @@ class LaggedReference(NamedTuple):
 
     @property
     def more(self) -> int:
-        """How many lags the reference has more than the angle."""
+        """Return how many more lags the reference has than the angle."""
         return int(self.reference.shape[1] - self.angle.shape[1])
 
     def projected(
         self, begin: int, end: int, half: int, centres: slice
     ) -> tuple[Array, Array, Array]:
-        """Correlations of windows about centres among some times, and the instruments' projection (time, lag, lag)."""
+        """Return the correlations of windows, and the projection (time, lag, lag) on instruments.
+
+        The windows lie about ``centres`` among the times from ``begin`` to ``end``.
+        """
         lags, more = self.lags, self.more
         z = self.reference[:, begin : end + 2 * lags + more]
         u = np.pad(self.angle[:, begin : end + 2 * lags], ((0, 0), (more, 0)))
@@ -68,13 +72,14 @@ class LaggedReference(NamedTuple):
         return of_u.transpose(0, 2, 1) @ of_u, (projection @ with_y)[..., 0], projection
 
     def standard_errors(self, windows: Windows, times: int) -> dict[str, StandardError]:
-        r"""Standard errors of the impedance at so many times: the sandwich of the realizations' scores.
+        r"""Return the standard errors of the impedance: the sandwich of the realizations' scores.
 
-        .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad s_r = \frac1L \sum_{i \in W} (G z_r(i))\, e_r(i)
+        .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad
+                  s_r = \frac1L \sum_{i \in W} (G z_r(i))\, e_r(i)
 
-        with G by which the impedance follows from the instruments' correlations with the torque,
-        and e what the response leaves of the torque, relative to the degrees of freedom that it
-        leaves. The noise may be of any kind.
+        with G the matrix that gives the impedance from the instruments' correlations with the
+        torque, and e the residual torque, corrected for the degrees of freedom. The noise may be
+        of any kind. ``times`` is the number of times of a realization.
         """
         scores, samples = np.zeros((3, len(self.angle), len(windows.weights))), windows.samples
         last, place = (
@@ -99,7 +104,7 @@ class LaggedReference(NamedTuple):
 
 
 def truncated_at_threshold(phi_uu: Array, phi_uy: Array) -> Solution:
-    """Least squares by the directions of lagged angles that instruments tell well."""
+    """Solve least squares in the directions of lagged angles that the instruments identify."""
     values, vectors = np.linalg.eigh(phi_uu)
     kept = values > UNTOLD * values[:, -1:]
     inverse = (
@@ -111,7 +116,10 @@ def truncated_at_threshold(phi_uu: Array, phi_uy: Array) -> Solution:
 
 
 def _sums(values: Array, weights: Array, first: NDArray[np.int64]) -> Array:
-    """Sums (realization, time) of lagged values from some samples on times weights (time, lag), lowest lag first."""
+    """Return sums (realization, time) of lagged values times weights (time, lag).
+
+    ``first`` holds the first sample of each time. The lowest lag is first.
+    """
     if np.array_equal(first, np.arange(len(first)) + first[0]):
         return convolve_lags(values[:, first[0] : first[-1] + weights.shape[1]], weights)
     windows = sliding_window_view(values, weights.shape[1], axis=1)[:, first]

@@ -125,11 +125,11 @@ class AdaptiveRegression(base.Method):
     which is the least mean square error, and the band holds both. Bands do not count what is no
     noise; see :class:`tvsysid.Estimate`.
 
-    Where a test on realizations that were not fitted to shows a stretch reflex
-    (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`), its columns, those of its shape, and an
-    intrinsic response of 40 ms stand beside stiffness as those of :class:`tvsysid.JointCascade` do.
-    The model then has ``reflex_gain`` and the pathways ``intrinsic`` and ``reflex``; otherwise none
-    is invented.
+    A test on held-out realizations may show a stretch reflex
+    (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`). Its columns, those of its shape, and
+    an intrinsic response of 40 ms then stand beside stiffness as those of
+    :class:`tvsysid.JointCascade` do. The model then has ``reflex_gain`` and the pathways
+    ``intrinsic`` and ``reflex``. Otherwise it has neither.
 
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
     than four realizations.

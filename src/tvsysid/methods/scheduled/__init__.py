@@ -1,1 +1,4 @@
-"""A joint that follows a measured variable: the methods are in methods.py, their regressors and model in the others."""
+"""A joint that follows a measured variable.
+
+The methods are in methods.py, their regressors and model in the other modules.
+"""

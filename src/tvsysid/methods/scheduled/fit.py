@@ -1,4 +1,7 @@
-"""Least squares on all columns at once, what it predicts of times that it has not seen, and how sure it is."""
+"""Least squares on all columns at once.
+
+The module also has the prediction of held-out times, and the covariance of the coefficients.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +30,13 @@ EMPTY = 1e-12  # share of its mean square below which a column does not vary
 
 
 class Rows(NamedTuple):
-    """Samples in the order of time at which everything is known.
+    """Samples in the order of time at which all signals are known.
 
-    The ``columns`` (column, row), of which the first has so many ``parts`` rest, intrinsic and
-    reflex columns; the ``torque`` and the ``variable`` (row,); and on which sample of one long
-    record each lies, ``place`` (row,): the stretches of time that the ensemble holds, with gaps
-    between them that are longer than the noise's colour. Which of the ensemble's samples the
-    rows are, is ``known`` (sample,).
+    The ``columns`` (column, row) are the rest, intrinsic and reflex columns, as many of each as
+    ``parts`` says. The ``torque`` and the ``variable`` have shape (row,). ``place`` (row,) is
+    the position of each row in one long record: the stretches of time that the ensemble holds, with
+    gaps between them that are longer than the noise's colour. ``known`` (sample,) says which of the
+    ensemble's samples the rows are.
     """
 
     columns: Array
@@ -45,7 +48,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, structure: Structure, ensemble: Ensemble) -> Rows:
-        """Rows of an ensemble."""
+        """Return the rows of an ensemble."""
         order = np.concatenate(ensemble.runs)
         parts = structure.parts(ensemble)
         columns = _in_order(np.concatenate(parts), ensemble)
@@ -67,18 +70,18 @@ class Rows(NamedTuple):
 
     @property
     def folds(self) -> list[slice]:
-        """Rows of each fold."""
+        """Return the rows of each fold."""
         ends = np.linspace(0, len(self.torque), FOLDS + 1).astype(int)
         return [slice(first, last) for first, last in pairwise(ends)]
 
 
 def _in_order(columns: Array, ensemble: Ensemble) -> Array:
-    """Columns (column, realization, time) in the order of time, (column, sample)."""
+    """Return columns (column, realization, time) in the order of time, shape (column, sample)."""
     return columns[:, np.concatenate(ensemble.runs)].reshape(len(columns), -1)
 
 
 class Fit(NamedTuple):
-    """Solution: its ``coefficients`` and the ``inverse`` of their moments, for columns as they are.
+    """Solution: its ``coefficients`` and the ``inverse`` of their moments, for unscaled columns.
 
     ``held_out`` (fold,): variance of the torque in each fold accounted for by the fit to the
     others, in per cent. ``tried`` holds the same of other orders (order, reflex_order).
@@ -93,14 +96,14 @@ class Fit(NamedTuple):
 
     @property
     def parameters(self) -> float:
-        """Number of coefficients, but for columns that are nothing."""
+        """Return the number of coefficients whose columns are not zero."""
         return float(np.count_nonzero(self.coefficients))
 
 
 def fitted(
     structure: Structure, ensemble: Ensemble, orders: Sequence[int], reflex_orders: Sequence[int]
 ) -> Fit:
-    """Fit the torque with the lowest orders of the polynomials that predict folds as well as the best do.
+    """Fit the torque with the lowest orders that predict folds as well as the best orders do.
 
     The orders of both pathways rise together at first. Then each is chosen anew beside the other.
     ``structure`` has the highest of both.
@@ -147,7 +150,7 @@ def fitted(
 
 
 def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
-    """Fit of the same ensemble whose torque at rest has a polynomial with so many degrees."""
+    """Fit the same ensemble with ``degrees`` polynomials for the torque at rest."""
     structure, rows = attrs.evolve(fit.structure, rest=degrees), fit.rows
     rest = _in_order(structure.at_rest(ensemble), ensemble)[:, rows.known]
     columns = np.concatenate([rest, rows.columns[rows.parts[0] :]])
@@ -163,29 +166,28 @@ def _fitted(
 
 
 def _moments(rows: Rows) -> Array:
-    """Moments of the columns, the torque and a one with each other, in each fold."""
+    """Return the moments of columns, torque and a constant with each other, in each fold."""
     both = np.concatenate([rows.columns, rows.torque[None], np.ones((1, len(rows.torque)))])
     return np.stack([both[:, fold] @ both[:, fold].T for fold in rows.folds])
 
 
 def _part(moments: Array, kept: NDArray[np.bool_]) -> Array:
-    """Moments of some columns, the torque and a one."""
+    """Return the moments of some columns, the torque and a constant."""
     place = np.append(np.flatnonzero(kept), [-2, -1])
     return moments[:, place[:, None], place]
 
 
 def _held_out(moments: Array) -> Array:
-    """Variance of the torque in each fold accounted for by the fit to the others, in per cent."""
+    """Return the variance accounted for in each fold by the fit to the others, in per cent."""
     whole = moments.sum(axis=0)
     return np.array([_explained(own, _solved(whole - own)[0]) for own in moments])
 
 
 def _solved(moments: Array) -> tuple[Array, Array]:
-    """Coefficients of the columns at unit standard deviation, with a slight ridge.
+    """Return the coefficients of the columns, and the inverse of their moments.
 
-    And the inverse of their moments.
-
-    The ``moments`` are of the columns, the torque and a one, with each other.
+    The columns are scaled to unit standard deviation, and have a slight ridge. The ``moments`` are
+    those of the columns, the torque and a constant with each other.
     """
     gram, cross, total, count = (
         moments[:-2, :-2],
@@ -202,7 +204,10 @@ def _solved(moments: Array) -> tuple[Array, Array]:
 
 
 def _explained(moments: Array, coefficients: Array) -> float:
-    """Variance of the torque that coefficients account for, in per cent; both about their means."""
+    """Return the variance of the torque that coefficients account for, in per cent.
+
+    Both variances are about their means.
+    """
     weights = np.append(-coefficients, 1.0)
     count, total = moments[-1, -1], moments[:-1, -1]
     left = weights @ moments[:-1, :-1] @ weights - (weights @ total) ** 2 / count
@@ -210,7 +215,7 @@ def _explained(moments: Array, coefficients: Array) -> float:
 
 
 def covariance_of(fit: Fit, rate: float, freedom: float) -> Array:
-    r"""Covariance of the coefficients, (coefficient, coefficient), under noise of the residual's colour.
+    r"""Return the covariance of the coefficients under coloured noise, (coefficient, coefficient).
 
     .. math:: A^{-1} X \Sigma X^T A^{-1}
 

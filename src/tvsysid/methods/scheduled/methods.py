@@ -1,4 +1,7 @@
-"""A joint whose properties follow a measured variable: by impulse responses, or by stiffness, viscosity and inertia."""
+"""Methods for a joint whose properties follow a measured variable.
+
+One estimates impulse responses, the other stiffness, viscosity and inertia.
+"""
 
 from __future__ import annotations
 
@@ -55,26 +58,26 @@ class Scheduled(base.Method):
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """The scheduling variable."""
+        """Return the input with the scheduling variable."""
         return (base.Input(self.variable, "scheduling", "any unit"),)
 
     @property
     def quantities(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Gain of the reflex, if there is one."""
+        """Return the reflex gain, if there is a reflex."""
         return ("reflex_gain",) * self.reflex
 
     @property
     def scheduled_quantities(self) -> dict[str, int]:  # type: ignore[override]
-        """All quantities, over the scheduling variable."""
+        """Return all quantities over the scheduling variable."""
         return {f"scheduled_{name}": GRID for name in (*IMPEDANCE, *self.quantities)}
 
     @property
     def pathway_names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Pathways, if there are two."""
+        """Return the names of the pathways, if there are two."""
         return ("intrinsic", "reflex") if self.reflex else ()
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Where the variable does not vary, or most times lack what was recorded before."""
+        """Return why the method skips an ensemble: a constant variable, or too little history."""
         values = ensemble.signal(self.variable)[:, ensemble.core]
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             return (
@@ -132,7 +135,7 @@ class Scheduled(base.Method):
         )
 
     def _fit(self, ensemble: Ensemble) -> tuple[Fit, dict[int, float]]:
-        """Fit with the orders and the direction of stretch that predict folds best, and each direction's share."""
+        """Fit with the best orders and direction of stretch; return each direction's share, too."""
         structure = self._structure(ensemble)
         orders = [
             ORDERS if each is None else (each,)
@@ -165,9 +168,9 @@ class Scheduled(base.Method):
 
     @abstractmethod
     def _lags(self, ensemble: Ensemble) -> int:
-        """Lags of the intrinsic response to either side, in samples.
+        """Return the lags of the intrinsic response to either side, in samples.
 
-        0 for angle, velocity and acceleration.
+        0 stands for angle, velocity and acceleration.
         """
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
@@ -176,10 +179,11 @@ class Scheduled(base.Method):
 
 @attrs.frozen
 class ScheduledIRF(Scheduled):
-    r"""Impulse response and reflex that follow a measured variable, such as the joint's own slow movement.
+    r"""Impulse response and reflex that follow a measured variable, such as a slow movement.
 
     .. math:: y(t) = \sum_{|k| \le n} \sum_{j=0}^{p} c_{kj} T_j(x(t))\, \theta(t - k)
-              + \sum_{i} \sum_{j=0}^{q} g_{ij} \sum_{k \ge 0} \ell_i(k)\, T_j(x(t - k - d))\, f(t - k - d) + y_0
+              + \sum_{i} \sum_{j=0}^{q} g_{ij} \sum_{k \ge 0}
+              \ell_i(k)\, T_j(x(t - k - d))\, f(t - k - d) + y_0
 
     with T the Chebyshev polynomials, x the variable mapped to -1 to 1, :math:`\ell` orthonormal
     Laguerre filters and f the velocity of stretch: rectified at the rate at which the angle was
@@ -214,10 +218,11 @@ class ScheduledIRF(Scheduled):
 
     Notes
     -----
-    ``model.estimates`` has stiffness, viscosity, inertia and reflex gain for each realization and time, and as
-    ``scheduled_stiffness`` and so on over the variable; :meth:`ScheduledModel.at` gives them at any values of it.
-    Stiffness is the sum of the weights, viscosity and inertia are those of a second-order fit from 0.5 to 15 Hz, the
-    reflex gain is the area under its response, in N·m·s/rad.
+    ``model.estimates`` has stiffness, viscosity, inertia and reflex gain for each realization and
+    time. ``scheduled_stiffness`` and so on are the same quantities over the variable.
+    :meth:`ScheduledModel.at` returns them at any values of the variable. Stiffness is the sum of
+    the weights. Viscosity and inertia are those of a second-order fit from 0.5 to 15 Hz. The reflex
+    gain is the area under the reflex's response, in N·m·s/rad.
 
     The stretch is in the direction that predicts more of five folds of consecutive time, each from
     the others. What the folds predict is ``vaf_folds`` among the diagnostics' details: the mean
@@ -230,10 +235,11 @@ class ScheduledIRF(Scheduled):
 
     References
     ----------
-    Sobhani Tehrani, Jalaleddini & Kearney 2013, Linear parameter varying identification of ankle joint intrinsic
-    stiffness during imposed walking movements, IEEE EMBC; the two pathways in one: Sobhani Tehrani, Golkar, Guarin,
-    Jalaleddini & Kearney 2015, Methods for the identification of time-varying hammerstein systems with applications to
-    the study of dynamic joint stiffness, IFAC-PapersOnLine 48.
+    Sobhani Tehrani, Jalaleddini & Kearney 2013, Linear parameter varying identification of ankle
+    joint intrinsic stiffness during imposed walking movements, IEEE EMBC; the two pathways in one:
+    Sobhani Tehrani, Golkar, Guarin, Jalaleddini & Kearney 2015, Methods for the identification of
+    time-varying hammerstein systems with applications to the study of dynamic joint stiffness,
+    IFAC-PapersOnLine 48.
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
@@ -257,15 +263,14 @@ class ScheduledIRF(Scheduled):
 
 @attrs.frozen
 class ScheduledImpedance(Scheduled):
-    r"""Stiffness and viscosity as polynomials in a measured variable, constant inertia, and a reflex that follows it.
+    r"""Stiffness, viscosity and reflex that follow a measured variable; inertia is constant.
 
     .. math:: y(t) = \sum_{j=0}^{p} T_j(x(t)) \left[ K_j\, \theta(t) + B_j\, \dot\theta(t) \right]
               + I\, \ddot\theta(t) + r(t) + y_0
 
     with the reflex r, the settings, the folds and the bands of :class:`ScheduledIRF`, and the
-    derivatives of
-    :meth:`tvsysid.Ensemble.derivatives`. It has fewer coefficients, so it is surer of itself, where the joint is of
-    second order.
+    derivatives of :meth:`tvsysid.Ensemble.derivatives`. It has fewer coefficients, and is therefore
+    more precise where the joint is of second order.
     """
 
     key = "lpvkbi"
@@ -286,7 +291,7 @@ class ScheduledImpedance(Scheduled):
 
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
-    """Orders of the polynomials by what they predict of folds of consecutive time."""
+    """Compare the orders of the polynomials by their prediction of folds of consecutive time."""
     every = dict.fromkeys(
         (method, attrs.evolve(method, order=None, reflex_order=None))
     )  # one where no order is given
@@ -382,7 +387,11 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
 
 
 def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> Iterator[str]:
-    """Warning where stiffness on a grid of the variable hangs on a torque at rest that follows it too little."""
+    """Yield a warning if stiffness depends on the order of the torque at rest.
+
+    The torque at rest then follows the variable too little. Stiffness is compared on a ``grid`` of
+    the variable.
+    """
     degrees = max(
         fit.structure.degrees, fit.structure.reflex.degrees if fit.structure.reflex else 1
     )

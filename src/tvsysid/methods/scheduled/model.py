@@ -1,4 +1,4 @@
-"""The model of a scheduled joint: what was found, over the variable and over time."""
+"""Model of a scheduled joint: its properties over the variable and over time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ BEYOND = 1e-3  # share of the samples beyond the limits from which on they are w
 
 @attrs.frozen(eq=False)
 class Curves:
-    """Quantities that are polynomials in the variable: by name, their weights (degree,) and these' covariance."""
+    """Quantities that are polynomials in the variable.
+
+    Each name has its weights (degree,) and their covariance.
+    """
 
     structure: Structure
     weights: Mapping[str, Array]
@@ -39,14 +42,17 @@ class Curves:
         rate: float,
         freedom: float,
     ) -> Curves:
-        """Of the coefficients of all columns, and their covariance."""
+        """Return the curves by the coefficients of all columns and their covariance."""
         readouts = structure.readouts(rate)
         weights = {name: coefficients @ readout for name, readout in readouts.items()}
         covariances = {name: readout.T @ covariance @ readout for name, readout in readouts.items()}
         return cls(structure, weights, covariances, freedom)
 
     def at(self, values: Array, axes: tuple[str, ...]) -> dict[str, Estimate]:
-        """Estimates at values of the variable, beyond whose limits they stay as they are at the nearer one."""
+        """Return estimates at values of the variable.
+
+        Beyond the variable's limits, they keep their values at the nearer limit.
+        """
         polynomials = self.structure.polynomials(values)
         grid = self.structure.polynomials(np.linspace(*self.structure.limits, GRID))
         found = {}
@@ -74,9 +80,9 @@ class ScheduledModel(Model):
     coefficients: Array
 
     def at(self, values: ArrayLike) -> dict[str, Estimate]:
-        """Estimates of each quantity at values of the variable (value,), within the range that was seen.
+        """Return estimates of each quantity at values of the variable, shape (value,).
 
-        Beyond its limits they are those at the nearer limit.
+        Beyond the range that was recorded, they keep their values at the nearer limit.
         """
         return self.curves.at(np.atleast_1d(read_only(values)), (self.structure.variable,))
 

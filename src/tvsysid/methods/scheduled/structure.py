@@ -1,4 +1,4 @@
-"""What the torque of a scheduled joint is a sum of: signals times polynomials in the variable."""
+"""Regressors of a scheduled joint's torque: signals times polynomials in the variable."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from tvsysid.signals import Array, Ensemble
 
 @attrs.frozen
 class Reflex:
-    """Reflex: ``filters`` of the stretch after a ``delay``, of a ``memory`` and a ``time_constant``, all in samples.
+    """Reflex pathway, without its weights.
 
-    Each filter's weight is a polynomial with so many ``degrees`` in the variable as it was when
-    the muscle was stretched.
+    It has ``filters`` of the stretch after a ``delay``, with a ``memory`` and a ``time_constant``,
+    all times in samples. Each filter's weight is a polynomial with ``degrees`` coefficients, in the
+    variable at the time of the stretch.
     """
 
     delay: int
@@ -34,13 +35,13 @@ class Reflex:
 
     @property
     def responses(self) -> Array:
-        """Impulse responses of the filters, (filter, lag)."""
+        """Return the impulse responses of the filters, shape (filter, lag)."""
         return laguerre_filters(self.filters, self.memory, self.time_constant)
 
     def columns(self, ensemble: Ensemble, polynomials: Array) -> Array:
-        """What its weights multiply, (filter * degree, realization, time).
+        """Return the regressors of the reflex, shape (filter * degree, realization, time).
 
-        NaN where the memory was not recorded.
+        They are NaN where the memory was not recorded.
         """
         before, drive = self.delay + self.memory - 1, self.drive(ensemble)
         out = np.empty((self.filters, self.degrees, len(ensemble), ensemble.samples))
@@ -56,7 +57,7 @@ class Reflex:
 
 @attrs.frozen
 class Structure:
-    """Model of the torque, but for its weights.
+    """Model of the torque, without its weights.
 
     The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``.
     Each intrinsic signal has a polynomial with so many ``degrees``: the angles at up to so many
@@ -73,7 +74,7 @@ class Structure:
     reflex: Reflex | None
 
     def stretched(self, direction: int) -> Structure:
-        """The same with the other direction of stretch."""
+        """Return the same structure with the other direction of stretch."""
         if self.reflex is None:
             return self
         drive = attrs.evolve(self.reflex.drive, direction=direction)
@@ -81,19 +82,19 @@ class Structure:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Degrees of each intrinsic signal."""
+        """Return the number of degrees of each intrinsic signal."""
         return (
             (self.degrees,) * (2 * self.lags + 1) if self.lags else (self.degrees, self.degrees, 1)
         )
 
     @property
     def orders(self) -> tuple[int, int]:
-        """Orders of the polynomials of the intrinsic and of the reflex pathway."""
+        """Return the orders of the polynomials of the intrinsic and of the reflex pathway."""
         return self.degrees - 1, self.reflex.degrees - 1 if self.reflex else 0
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Columns at rest, of the intrinsic and of the reflex torque."""
+        """Return the numbers of columns: at rest, intrinsic and reflex."""
         return (
             self.rest,
             sum(self.counts),
@@ -101,12 +102,12 @@ class Structure:
         )
 
     def of_orders(self, order: int, reflex_order: int) -> Structure:
-        """The same with polynomials of other orders."""
+        """Return the same structure with polynomials of other orders."""
         reflex = self.reflex and attrs.evolve(self.reflex, degrees=reflex_order + 1)
         return attrs.evolve(self, degrees=order + 1, reflex=reflex)
 
     def within(self, order: int, reflex_order: int) -> NDArray[np.bool_]:
-        """Which columns polynomials of these orders have, (column,)."""
+        """Return which columns polynomials of these orders have, shape (column,)."""
         kept = [
             np.ones(self.rest, dtype=bool),
             *(np.arange(count) <= order for count in self.counts),
@@ -118,21 +119,27 @@ class Structure:
         return np.concatenate(kept)
 
     def polynomials(self, values: Array) -> Array:
-        """Chebyshev polynomials of values of the variable, (..., degree), as many as the highest needs."""
+        """Return Chebyshev polynomials of values of the variable, shape (..., degree).
+
+        There are as many as the highest order needs.
+        """
         most = max(self.degrees, self.rest, self.reflex.degrees if self.reflex else 1)
         return chebyshev_of(values, self.limits, most)
 
     def readout(self, rate: float) -> Array:
-        """Stiffness, viscosity and inertia from the weights of the intrinsic signals, (3, signal)."""
+        """Return the matrix (3, signal) that gives stiffness, viscosity and inertia.
+
+        It multiplies the weights of the intrinsic signals.
+        """
         if not self.lags:
             return np.eye(3)
         fit = second_order_fit(np.arange(-self.lags, self.lags + 1) / rate)
         return np.stack([np.ones(fit.shape[1]), *fit[1:]])
 
     def signals(self, ensemble: Ensemble) -> Array:
-        """Intrinsic signals (signal, realization, time).
+        """Return the intrinsic signals, shape (signal, realization, time).
 
-        NaN where lags or filters reach beyond the context.
+        They are NaN where lags or filters reach beyond the context.
         """
         if not self.lags:
             found = ensemble.derivatives()
@@ -149,9 +156,10 @@ class Structure:
         return np.asarray(windows[:, ::-1].transpose(1, 0, 2))
 
     def parts(self, ensemble: Ensemble) -> list[Array]:
-        """What coefficients multiply, each (column, realization, time): of rest, intrinsic and reflex torque.
+        """Return the regressors of rest, intrinsic and reflex torque.
 
-        They lose their mean over realizations where the ensemble has.
+        Each has shape (column, realization, time). They lose their mean over realizations where the
+        ensemble has lost its own.
         """
         polynomials = self.polynomials(ensemble.signal(self.variable))
         own = np.moveaxis(polynomials[:, ensemble.core], -1, 0)
@@ -162,12 +170,15 @@ class Structure:
         return [self.at_rest(ensemble), *(_about_mean(each, ensemble) for each in found)]
 
     def at_rest(self, ensemble: Ensemble) -> Array:
-        """The first of the parts: (degree, realization, time)."""
+        """Return the regressors of the torque at rest, shape (degree, realization, time)."""
         own = self.polynomials(ensemble.signal(self.variable)[:, ensemble.core])[..., : self.rest]
         return _about_mean(np.moveaxis(own, -1, 0), ensemble)
 
     def readouts(self, rate: float) -> dict[str, Array]:
-        """What gives each quantity's weights from the coefficients of all columns, (coefficient, degree)."""
+        """Return a matrix for each quantity, which gives the quantity's weights.
+
+        It has shape (coefficient, degree) and multiplies the coefficients of all columns.
+        """
         found = {}
         for name, row in zip(IMPEDANCE, self.readout(rate), strict=True):
             own = [
@@ -184,7 +195,10 @@ class Structure:
 
 
 def _about_mean(columns: Array, ensemble: Ensemble) -> Array:
-    """Columns (column, realization, time) less their mean over realizations, where the ensemble has lost its own."""
+    """Subtract the mean over realizations where the ensemble has lost its own.
+
+    The ``columns`` have shape (column, realization, time).
+    """
     return (
         columns - mean_known(columns.swapaxes(0, 1))[:, None]
         if ensemble.mean_subtracted

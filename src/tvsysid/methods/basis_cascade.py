@@ -1,4 +1,4 @@
-"""Basis cascade (BPC): both pathways of a joint whose change over time is a sum of basis functions."""
+"""Basis cascade (BPC): both pathways of a joint that changes by a sum of basis functions."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from tvsysid.validators import at_least, not_negative, one_of, optional, positiv
 
 @attrs.frozen
 class BasisCascade(in_turn.InTurn):
-    r"""Intrinsic and reflex response that change as sums of basis functions, identified in turn.
+    r"""Identify intrinsic and reflex response in turn, each as a sum of basis functions.
 
-    .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} \sum_j \lambda_{\tau j} \Lambda_j(t)\, \theta(t - \tau)
+    .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} \sum_j
+              \lambda_{\tau j} \Lambda_j(t)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} \sum_j \mu_{\tau j} \Lambda_j(t)\, f(t - \tau)
 
     The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``) from the torque less
@@ -50,10 +51,11 @@ class BasisCascade(in_turn.InTurn):
 
     Notes
     -----
-    The direction of stretch is the one that explains more of the torque. f is scaled to a mean slope of 1 for stretch,
-    so that ``reflex_gain``, the area under the reflex's response at a time, is slope times area, in N·m·s/rad (of EMG,
-    torque by its unit). A response is that of the torque at a time: its gain comes later than that of the stretch, by
-    the mean lag of the muscle.
+    The direction of stretch is the one that explains more of the torque. f is scaled to a mean
+    slope of 1 for stretch. ``reflex_gain``, the area under the reflex's response at a time, is
+    therefore slope times area, in N·m·s/rad (with EMG, torque by the unit of EMG). A response is
+    that of the torque at a time. Its gain comes later than that of the stretch, by the mean lag of
+    the muscle.
 
     Slow torque is no answer and not predicted; with it, the fit explains ``vaf_with_slow`` per cent
     in the diagnostics. Of three simulated records of 150 s at 10 dB whose stiffness (100 N·m/rad)
@@ -76,7 +78,8 @@ class BasisCascade(in_turn.InTurn):
 
     References
     ----------
-    Guarin & Kearney 2017, Front. Comput. Neurosci. 11:51, and 2018, IEEE Trans. Neural Syst. Rehabil. Eng. 26.
+    Guarin & Kearney 2017, Front. Comput. Neurosci. 11:51, and 2018, IEEE Trans. Neural Syst.
+    Rehabil. Eng. 26.
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)

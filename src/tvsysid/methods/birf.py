@@ -25,10 +25,11 @@ COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 @attrs.frozen
 class BasisIRF(shared.ByReference):
-    r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
+    r"""Model the change over time as a sum of basis functions, with sparse Bayesian coefficients.
 
     .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad
-              y(t) = \sum_j \left[ c_j \Lambda_j(t)\, \theta + d_j \Lambda_j(t)\, \dot\theta \right] + I\,\ddot\theta
+              y(t) = \sum_j \left[ c_j \Lambda_j(t)\, \theta
+              + d_j \Lambda_j(t)\, \dot\theta \right] + I\,\ddot\theta
 
     (equation 8 of van de Ruit et al. 2021; Guarin & Kearney 2017, 2018). The paper takes stiffness
     from the second, parametric, model.
@@ -54,10 +55,10 @@ class BasisIRF(shared.ByReference):
 
     Notes
     -----
-    Everything follows from the correlations of lagged inputs at each time: the Gram matrix of all coefficients
-    is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`, and velocity and acceleration are sums of lagged angles
-    (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
-    built.
+    Everything follows from the correlations of lagged inputs at each time. The Gram matrix of all
+    coefficients is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`. Velocity and
+    acceleration are sums of lagged angles (:mod:`tvsysid.numerics.differentiation`). The
+    regressor, with a row for each sample of each realization, is never built.
 
     The bands are those of the posterior, which takes the noise as white, times a factor for its
     colour (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the
@@ -191,9 +192,9 @@ class BasisIRF(shared.ByReference):
     def _posterior(
         self, system: System, ensemble: Ensemble, share: float = 1.0
     ) -> shared.Posterior:
-        """Coefficients as if only a share of the samples were there.
+        """Return the posterior of the coefficients, for a share of the samples.
 
-        All of them are, but weigh less.
+        All samples are used, but weigh less.
         """
         count = len(ensemble) * share
         moments = (system.gram * count, system.cross * count, system.square * count)
@@ -218,7 +219,7 @@ class BasisIRF(shared.ByReference):
         left: Array,
         effective: float,
     ) -> shared.PosteriorErrors:
-        """Standard errors of what the coefficients of these expansions (time, function) make.
+        """Return the standard errors of sums of coefficients times expansions (time, function).
 
         Without ``products`` of the angle, the covariances count the noise's colour already.
         """
@@ -240,7 +241,7 @@ class BasisIRF(shared.ByReference):
         )
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
+        """Return the log evidence of bases. The ``seed`` is not used: nothing is random."""
         parametric = self.model == "parametric"
         per_function = (
             2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
@@ -273,10 +274,10 @@ class BasisIRF(shared.ByReference):
 
 
 class System(NamedTuple):
-    """Normal equations of coefficients whose columns have unit RMS: averaged over realizations, summed over ``times``.
+    """Normal equations of coefficients whose columns have unit RMS.
 
-    The torque's is ``square``; times ``scale``, coefficients are those of the columns in their
-    own units.
+    They are averaged over realizations and summed over ``times``. ``square`` is the torque's
+    square. Coefficients times ``scale`` are those of the columns in their own units.
     """
 
     gram: Array
@@ -287,7 +288,7 @@ class System(NamedTuple):
 
 
 def _expansions(functions: Array) -> tuple[Array, Array, Array]:
-    """Functions of time (time, function) of stiffness, viscosity and inertia, which is constant."""
+    """Return the functions (time, function) of stiffness, viscosity and constant inertia."""
     return functions, functions, np.ones((len(functions), 1))
 
 
@@ -302,7 +303,10 @@ def _parametric_system(moments: shared.DerivativeMoments, expansions: tuple[Arra
 
 
 def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
-    """Products of signals times functions of time, summed over time, from the signals' moments (time, 3, 3)."""
+    """Return the products of signals times functions of time, summed over time.
+
+    ``moments`` (time, 3, 3) are those of the signals.
+    """
     return np.block(
         [
             [(left * moments[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
@@ -318,14 +322,16 @@ def _instrumental(
     ensemble: Ensemble,
     moved: Ensemble,
 ) -> shared.Posterior:
-    r"""Coefficients by instruments Z in the left factor, from their posterior m, C in a fit to the instruments alone.
+    r"""Return the coefficients with instruments Z in the left factor.
+
+    They follow from their posterior m, C in a fit to the instruments alone:
 
     .. math:: (Z^T X + \sigma^2 P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
               M = (1 + C\, Z^T (X - Z) / \sigma^2)^{-1}
 
     whatever the prior. The covariance is :math:`A^{-1} Z^T R Z A^{-T}` with :math:`A^{-1} = M C
-    / \sigma^2` and R that of the noise, of any colour, which the angle itself leaves. What the
-    prior pruned stays 0.
+    / \sigma^2`. R is the covariance of the noise, of any colour, from the residual of the measured
+    angle. Coefficients that the prior pruned stay 0.
     """
     missing = (ensemble.samples - len(expansions[0])) // 2
     at = slice(missing, ensemble.samples - missing)
@@ -354,9 +360,10 @@ def _instrumental(
 def _noise_through(
     expansions: tuple[Array, ...], scale: Array, signals: Array, left: Array, lags: int
 ) -> Array:
-    r"""Variance of :math:`Z^T e`, (coefficient, coefficient), for noise with the autocorrelation of what is ``left``.
+    r"""Return the variance (coefficient, coefficient) of :math:`Z^T e` for the noise e.
 
-    Within each realization, up to so many ``lags`` apart, under half a Hann window.
+    The noise has the autocorrelation of the residual ``left`` within each realization, up to
+    ``lags`` samples apart, under half a Hann window.
     """
     samples = left.shape[1]
     lags = min(lags, samples - 1)
@@ -376,7 +383,10 @@ def _noise_through(
 
 
 def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System, Array]:
-    """Normal equations of the impulse response, and the mean over time of the correlations of lagged angles."""
+    """Return the normal equations of the impulse response, and the mean correlations of its angles.
+
+    The correlations are those of lagged angles, averaged over time.
+    """
     first = max(0, ensemble.context - lags)
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
     phi_uu, phi_uy, square, _ = shared.lagged_moments(angle, torque, lags)

@@ -21,7 +21,7 @@ LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are 
 
 @attrs.frozen
 class EnsembleIRF(Method):
-    r"""A two-sided impulse response at each time, estimated across realizations alone.
+    r"""Estimate a two-sided impulse response at each time, across realizations alone.
 
     .. math:: y_r(i) = \Delta t \sum_{j=-n}^{n} h(i, j)\, u_r(i - j), \qquad
               \varphi(i) = \Delta t\, \Phi(i)\, h(i)
@@ -43,15 +43,16 @@ class EnsembleIRF(Method):
 
     Notes
     -----
-    The description length uses the torque's variance about its mean over realizations (with R - 1), as the authors'
-    code does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
-    mean where the mean torque was subtracted, as it should be.
+    The description length uses the torque's variance about its mean over realizations (with
+    R - 1), as the authors' code does. With the mean square instead, the ranks differ at a quarter
+    of the samples. The two have the same meaning where the mean torque was subtracted, as it
+    should be.
 
     Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those
     of a second-order fit to it, weighted by its inverse covariance
-    (:func:`tvsysid.numerics.second_order.second_order_readout`); the diagnostics' ``second_order_agreement``
-    says how much of the torque that answers to the angle the fit explains, and
-    ``second_order_agreement_error`` is its standard error.
+    (:func:`tvsysid.numerics.second_order.second_order_readout`). The diagnostics'
+    ``second_order_agreement`` says how much of the torque that depends linearly on the angle the
+    fit explains, and ``second_order_agreement_error`` is its standard error.
 
     The bands are those of least squares at each time by itself: realizations are seconds apart,
     so that noise of any colour is white across them. The noise's strength is what all directions

@@ -1,4 +1,4 @@
-"""Ensemble cascade (TV-PC): both pathways of a joint that changes in any way, across realizations."""
+"""Ensemble cascade (TV-PC): both pathways of a joint with any change, across realizations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ENOUGH = 500  # realizations that the literature asks for, at the least
 
 @attrs.frozen
 class EnsembleCascade(in_turn.InTurn):
-    r"""Intrinsic and reflex response at each time, estimated across realizations, in turn.
+    r"""Identify intrinsic and reflex response at each time in turn, across realizations.
 
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} h(t, \tau)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} p(t, \tau)\, f(t - \tau)
@@ -45,9 +45,10 @@ class EnsembleCascade(in_turn.InTurn):
 
     Notes
     -----
-    The direction of stretch, the scale of f and ``reflex_gain`` are those of :class:`BasisCascade`. The paper's static
-    function is another at each time; here the polynomial is the same at all times, because one for each has more
-    coefficients than the realizations usual here determine.
+    The direction of stretch, the scale of f and ``reflex_gain`` are those of
+    :class:`BasisCascade`. The paper has a different static function at each time. Here the
+    polynomial is the same at all times, because one for each time has more coefficients than the
+    usual number of realizations determines.
 
     Realizations that do not have the memory recorded before them are left out. No bands are stated.
 

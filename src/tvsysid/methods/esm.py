@@ -46,13 +46,13 @@ REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 @attrs.frozen
 class EnsembleSpectral(shared.ByReference):
-    r"""A frequency response at each time, from spectra of short segments averaged over realizations.
+    r"""Estimate a frequency response at each time, from spectra averaged over realizations.
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}
 
-    (equation 12 of van de Ruit et al. 2021). Segments are Hann-windowed, in angle and torque; their
-    mean is not subtracted, for that would take away the very component from which stiffness is
-    read.
+    (equation 12 of van de Ruit et al. 2021). The spectra are those of short segments, Hann-windowed
+    in angle and torque. Their mean is not subtracted, because stiffness is read from the component
+    at 0 Hz.
 
     Parameters
     ----------
@@ -73,16 +73,16 @@ class EnsembleSpectral(shared.ByReference):
 
     Notes
     -----
-    An even number of samples N is taken from t - N/2 to t + N/2 - 1, under a Hann window that peaks at t and vanishes
-    at its first sample, so that the estimate is centred on t.
+    An even number of samples N is taken from t - N/2 to t + N/2 - 1. The Hann window peaks at t and
+    vanishes at its first sample, so that the estimate is centred on t.
 
     The second-order fit does not start from H, from which the window takes inertia and viscosity
     (fitted to H, they come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are
     true). It takes the cross-spectra of the same segments with the velocity and the acceleration,
     which are differentiated before they are windowed:
 
-    .. math:: S_{y u^{(m)}}(f) = k\, S_{u u^{(m)}}(f) + b\, S_{\dot u u^{(m)}}(f) + I\, S_{\ddot u u^{(m)}}(f), \qquad
-              m = 0, 1, 2
+    .. math:: S_{y u^{(m)}}(f) = k\, S_{u u^{(m)}}(f) + b\, S_{\dot u u^{(m)}}(f)
+              + I\, S_{\ddot u u^{(m)}}(f), \qquad m = 0, 1, 2
 
     which holds at every frequency without leakage, and solves them by least squares over all
     frequencies. The diagnostics' ``second_order_agreement`` says how much of the torque that
@@ -220,9 +220,9 @@ class EnsembleSpectral(shared.ByReference):
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class InstrumentalResponseModel(FrequencyResponseModel):
-    """Frequency response by a reference: NaN where that does not move the angle.
+    """Frequency response by a reference: NaN where the reference does not move the angle.
 
-    Its prediction is therefore that of the second-order fit.
+    The model therefore predicts the torque by the second-order fit.
     """
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
@@ -231,12 +231,15 @@ class InstrumentalResponseModel(FrequencyResponseModel):
 
 
 class Segments(NamedTuple):
-    r"""Second-order fit to segments, from second moments of angle, velocity, acceleration and torque.
+    r"""Second-order fit to segments, from moments of angle, velocity, acceleration and torque.
 
     With :math:`u^{(m)}` the angle's derivatives, taken before the window, the segments obey
-    :math:`S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f) + I S_{\ddot u u^{(m)}}(f)` at every
-    frequency, without leakage. Least squares sum over frequency; by Parseval's theorem that is a sum over samples with
-    the squared window as weights.
+
+    .. math:: S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f)
+              + I S_{\ddot u u^{(m)}}(f)
+
+    at every frequency, without leakage. Least squares sum over frequency. By Parseval's theorem,
+    this is a sum over samples with the squared window as weights.
 
     ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end
     (``edges``) where the derivatives lack samples, so that segments are cut short; ``power`` is
@@ -250,7 +253,7 @@ class Segments(NamedTuple):
     colour: shared.Colour
 
     def variances(self) -> Array:
-        """Variances of stiffness, viscosity and inertia, shape (time, 3)."""
+        """Return the variances (time, 3) of stiffness, viscosity and inertia."""
         sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
         fourth = fourth[:, :3, :3]
         impedance, inverse = shared.second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
@@ -268,16 +271,16 @@ class Segments(NamedTuple):
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the variances."""
+        """Return the degrees of freedom of the variances."""
         return float(self.realizations * self.power.sum() ** 2 / np.sum(self.power**2) - 3)
 
 
 def _segment_fit(
     ensemble: Ensemble, products: Array, power: Array, begin: int, end: int
 ) -> tuple[Segments, Array, float]:
-    """Segments from one sample to another, context counted.
+    """Fit segments from one sample to another, which count the context.
 
-    Their impedance (time, 3) and its agreement in per cent.
+    Return the segments, their impedance (time, 3) and its agreement in per cent.
     """
     rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
     reach = shared.HALF_WIDTH
@@ -321,9 +324,10 @@ def _segment_fit(
 
 
 def _told(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
-    """Power of the predicted angle over its cross-spectrum with the angle, (time, frequency).
+    """Return the predicted angle's power over its cross-spectrum with the angle.
 
-    NaN where the two are no more coherent than independent signals are in 5 % of cases.
+    The shape is (time, frequency). The ratio is NaN where the two are no more coherent than
+    independent signals are in 5 % of cases.
     """
     least = 1 - 0.05 ** (1 / max(independent - 1, 1))
     told = np.abs(spectra.yu) ** 2 > least * spectra.uu * spectra.yy
@@ -331,18 +335,21 @@ def _told(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]
 
 
 def window_sums(moments: Array, weights: Array) -> Array:
-    """Moments (sample, 4, 4) weighted and summed over each segment, shape (time, 4, 4)."""
+    """Return weighted sums (time, 4, 4) of moments (sample, 4, 4) over each segment."""
     return np.asarray(sliding_window_view(moments, len(weights), axis=0) @ weights)
 
 
 def _overlap(power: Array, lags: int) -> Array:
-    """Sum over a segment of the products of weights that lie so many samples apart, shape (lag,)."""
+    """Return the sum over a segment of the products of lagged weights, shape (lag,)."""
     products = np.correlate(power, power, mode="full")[len(power) - 1 :][:lags]
     return np.pad(products, (0, lags - len(products)))
 
 
 def _taken(power: Array, count: int, lags: int) -> Array:
-    """Share of the noise's autocovariance that fits of three regressors to weighted segments take, at each lag."""
+    """Return the share (lag,) of the noise's autocovariance that the fit of a segment explains.
+
+    The fit has three regressors, and the segment is weighted.
+    """
     centre = len(power) // 2
     own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
     total = float(power.sum())
@@ -350,7 +357,7 @@ def _taken(power: Array, count: int, lags: int) -> Array:
 
 
 def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
-    """Warn where inertia leaks so far into 0 Hz that the response there is no stiffness."""
+    """Return a warning if inertia leaks into 0 Hz, so that the response there is not stiffness."""
     low, level = (mean_of(each[np.isfinite(at_rest + fit)]) for each in (at_rest, fit))
     if not low < level - MAX_LEAKAGE * abs(level):
         return ()
@@ -363,14 +370,14 @@ def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
 
 
 def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent: int) -> Array:
-    r"""Variance of the 0-Hz response: a regression over realizations of one windowed sum on another.
+    r"""Return the variance of the 0-Hz response: a regression of windowed sums over realizations.
 
     .. math:: \mathrm{var} = \frac{\sum_r U_r^2 E_r^2 / (1 - h_r)}{(\sum_r U_r^2)^2}, \qquad
               E_r = Y_r - k U_r, \quad h_r = \frac{U_r^2}{\sum_s U_s^2} + \frac{R - R'}{R}
 
-    with R' ``independent`` ones of R realizations: one less where their mean was subtracted, for
-    then an intercept was fitted too. It needs no equal variances: leakage makes the error larger
-    in segments in which the angle moves (White 1980; MacKinnon & White 1985).
+    with R' ``independent`` ones of R realizations. R' is one less where their mean was subtracted,
+    because then an intercept was fitted too. The variances need not be equal: leakage makes the
+    error larger in segments in which the angle moves (White 1980; MacKinnon & White 1985).
     """
     window = shared.hann(angle.shape[1] - len(stiffness) + 1)
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
@@ -394,9 +401,9 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 class SegmentErrors:
     """Standard errors of the second-order fit to segments, and at 0 Hz.
 
-    ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it;
-    ``missing`` how many times at either end have no segment; ``counted`` how many realizations
-    there are, in words.
+    ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it.
+    ``missing`` is the number of times at either end without a segment. ``counted`` describes the
+    number of realizations in words.
     """
 
     segments: Segments
@@ -405,7 +412,7 @@ class SegmentErrors:
     counted: str
 
     def standard_errors(self) -> dict[str, shared.StandardError]:
-        """By quantity."""
+        """Return the standard errors by quantity."""
         variances = self.segments.variances()
         freedom, absent = np.full(variances.shape, self.segments.freedom), ""
         if self.at_rest is not None:

@@ -1,4 +1,4 @@
-"""Modal decomposition: stiffness from how fast a joint rings after an impulse, and how soon that dies away."""
+"""Modal decomposition: stiffness from frequency and decay of a joint's ringing after impulses."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ FEWEST = 3
 
 @attrs.frozen
 class ModalDecomposition(base.Method):
-    r"""Stiffness of a lightly damped joint from the frequency and the decay with which it rings after impulses.
+    r"""Estimate the stiffness of a lightly damped joint from its ringing after impulses.
+
+    Frequency and decay of the ringing give
 
     .. math:: k = I\,(\omega^2 + s^2 + \dot s), \qquad b = 2 I s, \qquad
               s = -\frac{d \ln A}{dt} - \frac{1}{2}\frac{d \ln \omega}{dt}
@@ -59,9 +61,10 @@ class ModalDecomposition(base.Method):
 
     Notes
     -----
-    It serves a joint that moves freely, or with its load, between impulses of torque, and hardly anybody else: the
-    ankle is damped too much (damping ratio 0.6 to 1.1). docs/special-perturbations.md has figures. The angle is the one
-    that was recorded, with the mean over realizations, for that is made of the ringing of all.
+    The method suits a joint that moves freely, or with its load, between impulses of torque. It
+    suits hardly any other joint: the ankle is damped too much (damping ratio 0.6 to 1.1).
+    docs/special-perturbations.md has figures. The angle is the recorded one. Its mean over
+    realizations is kept, because it consists of the ringing of all realizations.
 
     References
     ----------
@@ -85,10 +88,13 @@ class ModalDecomposition(base.Method):
     cites = ("piovesan2012",)
     uses_recorded_angle = True
     perturbation = "pulses:duration=0.02,interval=1"
-    system = "loaded:inertia=0.1,viscosity=1.3,actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
+    system = (
+        "loaded:inertia=0.1,viscosity=1.3,"
+        "actuator_stiffness=0,actuator_viscosity=0,actuator_inertia=0"
+    )
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Where the torque is no impulses, or the joint is damped too much."""
+        """Return a reason to skip if there are no torque impulses, or too much damping."""
         torque = ensemble.torque[:, ensemble.core]
         near = np.concatenate(
             [_impulses(torque[run].ravel(), ensemble.sampling_rate)[1] for run in ensemble.runs]
@@ -119,11 +125,11 @@ class ModalDecomposition(base.Method):
         return None
 
     def _mean_impedance(self, ensemble: Ensemble) -> tuple[float, float, float, float]:
-        """Mean stiffness, viscosity and inertia by least squares, and the share of inertia by which that may be off.
+        """Return mean stiffness, viscosity and inertia, and the relative error of inertia.
 
-        Angle and torque are smoothed alike, which leaves noise and the impulses' edges out.
-        Stiffness and viscosity have a few harmonics. The error is that of realizations as
-        independent samples.
+        They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
+        and the impulses' edges. Stiffness and viscosity have a few harmonics. The error takes
+        realizations as independent samples.
         """
         rate, features = (
             ensemble.sampling_rate,
@@ -197,11 +203,11 @@ class ModalDecomposition(base.Method):
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class ModalModel(Model):
-    """Stiffness and viscosity where impulses tell them, and an inertia that is known."""
+    """Stiffness and viscosity at the times after impulses, and a known inertia."""
 
 
 def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Samples at which impulses of a torque (time,) peak, and whether each sample is within one."""
+    """Return the samples at which impulses of a torque (time,) peak, and which samples lie near."""
     size = np.abs(torque)
     places, _ = scipy.signal.find_peaks(
         size, height=LEAST * size.max(initial=0.0), distance=max(1, round(2 * ABOUT * rate))
@@ -215,11 +221,11 @@ def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np
 def track(
     angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float, decay: float
 ) -> Array:
-    """Stiffness and viscosity at these consecutive samples of an angle, shape (time, 2), from how it rings about them.
+    """Return stiffness and viscosity (time, 2) at consecutive samples of an angle that rings.
 
-    In a window about each time a wave that decays about so fast (1/s), its mirror image at the
-    negative frequency and a constant are fitted; the wave's phase and size over time tell
-    frequency and decay.
+    In a window about each time, the fit has a wave with a ``decay`` in 1/s, its mirror image at
+    the negative frequency, and a constant. The wave's phase and size over time give frequency and
+    decay.
     """
     reach = round(REACH * width * rate)
     lags = np.arange(-reach, reach + 1) / rate
@@ -249,7 +255,7 @@ def track(
 def _over_impulses(
     tracks: list[tuple[NDArray[np.int64], Array]], samples: int
 ) -> tuple[Array, Array, Array]:
-    """Mean over impulses (time, 2), its standard error, and how many there are at each time."""
+    """Return the mean (time, 2) over impulses, its standard error, and their number, over time."""
     values = np.full((max(len(tracks), 1), samples, 2), np.nan)
     for row, (times, track) in zip(values, tracks, strict=False):
         row[times] = track

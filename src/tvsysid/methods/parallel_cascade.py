@@ -25,9 +25,10 @@ FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sen
 
 @attrs.frozen
 class ParallelCascade(base.Method):
-    r"""Intrinsic and reflex pathway of a joint that does not change, identified in turn.
+    r"""Identify intrinsic and reflex pathway of a joint that does not change, in turn.
 
-    .. math:: y(t) = \Delta t \sum_{j=-n}^{n} h_j\, \theta(t - j) + \Delta t \sum_{i=0}^{m} p_i\, f(\dot\theta(t - i))
+    .. math:: y(t) = \Delta t \sum_{j=-n}^{n} h_j\, \theta(t - j)
+              + \Delta t \sum_{i=0}^{m} p_i\, f(\dot\theta(t - i))
 
     The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the
     torque less the intrinsic one, and so on until the torque explained grows by less than 0.05
@@ -47,9 +48,10 @@ class ParallelCascade(base.Method):
 
     Notes
     -----
-    The direction of stretch is the one that explains more of the torque. f is scaled to a mean slope of 1 for stretch
-    (of a least-squares fit with one slope for either direction), so that ``reflex_gain``, the area under the reflex's
-    response, is slope times area, in N·m·s/rad; polynomials are 0 where the velocity is.
+    The direction of stretch is the one that explains more of the torque. f is scaled to a mean
+    slope of 1 for stretch (of a least-squares fit with one slope for either direction).
+    ``reflex_gain``, the area under the reflex's response, is therefore slope times area, in
+    N·m·s/rad. Polynomials are 0 where the velocity is 0.
 
     Both responses are truncated by description length, the directions that explain most first.
     Everything is constant over time in the model: where the joint changes, this is an average.
@@ -66,8 +68,8 @@ class ParallelCascade(base.Method):
 
     References
     ----------
-    Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504; Hunter & Korenberg 1986, Biol. Cybern. 55,
-    135-144.
+    Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504; Hunter & Korenberg
+    1986, Biol. Cybern. 55, 135-144.
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
@@ -94,7 +96,7 @@ class ParallelCascade(base.Method):
     time_invariant = True
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Where hardly any sample has the reflex's memory before it."""
+        """Return a reason to skip if hardly any sample has the reflex's memory before it."""
         before = base.whole_samples(self.memory, ensemble)
         unknown = np.isnan(history(ensemble, ensemble.angle, before)).sum()
         known = len(ensemble) * ensemble.samples - int(unknown)
@@ -147,7 +149,7 @@ class ParallelCascade(base.Method):
         return cascade_model(plain, ensemble, reflex, drive)
 
     def _candidates(self, ensemble: Ensemble) -> list[Candidate]:
-        """Return the drives to try: for either direction of stretch, or from either on."""
+        """Return the drives to try, each with initial weights of a rectified velocity."""
         both = rectifiers(ensemble)
         if self.nonlinearity == "rectifier":
             return both

@@ -37,10 +37,10 @@ FEWEST_REALIZATIONS = (
 
 @attrs.frozen
 class ShortDataSegments(shared.ByReference):
-    r"""A two-sided impulse response at each time, estimated across realizations and a short window of time.
+    r"""Estimate a two-sided impulse response at each time, across realizations and a short window.
 
-    .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2} u_r(i - k)\, y_r(i), \qquad
-              L = (N + 1) R
+    .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2}
+              u_r(i - k)\, y_r(i), \qquad L = (N + 1) R
 
     (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012), with the autocorrelations
     alike; solved as in
@@ -62,9 +62,10 @@ class ShortDataSegments(shared.ByReference):
 
     Notes
     -----
-    The window holds N + 1 samples, centred. It is cut short where a realization's context ends, and the number
-    of samples actually averaged is counted. Stiffness is the area under the impulse response (equation 20); viscosity
-    and inertia are those of a second-order fit to it, as in :class:`EnsembleIRF`.
+    The window holds N + 1 samples, centred. It is cut short where a realization's context ends,
+    and the number of samples actually averaged is counted. Stiffness is the area under the impulse
+    response (equation 20). Viscosity and inertia are those of a second-order fit to it, as in
+    :class:`EnsembleIRF`.
 
     The bands count that the noise of neighbouring samples in a window is correlated, by the
     autocorrelation of the residual, which is taken to be the same at all times; the noise's
@@ -111,7 +112,7 @@ class ShortDataSegments(shared.ByReference):
     def _by_reference(
         self, ensemble: Ensemble, lags: int, half: int, instrument: shared.Instrument
     ) -> ImpulseResponseModel:
-        """Two-stage least squares."""
+        """Return the model of two-stage least squares with a reference."""
         lagged = shared.lagged_reference(ensemble, instrument.reference, lags, half)
 
         def solve(at: slice, phi_uu: Array, phi_uy: Array, *others: Array) -> Solution:
@@ -142,11 +143,11 @@ class ShortDataSegments(shared.ByReference):
 
 @attrs.frozen(eq=False)
 class SegmentErrors:
-    """Standard errors at the times whose windows hold samples enough to tell them.
+    """Standard errors at the times whose windows hold enough samples.
 
-    From the angle's ``products`` along the diagonals (sample, distance) and the autocorrelation
-    of the ``noise`` (distance,). A realization has so many ``times``; ``counted`` says in words
-    how many realizations there are.
+    They follow from the angle's ``products`` along the diagonals (sample, distance) and from the
+    autocorrelation of the ``noise`` (distance,). A realization has ``times`` times. ``counted``
+    describes the number of realizations in words.
     """
 
     windows: shared.Windows
@@ -156,7 +157,7 @@ class SegmentErrors:
     counted: str
 
     def standard_errors(self) -> dict[str, shared.StandardError]:
-        """By quantity."""
+        """Return the standard errors by quantity."""
         windows, unknowns = self.windows, 2 * self.windows.lags + 1
         enough = (windows.independent >= FEWEST * unknowns) & (
             windows.realizations >= FEWEST_REALIZATIONS

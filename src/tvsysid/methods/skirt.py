@@ -1,4 +1,4 @@
-"""Skirt decomposition: how the answer to each line of a multisine changes in time."""
+"""Skirt decomposition: how the response to each line of a multisine changes in time."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ FREQUENCIES = Validator("positive numbers", lambda several: all(map(positive.is_
 
 @attrs.frozen
 class SkirtDecomposition(base.Method):
-    r"""Response to each line of a multisine, whose change in time widens the line into a skirt.
+    r"""Identify the response to each line of a multisine. Its change widens the line into a skirt.
 
     .. math:: y(t) = \sum_k \mathrm{Re}\{G_k(t)\, U_k\, e^{j\omega_k t}\}, \qquad
-              G_k(t) = \sum_{h=-H}^{H} g_{kh}\, e^{2\pi j h t / p} = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
+              G_k(t) = \sum_{h=-H}^{H} g_{kh}\, e^{2\pi j h t / p}
+              = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
 
     The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to
     them, weighted by their covariance. What a line U is comes from the angle itself, so that
@@ -61,9 +62,10 @@ class SkirtDecomposition(base.Method):
 
     Notes
     -----
-    It serves an imposed angle that is a multisine and nothing else (to 1 % of its variance), at a frequency or more for
-    each of stiffness and inertia. The lines' phases are those of each trial. With its few unknowns it is better than
-    ``kbr`` for a slow change of known smoothness, and worse for any other; docs/special-perturbations.md has figures.
+    The imposed angle must be a multisine and nothing else (to 1 % of its variance), with one or
+    more frequencies for each of stiffness and inertia. The lines' phases are those of each trial.
+    With its few unknowns, the method is better than ``kbr`` for a slow change of known smoothness,
+    and worse for any other change. docs/special-perturbations.md has figures.
 
     The bands count the residual's power within 2 Hz of each line.
 
@@ -92,7 +94,7 @@ class SkirtDecomposition(base.Method):
     perturbation = "multisine"
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Where the angle is no multisine, or its lines are too few or too close."""
+        """Return a reason to skip if the angle is no multisine, or its lines are unsuitable."""
         lines = self._lines(ensemble)
         found = ", ".join(f"{line:.4g}" for line in lines) or "none"
         share = 0.0
@@ -180,7 +182,7 @@ class SkirtDecomposition(base.Method):
         )
 
     def _lines(self, ensemble: Ensemble) -> Array:
-        """Frequencies in Hz, shape (line,)."""
+        """Return the frequencies (line,) in Hz."""
         if self.frequencies is not None:
             return np.array(self.frequencies)
         run = max(ensemble.runs, key=len)
@@ -191,7 +193,10 @@ class SkirtDecomposition(base.Method):
         )  # on the grid, the mean has left its own
 
     def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
-        """Each line as a complex wave (line, realization, time) fitted to the angle of each trial, and that angle."""
+        """Return each line as a complex wave (line, realization, time), and the angle.
+
+        The waves are fitted to the angle of each trial.
+        """
         assert ensemble.onsets is not None
         assert ensemble.trials is not None
         angle = ensemble.angle[:, ensemble.core]
@@ -213,10 +218,10 @@ class SkirtDecomposition(base.Method):
 
 
 class Skirts(NamedTuple):
-    """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom.
+    """Coefficients g of the lines, their covariance, and its degrees of freedom.
 
-    The torque that they leave, (realization, time), and its ``density`` about each line (line,),
-    1 of white noise.
+    The coefficients (line, real or imaginary, function) are in a row. Their residual torque has
+    shape (realization, time). Its ``density`` (line,) about each line is 1 for white noise.
     """
 
     mean: Array
@@ -281,9 +286,9 @@ def _chance(
 def _second_order(
     skirts: Skirts, lines: Array, count: int
 ) -> tuple[shared.Posterior, tuple[str, ...], float]:
-    """Functions of stiffness and viscosity, and the inertia, from the responses of all lines.
+    """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
 
-    Also the probability that noise alone makes the lines differ as much from them.
+    Return also the probability that noise alone makes the lines differ as much from the fit.
     """
     speed = 2 * np.pi * lines
     design = np.zeros((len(lines), 2, count, 2 * count + 1))
@@ -305,7 +310,10 @@ def _second_order(
 
 
 def _found(angle: Array, rate: float) -> Array:
-    """Frequencies in Hz of the lines of a signal (time,), the strongest first: at each the phase does not turn."""
+    """Return the frequencies in Hz of the lines of a signal (time,), the strongest first.
+
+    At each of them the phase does not turn.
+    """
     samples = len(angle)
     half, left = samples // 2, angle - angle.mean()
     total, lines = float(np.sum(left**2)), np.empty(0)

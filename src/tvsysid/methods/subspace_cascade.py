@@ -38,7 +38,7 @@ COLOUR = 0.6  # s up to which the noise's autocorrelation counts
 
 @attrs.frozen
 class SubspaceCascade(Method):
-    r"""Intrinsic and reflex stiffness, separated by orthogonal projection and subspace identification.
+    r"""Separate intrinsic and reflex stiffness by projection and subspace identification.
 
     .. math:: y(t) = \sum_{|\tau| \le d} h(\tau)\, \theta(t - \tau)\, \Delta t
                      + \sum_{\tau \ge 0} p(\tau)\, f(t - d - \tau)\, \Delta t, \qquad
@@ -68,10 +68,10 @@ class SubspaceCascade(Method):
 
     Notes
     -----
-    Realizations that follow each other are one record. Others are short segments of one behaviour: the state in which
-    each begins is estimated too, and they must be longer than two horizons. Windows move by a quarter of their length;
-    in between, all is interpolated. They take samples only before which the velocity is known as long as the poles
-    last.
+    Realizations that follow each other are one record. Others are short segments of one behaviour.
+    The state in which each segment begins is estimated too, and segments must be longer than two
+    horizons. Windows move by a quarter of their length; results are interpolated in between. A
+    window takes only samples before which the velocity is known as long as the poles last.
 
     Directions of the inputs are counted as far as they are beyond rounding. Poles outside the unit
     circle are reflected into it. A reflex that is not there has poles all the same: those of the
@@ -94,9 +94,10 @@ class SubspaceCascade(Method):
 
     References
     ----------
-    Jalaleddini, Sobhani Tehrani & Kearney 2017, A subspace approach to the structural decomposition and identification
-    of ankle joint dynamic stiffness, IEEE Trans. Biomed. Eng. (whole records); Jalaleddini, Golkar & Kearney 2017,
-    Measurement of dynamic joint stiffness from multiple short data segments, IEEE Trans. Neural Syst. Rehabil. Eng.
+    Jalaleddini, Sobhani Tehrani & Kearney 2017, A subspace approach to the structural decomposition
+    and identification of ankle joint dynamic stiffness, IEEE Trans. Biomed. Eng. (whole records);
+    Jalaleddini, Golkar & Kearney 2017, Measurement of dynamic joint stiffness from multiple short
+    data segments, IEEE Trans. Neural Syst. Rehabil. Eng.
     """
 
     delay: float = attrs.field(default=0.04, validator=positive)
@@ -123,11 +124,14 @@ class SubspaceCascade(Method):
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
-        """Whether it takes the joint as constant."""
+        """Return whether the method takes the joint as constant."""
         return self.window is None
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Where the Hankel matrices would be too short or too large, or a window would hold too little."""
+        """Return a reason to skip if horizon or window do not fit the ensemble.
+
+        The Hankel matrices may be too short or too large, or a window may hold too few samples.
+        """
         rate, depth = ensemble.sampling_rate, whole_samples(self.horizon, ensemble)
         if not (self.order or 1) < depth <= LARGEST_HORIZON:
             return (
@@ -160,7 +164,10 @@ class SubspaceCascade(Method):
         return None
 
     def _fewest(self) -> int:
-        """Samples that a window must hold: twice as many as there are systems that the reflex could be made of."""
+        """Return the number of samples that a window must hold.
+
+        It is twice the number of basis systems of the reflex: each term times each state or input.
+        """
         return 2 * self.terms * (1 + (self.order or 2))
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
@@ -204,7 +211,10 @@ class SubspaceCascade(Method):
         reflex: subspace.Dynamics,
         weights: Array,
     ) -> tuple[list[Fit | None], Array]:
-        """Fits in windows, poles and weights being those of all data, and the share of each in a time (time, fit)."""
+        """Return the fits in windows, and the share (time, fit) of each fit at each time.
+
+        Poles and weights are those of all data.
+        """
         half = whole_samples(self.window or 0.0, ensemble) // 2
         centres, between = grid(ensemble.samples, max(1, 2 * half // STEPS))
         longest = whole_samples(MEMORY, ensemble)
@@ -251,7 +261,10 @@ class SubspaceCascade(Method):
         drive: Drive,
         slope: float,
     ) -> TwoPathwayModel:
-        """Model from fits, the share of each in a time (time, fit), and what the drive was divided by."""
+        """Return the model of fits and of their shares ``between`` (time, fit) at each time.
+
+        The drive was divided by ``slope``.
+        """
         lags, rate = whole_samples(self.delay, ensemble), ensemble.sampling_rate
         known = [fit for fit in fits if fit is not None]
         if not known:
@@ -313,10 +326,11 @@ class SubspaceCascade(Method):
 
 
 class Fit(NamedTuple):
-    """Intrinsic ``response`` (lag,) in N·m/rad/s, ``impedance`` (3,) with standard ``errors``, and the ``reflex``.
+    """Intrinsic ``response`` (lag,) in N·m/rad/s, ``impedance`` (3,) and the ``reflex``.
 
-    ``shares`` are the torque's power that a second-order fit explains, what lagged angles
-    explain beyond it, and what they would by chance.
+    ``errors`` are the standard errors of the impedance. ``shares`` are three powers of the torque:
+    a second-order fit explains the first, and lagged angles explain the second beyond it. The
+    third is the power that they would explain by chance.
     """
 
     response: Array
@@ -336,11 +350,12 @@ def fit(
     rate: float,
     weights: Array | None = None,
 ) -> Fit:
-    """Both pathways of samples in which the joint is constant: so many in each stretch, one after the other.
+    """Fit both pathways to samples in which the joint is constant.
 
-    ``left`` are the projected ``rows``, which give the intrinsic response. The reflex, with
-    these ``weights`` or its own and the poles of ``dynamics``, is fitted to what that response
-    leaves of ``later``.
+    ``sizes`` are the numbers of samples of the pieces, which follow each other. ``left`` are the
+    projected ``rows``, which give the intrinsic response. The reflex has the poles of
+    ``dynamics``, and these ``weights`` or its own. It is fitted to the residual of the intrinsic
+    response in ``later``.
     """
     response, count = left.response, len(left.output)
     rest = later._replace(output=later.output - later.signals @ response)
@@ -372,8 +387,8 @@ def fit(
 class Line(NamedTuple):
     """Realizations that follow each other, with the context about them, as one ``piece``.
 
-    Its sample ``first`` is the first of so many ``realizations`` of so many ``samples``; below 0
-    where lags reach beyond the context.
+    Its sample ``first`` is the first of ``realizations`` realizations of ``samples`` samples. It
+    is below 0 where lags reach beyond the context.
     """
 
     piece: subspace.Piece
@@ -383,9 +398,9 @@ class Line(NamedTuple):
 
     @classmethod
     def of(cls, ensemble: Ensemble, inputs: Array, run: NDArray[np.int64], lags: int) -> Line:
-        """From a run of realizations.
+        """Return the line of a run of realizations.
 
-        The inputs (realization, time, input) come a delay of so many lags later.
+        The inputs (realization, time, input) are delayed by ``lags`` samples.
         """
         level = 0.0 if ensemble.mean_subtracted else 1.0
         core, before, after = (
@@ -405,7 +420,7 @@ class Line(NamedTuple):
         return cls(piece, ensemble.context - lags, len(run), ensemble.samples)
 
     def core(self) -> subspace.Piece:
-        """Realizations alone, as far as lags reach."""
+        """Return the realizations without context, as far as lags reach."""
         first, last = (
             max(0, self.first),
             min(len(self.piece.output), self.first + self.realizations * self.samples),
@@ -416,9 +431,9 @@ class Line(NamedTuple):
         )
 
     def windows(self, centre: int, half: int, past: int) -> list[slice]:
-        """Samples about one of each realization's.
+        """Return the window of samples about ``centre`` in each realization.
 
-        None of the first, before which the inputs are not known.
+        The first ``past`` samples are left out, because the inputs before them are not known.
         """
         starts = self.first + centre + self.samples * np.arange(self.realizations)
         bounds = [
@@ -429,13 +444,16 @@ class Line(NamedTuple):
 
 
 def lasting(response: Array) -> int:
-    """Samples until hardly anything of a response is left."""
+    """Return the number of samples after which a response has nearly ended."""
     area = np.cumsum(np.abs(response))
     return 1 + int(np.searchsorted(area, (1 - FORGOTTEN) * area[-1]))
 
 
 def grid(samples: int, step: int) -> tuple[list[int], Array]:
-    """Samples a step apart, both ends among them, and the share that each has in every sample (time, of the grid)."""
+    """Return samples a step apart, with both ends, and the share of each in every sample.
+
+    The shares (time, sample of the grid) interpolate linearly.
+    """
     count = max(2, 1 + round((samples - 1) / step))
     centres = np.unique(np.round(np.linspace(0, samples - 1, count)).astype(int))
     return centres.tolist(), np.stack(
@@ -444,7 +462,10 @@ def grid(samples: int, step: int) -> tuple[list[int], Array]:
 
 
 def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags: int) -> Array:
-    """Variances of sums of answers (time, quantity) times noise, over pieces of these sizes one after the other."""
+    """Return the variances of sums of responses (time, quantity) times noise.
+
+    The sums run over pieces of these ``sizes``, which follow each other.
+    """
     ends = np.cumsum(sizes)[:-1]
     columns = np.concatenate([noise[:, None], answers], axis=1)
     total = np.zeros((columns.shape[1], lags + 1))

@@ -73,9 +73,9 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     r"""Weights and the noise variance that they leave.
 
     .. math:: S = T^T T + \sigma^2 q, \qquad
-                        (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w
-                        = X^T y - X^T T S^{-1} T^T y, \qquad
-                        \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
+              (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w
+              = X^T y - X^T T S^{-1} T^T y, \qquad
+              \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
 
     a fixed point, found by secants in the logarithm of the noise variance.
     """

@@ -39,8 +39,9 @@ def truncated(
 ) -> Solution:
     r"""Solve by a truncated pseudo-inverse of minimum description length at each time.
 
-    After Lortie & Kearney (2001). With :math:`\Phi = U S U^T`, singular value k explains :math:`v_k
-    = (u_k^T \varphi)^2 / s_k` of the output's power, and the rank d is the one that minimises
+    After Lortie & Kearney (2001). With :math:`\Phi = U S U^T`, singular value k explains
+    :math:`v_k = (u_k^T \varphi)^2 / s_k` of the output's power. The rank d is the one that
+    minimises
 
     .. math:: MDL(d) = \left(1 + \frac{d \ln L}{L}\right)
               \left(\sigma_y^2 - \sum_{k \le d} v_k\right)

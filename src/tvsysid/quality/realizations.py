@@ -169,8 +169,7 @@ def _local_noise(data: FittedEnsemble) -> Array:
     """Return the power of the whitened residual about each time, shape (time - w,).
 
     It is the median over realizations, so that what a few realizations do does not show. Voluntary
-    torque may be louder at one time of the behaviour than at another. realizations do does not
-    show.
+    torque may be louder at one time of the behaviour than at another.
     """
     size = min(max(1, round(ABOUT * data.rate)), data.white_residual.shape[1])
     power = np.median(

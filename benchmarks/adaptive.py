@@ -1,4 +1,6 @@
-"""How well the adaptive method does, beside the paper's five and tuned ones: run ``python benchmarks/adaptive.py``.
+"""Compare the adaptive method with the paper's five and tuned ones.
+
+Run ``python benchmarks/adaptive.py`` from the repository root.
 
 Simulated joints, their mean over realizations subtracted. Parts (``--part``): the paper's
 ``square`` and ``sine``, 40 to 600 s; ``waves``, twelve that no method was made for, 150 s;
@@ -86,7 +88,10 @@ def bump(time: Array, middle: float, width: float) -> Array:
 
 
 def _jittered(time: Array) -> Array:
-    """Square wave whose switches are 30 ms early or late (standard deviation), others in each realization."""
+    """Return a square wave whose switches are 30 ms early or late (standard deviation).
+
+    They differ in each realization.
+    """
     with np.errstate(invalid="ignore"):  # a study also asks for the value at no time at all
         cycle, phase = np.floor(time / 2).astype(int), time % 2
     late = 0.03 * np.random.default_rng(0).standard_normal((1000, 2))[cycle % 1000]
@@ -328,7 +333,10 @@ def from_switch(truth: Array, step: float) -> Array:
 
 
 def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
-    """Stiffness by least squares that knows the waveform but for its mean and size, and by :func:`finder`."""
+    """Estimate stiffness by least squares with a known waveform, and by :func:`finder`.
+
+    Least squares knows the waveform but for its mean and size.
+    """
     setting, (system, perturbation) = study.setting_of(scenario), study.simulated(scenario)
     rows, found = [], []
     for trial in range(study.trials):

@@ -1,4 +1,6 @@
-"""What a reference mends in closed loop: run ``python benchmarks/closed_loop.py`` from the repository root.
+"""Measure what a reference improves in closed loop.
+
+Run ``python benchmarks/closed_loop.py`` from the repository root.
 
 A joint on a load of some stiffness, moved by a torque (20-Hz noise) and by the noise of its own
 torque; 40 s unless ``--duration`` says otherwise. For each scenario and method: the mean error
@@ -59,7 +61,10 @@ IMPOSED = 1e4
 
 
 class Scenario(NamedTuple):
-    """A profile of stiffness, the load's stiffness in N·m/rad, bandwidth of the noise in Hz, and its level in dB."""
+    """Profile of stiffness, stiffness of the load in N·m/rad, and noise.
+
+    The noise has a bandwidth ``noise_hz`` in Hz and a level ``snr_db`` in dB.
+    """
 
     profile: str
     load: float

@@ -1,4 +1,6 @@
-"""How often the bands hold the truth: run ``python benchmarks/coverage.py`` from the repository root.
+"""Measure how often the bands hold the truth.
+
+Run ``python benchmarks/coverage.py`` from the repository root.
 
 Simulated joints at 10 dB, their mean over realizations subtracted (``--keep-mean`` leaves it),
 identified by the five methods at their defaults (the spectral method also by its fit). For each
@@ -84,9 +86,9 @@ def trial(
     keep_mean: bool,
     seed: int,
 ) -> Array:
-    """Estimates, lower and upper bands of the three quantities, and the simultaneous band of stiffness.
+    """Return estimates and bands of the three quantities, and the simultaneous band of stiffness.
 
-    Shape (method, 11, time).
+    The bands are lower and upper ones. Shape (method, 11, time).
     """
     warnings.simplefilter("ignore", tv.DataQualityWarning)
     with threadpool_limits(1):

@@ -1,4 +1,6 @@
-"""How often a diagnosis raises a false alarm: run ``python benchmarks/diagnosis.py`` from the repository root.
+"""Measure how often a diagnosis raises a false alarm.
+
+Run ``python benchmarks/diagnosis.py`` from the repository root.
 
 Diagnoses clean simulated joints and prepared virtual participants, and prints every finding
 (each of which is false), how near to its limit each check came, and how long a diagnosis took.
@@ -140,7 +142,10 @@ def cyclic(recording: tv.Recording, period: float, random: np.random.Generator) 
 
 
 def uneven(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
-    """Noise below 10 Hz, of 30 % of the torque's RMS in the middle, whose level is another in each realization."""
+    """Return noise below 10 Hz whose level differs between realizations.
+
+    Its median level is 30 % of the torque's RMS.
+    """
     noise = coloured(recording, butter(2, 10, fs=recording.sampling_rate), random)
     number = np.floor(recording.time / period).astype(int)
     levels = np.exp(0.3 * random.standard_normal(np.ptp(number) + 1))

@@ -1,4 +1,6 @@
-"""Where the time of an experiment goes: run ``python benchmarks/experiment.py`` from the repository root.
+"""Measure where the time of an experiment goes.
+
+Run ``python benchmarks/experiment.py`` from the repository root.
 
 Runs the paper's experiment on six virtual participants (fewer bootstraps with ``--bootstraps``),
 and prints the time of each method, the share of the preparation, and the most memory that all

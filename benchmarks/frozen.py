@@ -1,4 +1,6 @@
-"""Check that a refactoring moves no result: run ``python benchmarks/frozen.py FILE`` before it and after it.
+"""Check that a refactoring changes no result.
+
+Run ``python benchmarks/frozen.py FILE`` before the refactoring and after it.
 
 The first run writes reference results to FILE (NetCDF). Later runs compute the results again,
 compare them with FILE, and end with exit code 1 if a difference exceeds ``--tolerance``. To compare
@@ -138,7 +140,7 @@ def methods() -> Items:
 
 
 def identified(name: str, ensemble: tv.Ensemble, keys: Iterable[str]) -> Items:
-    """Yield everything that each method estimates, with its standard errors, torque, details and warnings."""
+    """Yield all estimates of each method, with standard errors, torque, details and warnings."""
     yield f"{name}/ensemble/angle", ensemble.angle
     yield f"{name}/ensemble/torque", ensemble.torque
     for key in keys:

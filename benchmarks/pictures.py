@@ -1,4 +1,6 @@
-"""Draw the pictures of the README and of docs/ anew: run ``python benchmarks/pictures.py`` from the repository root.
+"""Draw the pictures of the README and of docs/ again.
+
+Run ``python benchmarks/pictures.py`` from the repository root.
 
 Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex``,
 ``reflex-bias``, ``closed-loop-bias``.

@@ -1,4 +1,4 @@
-"""The five methods as one writes them from the equations: plain, slow, and independent of the package.
+"""Implement the five methods from the equations: plain, slow, independent of the package.
 
 Each time (or each sample of each realization) gets its regressor from the data themselves; nothing
 is shared between times, and nothing of the package is used. Its fast methods are checked and timed
@@ -32,7 +32,7 @@ class Impedance(NamedTuple):
 
 
 class KernelFit(NamedTuple):
-    """Stiffness, viscosity and inertia at each sample of the record, and the noise variance that was used."""
+    """Stiffness, viscosity and inertia at each sample of the record, and the noise variance."""
 
     stiffness: Array
     viscosity: Array
@@ -41,7 +41,7 @@ class KernelFit(NamedTuple):
 
 
 def eirf(angle: Array, torque: Array, context: int, lags: int, *, rate: float) -> Array:
-    """Ensemble impulse response (equations 4 to 6), pseudo-inverse truncated by minimum description length.
+    """Estimate the ensemble impulse response (equations 4 to 6), truncated by description length.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def sds(angle: Array, torque: Array, context: int, lags: int, *, half: int, rate
 
 
 def esm(angle: Array, torque: Array, context: int, length: int) -> ComplexArray:
-    """Frequency response from spectra of short segments averaged over realizations (equations 10 to 12).
+    """Estimate the frequency response from short segments of all realizations (equations 10-12).
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def esm(angle: Array, torque: Array, context: int, length: int) -> ComplexArray:
 def birf_irf(
     angle: Array, torque: Array, context: int, lags: int, *, basis_values: Array, rate: float
 ) -> Array:
-    """Impulse response by basis functions of time (equations 8 and 9), by least squares on all samples.
+    """Estimate the impulse response by basis functions of time and least squares (equations 8, 9).
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def birf_irf(
 def birf_parametric(
     angle: Array, velocity: Array, acceleration: Array, torque: Array, basis_values: Array
 ) -> Impedance:
-    """Stiffness and viscosity by basis functions and a constant inertia, by least squares on all samples.
+    """Estimate stiffness and viscosity by basis functions, and a constant inertia, on all samples.
 
     Parameters
     ----------
@@ -202,9 +202,12 @@ def kbr_dense(
     band: tuple[float, float],
     noise_variance: float | None = None,
 ) -> KernelFit:
-    r"""Kernel regression of one continuous record (equations 13 to 17, Na = 0, Nb = 2) with the dense kernel.
+    r"""Estimate by kernel regression of one continuous record, with the dense kernel.
 
-    .. math:: \min \sum_k |E(k)|^2 / \sigma^2 + \sum_m \tilde b_m^T K^{-1} \tilde b_m + \sum_q f_q^2 / P
+    Equations 13 to 17, Na = 0, Nb = 2.
+
+    .. math:: \min \sum_k |E(k)|^2 / \sigma^2 + \sum_m \tilde b_m^T K^{-1} \tilde b_m
+              + \sum_q f_q^2 / P
 
     over constants without prior, the varying parts :math:`\tilde b_m`, and the weights f of the
     half-cosines that make up the external term, P being the torque's mean square. Solved in the
@@ -253,19 +256,28 @@ def kbr_dense(
 
 
 def join(signal: Array, context: int, edge: int = 0) -> Array:
-    """Record that realizations without gaps were cut from, with ``edge`` samples of context at both ends."""
+    """Return the record that realizations without gaps were cut from.
+
+    It has ``edge`` samples of context at both ends.
+    """
     stop = signal.shape[1] - context
     head, tail = signal[0, context - edge : context], signal[-1, stop : stop + edge]
     return np.concatenate([head, signal[:, context:stop].ravel(), tail])
 
 
 def _lagged(angle: Array, time: int, lags: int) -> Array:
-    """Regressor of all realizations at one sample: shape (realization, lag), lags from -lags to lags."""
+    """Return the regressor of all realizations at one sample, shape (realization, lag).
+
+    Lags run from -lags to lags.
+    """
     return np.stack([angle[:, time - lag] for lag in range(-lags, lags + 1)], axis=1)
 
 
 def _truncated(regressor: Array, output: Array) -> Array:
-    """Weights from correlations: singular values from the largest on, to the least description length."""
+    """Estimate weights from correlations, truncated at the least description length.
+
+    Singular values are taken from the largest on.
+    """
     length = len(output)
     correlation, cross = regressor.T @ regressor / length, regressor.T @ output / length
     left, values, right = np.linalg.svd(correlation)
@@ -280,7 +292,10 @@ def _truncated(regressor: Array, output: Array) -> Array:
 
 
 def _fourier(x: Array, inside: NDArray[np.bool_]) -> Array:
-    """Real, then imaginary parts of the unitary Fourier transform along the last axis, inside the band."""
+    """Return real, then imaginary parts of the unitary Fourier transform inside the band.
+
+    The transform is along the last axis.
+    """
     transform = np.fft.rfft(x, norm="ortho")[..., inside]
     return np.concatenate([transform.real, transform.imag], axis=-1)
 
@@ -306,7 +321,9 @@ def _generalised_least_squares(
 
 
 def _noise_variance(covariance: Array, fixed: Array, output: Array) -> float:
-    """Noise variance that the residual shows, the effective number of parameters taken off: a fixed point.
+    """Estimate the noise variance from the residual and the effective number of parameters.
+
+    The estimate is a fixed point.
 
     The residual is M y and the effective number of parameters the trace of I - M, with M = s
     (V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1), V the covariance with noise of variance s. The

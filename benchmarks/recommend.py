@@ -1,4 +1,6 @@
-"""How good the method is that ``tv.recommend`` names: run ``python benchmarks/recommend.py`` from the repository root.
+"""Measure how good the method is that ``tv.recommend`` names.
+
+Run ``python benchmarks/recommend.py`` from the repository root.
 
 Ten kinds of simulated ensembles, four of each. All methods that apply identify each, at their
 defaults and tuned; the error is the root mean square of stiffness less the truth over all
@@ -113,7 +115,10 @@ def weak(seed: int) -> Data:
 
 
 def loop(seed: int, noises: tuple[tuple[float, float], ...], **named: str) -> Data:
-    """A joint on a load of 30 or 300 N·m/rad, with noise of some bandwidth in Hz and level in dB."""
+    """Return a joint on a load of 30 or 300 N·m/rad, with noise of some bandwidth and level.
+
+    The bandwidth is in Hz, the level in dB.
+    """
     bandwidth, snr_db = noises[seed % len(noises)]
     load = (30.0, 300.0)[seed // 2 % 2]
     joint = CompliantActuator(

@@ -1,4 +1,6 @@
-"""How well the two pathways are separated: run ``python benchmarks/reflex.py`` from the repository root.
+"""Measure how well the two pathways are separated.
+
+Run ``python benchmarks/reflex.py`` from the repository root.
 
 Simulated joints with a stretch reflex at 10 dB, identified by ``cascade`` or another method. For
 each case: mean error, bias (less what the number of trials leaves in it), random and total error

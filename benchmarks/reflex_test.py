@@ -1,4 +1,6 @@
-"""How often the diagnosis shows a reflex, there or not: run ``python benchmarks/reflex_test.py`` from the root.
+"""Measure how often the diagnosis reports a reflex, whether there is one or not.
+
+Run ``python benchmarks/reflex_test.py`` from the repository root.
 
 Draws simulated joints without a reflex (perturbed by noise, PRBS and pulses, under wide and slow
 noise), joints whose late answer is linear, and joints with weak reflexes, and prints how many

@@ -1,4 +1,6 @@
-"""Joints that follow a measured variable: run ``python benchmarks/scheduling.py`` from the repository root.
+"""Identify joints that follow a measured variable.
+
+Run ``python benchmarks/scheduling.py`` from the repository root.
 
 Without a file, simulated joints of 106 s at 15 dB whose stiffness is quadratic in the variable,
 with and without a reflex whose gain is a sigmoid of it: mean error, bias, random error and coverage
@@ -162,7 +164,10 @@ def recorded(recording: tv.Recording, values: Array) -> Iterator[Table]:
 
 
 def by_parts(method: tv.methods.Method, pieces: tv.Ensemble, value: float) -> str:
-    """Stiffness by a method from the pieces in which the variable is near a value, with its error where stated."""
+    """Return the stiffness by a method from the pieces in which the variable is near a value.
+
+    The text includes the error where the method states it.
+    """
     chosen = np.abs(pieces.channels["scheduling"][:, pieces.core] - value).max(axis=1) < NEAR
     if chosen.sum() < 2:
         return "-"

@@ -1,4 +1,4 @@
-"""What skirt and modal decomposition can and cannot do, on the perturbations that they are made for.
+"""Test skirt and modal decomposition on the perturbations that they are made for.
 
 Run ``python benchmarks/special.py`` from the repository root; some 20 s. Tables of
 docs/special-perturbations.md.
@@ -59,7 +59,7 @@ def ensemble_of(
 
 
 def scored(models: list[tv.Model], truth: np.ndarray[Any, Any]) -> list[float]:
-    """Bias freed of the random error, random and total error in N·m/rad, and coverage in per cent."""
+    """Return bias freed of the random error, random and total error in N·m/rad, coverage in %."""
     stiffness = np.stack([model.stiffness for model in models])
     bands = np.stack([model.estimates["stiffness"].band() for model in models])
     known = np.isfinite(bands[:, 0])
@@ -131,7 +131,10 @@ def ringing(trials: int = 6) -> None:
 
 
 def after_one_impulse(trials: int = 40) -> None:
-    """Mean and random error at times after a single impulse, 30 dB of white noise on the angle (RMS over 1 s)."""
+    """Print the mean and the random error at times after a single impulse.
+
+    White noise on the angle is at 30 dB (RMS over 1 s).
+    """
     from tvsysid.methods.modal import track  # noqa: PLC0415  # beside what a user needs
     from tvsysid.simulate.motion import driven_motion  # noqa: PLC0415
 

@@ -1,4 +1,6 @@
-"""Speed of the package beside its floors: run ``python benchmarks/speed.py`` from the repository root; two minutes.
+"""Compare the speed of the package with its lower limits.
+
+Run ``python benchmarks/speed.py`` from the repository root. It takes two minutes.
 
 Methods identify simulated data, and a real recording where ``../shared/data`` has it, with BLAS on
 one thread and with its default number of threads. A time is the shortest of several, in ms. Two
@@ -198,7 +200,10 @@ def measured(folder: Path) -> Measured:
 
 
 def fastest(call: Callable[[], Any]) -> list[float]:
-    """Shortest processor time and shortest wall time of a call in ms, processes that it starts included."""
+    """Return the shortest processor time and the shortest wall time of a call in ms.
+
+    Processes that the call starts are included.
+    """
     times: list[tuple[float, float]] = []
     started = perf_counter()
     while not times or perf_counter() - started < ENOUGH_S:

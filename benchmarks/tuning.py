@@ -1,4 +1,6 @@
-"""What tuned settings gain over the paper's: run ``python benchmarks/tuning.py`` from the repository root.
+"""Measure what tuned settings gain over the paper's.
+
+Run ``python benchmarks/tuning.py`` from the repository root.
 
 The paper's simulation study, each method with its own settings and with settings chosen anew in
 each trial, on the same data. For each scenario and method the total error of stiffness in N·m/rad,

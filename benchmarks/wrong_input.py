@@ -1,4 +1,6 @@
-"""Whether identify states a stiffness that is wrong: run ``python benchmarks/wrong_input.py`` from the repository root.
+"""Test whether identify states a wrong stiffness without a warning.
+
+Run ``python benchmarks/wrong_input.py`` from the repository root.
 
 Twelve ways to go wrong, on a simulated joint and, with ``--data FOLDER``, on a tonic ankle and a
 walking one, which are not part of this repository (tests say where to get them); the closed
@@ -37,7 +39,10 @@ PERTURBATIONS = ("noise", "prbs", "pulses")
 
 
 class Case(NamedTuple):
-    """A recording, its period in s, and limits of its true stiffness in N·m/rad, each a function of time in s."""
+    """A recording, its period in s, and limits of its true stiffness in N·m/rad.
+
+    Each limit is a function of time in s.
+    """
 
     name: str
     recording: tv.Recording
@@ -64,7 +69,7 @@ def main() -> None:
 
 
 def faulty(data: Path | None) -> Iterator[tuple[str, Case, float]]:
-    """Yield each fault, the case with it, and how many of its true seconds pass in a second as it is read."""
+    """Yield each fault, the case with it, and the ratio of true seconds to seconds as read."""
     for case in cases(data):
         recording = case.recording
         yield "nothing is wrong", case, 1
@@ -148,7 +153,10 @@ def cases(data: Path | None) -> Iterator[Case]:
 
 
 def sound(seed: int) -> tv.Recording:
-    """Simulated joint with nothing wrong: stiffness constant, square, sine, or constant beside a reflex."""
+    """Simulate a joint with nothing wrong.
+
+    Its stiffness is constant, square, sine, or constant beside a reflex.
+    """
     random = np.random.default_rng(seed)
     kind, perturbation = KINDS[seed % 4], PERTURBATIONS[seed // 4 % 3]
     joint: tv.simulate.Joint = tv.simulate.ReflexJoint(tv.simulate.Constant(100.0), reflex_gain=8.0)

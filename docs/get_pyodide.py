@@ -1,4 +1,6 @@
-"""Fetches Python for browsers (Pyodide, NumPy and SciPy as WebAssembly, 30 MB) for the page ``browser.md``.
+"""Fetch Python for browsers for the page ``browser.md``.
+
+This is Pyodide, NumPy and SciPy as WebAssembly (30 MB).
 
 ``python docs/get_pyodide.py`` gets it by pip, in the wheel of a package that carries these files
 as Pyodide published them (106 MB, of which the rest is thrown away); ``python

@@ -41,7 +41,7 @@ def scrape(block: tuple[Any, ...], found: dict[str, Any], settings: dict[str, An
 
 
 def link(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Make each picture a link to itself: a page shows it smaller than it is, above all on a phone."""
+    """Make each picture a link to itself, because a page shows it smaller than it is."""
     if "body" in context:
         context["body"] = PICTURE.sub(r'<a class="picture" href="\1">\g<0></a>', context["body"])
 

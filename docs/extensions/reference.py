@@ -1,4 +1,4 @@
-"""Pages of the reference that the package itself writes: its functions and classes, command line, and settings."""
+"""Generate reference pages from the package: functions, classes, command line and settings."""
 
 import importlib
 import inspect

@@ -1,6 +1,6 @@
-"""Runs one block of code of the page: what it prints, what went wrong and where, and the curves to draw.
+"""Run one block of code of the page. Return its output, its error and the curves to draw.
 
-The same in the browser's worker and in the tests.
+An error includes its position. The same code runs in the browser's worker and in the tests.
 """
 
 import io
@@ -47,7 +47,10 @@ def words(fault: BaseException) -> str:
 
 
 def curves(scope: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Stiffness of ``models`` (by name) or ``model``, with bands, and of ``simulation`` where ``ensemble`` was cut."""
+    """Return the stiffness of ``models`` (by name) or ``model``, with bands.
+
+    The truth of ``simulation`` is added if ``ensemble`` was cut from it.
+    """
     models = scope.get("models", {"estimate": scope["model"]} if "model" in scope else {})
     simulation, ensemble = scope.get("simulation"), scope.get("ensemble")
     truth = None
@@ -66,7 +69,7 @@ def curves(scope: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def curve(name: str, model: tv.Model, truth: Any) -> dict[str, Any]:
-    """One model's stiffness, its 95 % band, and at which share of the times that holds the truth."""
+    """Return one model's stiffness, its 95 % band, and how often the band holds the truth."""
     lower, upper = model.estimates["stiffness"].band()
     known = np.isfinite(lower) & np.isfinite(upper)
     holds = None

@@ -50,7 +50,7 @@ settings.load_profile("repeatable")
 
 
 def pytest_collection_finish():
-    """What is loaded by now stays: to look for garbage among it, again and again, takes a tenth of the tests' time."""
+    """Freeze what is loaded: repeated garbage collection takes a tenth of the tests' time."""
     given(none())(
         lambda _: None
     )()  # Hypothesis 6.100 looks for what refers to its random numbers, once
@@ -113,7 +113,10 @@ def _signals():
 
 @pytest.fixture(scope="session")
 def forking():
-    """Processes that begin with the package imported: all are forks of one server, where the system has that."""
+    """Return a multiprocessing context whose processes begin with the package imported.
+
+    The processes are forks of one server, where the system supports it.
+    """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -134,7 +137,7 @@ def fork_workers():
 
 @pytest.fixture
 def quick_workers(monkeypatch, forking):
-    """Workers of this process start at once, where it is not tested how a fresh interpreter starts one."""
+    """Start workers of this process at once, where the start of an interpreter is not tested."""
     monkeypatch.setattr(multiprocessing, "get_context", lambda method=None: forking)
 
 
@@ -212,7 +215,7 @@ def few_groups(monkeypatch):
 
 @pytest.fixture(scope="module")
 def brief_cases():
-    """Joints that `check_method` simulates are half as long: as much is expected of a method, of fewer data."""
+    """Halve the joints that `check_method` simulates: as much is expected, of fewer data."""
     from tvsysid import check
 
     check.simulated_case.cache_clear()

@@ -84,13 +84,23 @@ def results_of(
     nothing = np.full_like(torque, np.nan)
     return xr.Dataset(
         {
-            "estimate": (("recording", "analysis", "bootstrap", "quantity", "time"), stiffness[..., None, :]),
-            "time_varying_vaf": (("recording", "analysis", "bootstrap", "time"), varying, {"units": "%"}),
+            "estimate": (
+                ("recording", "analysis", "bootstrap", "quantity", "time"),
+                stiffness[..., None, :],
+            ),
+            "time_varying_vaf": (
+                ("recording", "analysis", "bootstrap", "time"),
+                varying,
+                {"units": "%"},
+            ),
             "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
             "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
             "seconds": (("recording", "analysis"), seconds),
-            "checksums": (("recording", "analysis", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
+            "checksums": (
+                ("recording", "analysis", "variable"),
+                np.ones((*sizes[:2], 1), dtype=np.uint64),
+            ),
             "warnings": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
@@ -119,7 +129,8 @@ def results_of(
         attrs={
             "experiment": json.dumps(
                 {
-                    "participants": list(participants), "methods": list(methods), "bootstraps": bootstraps, "seed": 0,
+                    "participants": list(participants), "methods": list(methods),
+                    "bootstraps": bootstraps, "seed": 0,
                     "period": period, "reference": "target" if target else None, "max_shift": 0.25,
                 }
             ),
@@ -221,8 +232,10 @@ def exclusions_of(results):
             pd.DataFrame(
                 {
                     "recording": recording, "participant": cell.participant.item(),
-                    "perturbation": cell.perturbation.item(), "trial": numbers // 30, "realization": numbers,
-                    "onset_s": 2.0 * (numbers % 30), "shift_s": np.where(by == "alignment", 0.31, 0.05),
+                    "perturbation": cell.perturbation.item(), "trial": numbers // 30,
+                    "realization": numbers,
+                    "onset_s": 2.0 * (numbers % 30),
+                    "shift_s": np.where(by == "alignment", 0.31, 0.05),
                     "excluded_by": by, "reached": reached, "limit": limits, "unit": units,
                 }
             )

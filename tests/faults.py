@@ -229,7 +229,7 @@ def thrice(ensemble, count=10):
 
 
 def repeated(recording, period=2.0, noise=2e-5, seed=4):
-    """One realization's perturbation over and over, recorded with a little noise of the angle's sensor."""
+    """Repeat one realization's perturbation, with a little noise of the angle's sensor."""
     random = np.random.default_rng(seed)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
     angle = np.tile(ensemble.angle[0], (len(ensemble), 1)) + noise * random.standard_normal(

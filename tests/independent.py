@@ -1,4 +1,7 @@
-"""Joints simulated by plain NumPy, independently of the package: imposed angles, loops, and joints that ring freely."""
+"""Simulate joints by plain NumPy, independently of the package.
+
+Their angles are imposed, or they are in a loop, or they ring freely.
+"""
 
 import numpy as np
 
@@ -74,7 +77,10 @@ def with_noise(torque, snr_db, random, high=40.0):
 
 
 def following(stiffness, random, duration=100.0, snr_db=15.0, viscosity=0.8, inertia=0.016):
-    """Record, as one realization, of a joint whose stiffness is a function of a slow ``variable`` from 0 to 1."""
+    """Return the record of a joint whose stiffness follows a slow ``variable`` from 0 to 1.
+
+    It is one realization.
+    """
     samples = round(duration * RATE)
     variable = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(samples) / RATE / 10.0 + random.random()))
     angle, velocity, acceleration = motion(0.0087 * noise(samples, 0.0, 12.0, random))
@@ -121,7 +127,10 @@ def coloured(samples, colour, random):
 
 
 def perturbed(samples, perturbation, random):
-    """Angle in rad: noise up to 8 Hz, or a binary sequence that an actuator of second order follows."""
+    """Return the angle in rad: noise up to 8 Hz, or a binary sequence through an actuator.
+
+    The actuator is of second order.
+    """
     if perturbation == "noise":
         return 0.02 * noise(samples, 0.0, 8.0, random)
     binary = np.repeat(random.choice([-1.0, 1.0], samples // 150 + 1), 150)[:samples]
@@ -130,7 +139,7 @@ def perturbed(samples, perturbation, random):
 
 
 def imposed(wave, perturbation, colour, snr_db, seed, duration=80.0, viscosity=1.2, inertia=0.016):
-    """Angle and torque (2, time) of a joint whose stiffness is a wave, and its true stiffness (time,)."""
+    """Return angle and torque (2, time) of a joint, and its true stiffness (time,), a wave."""
     random, samples = np.random.default_rng(seed), round(duration * RATE)
     stiffness = WAVES[wave](np.arange(samples) / RATE)
     position, velocity, acceleration = motion(perturbed(samples, perturbation, random))
@@ -150,10 +159,10 @@ def in_loop(
     inertia=0.016,
     low=0.0,
 ):
-    """Angle, torque and command (3, time) of a joint behind a load in N·m/rad, which its torque noise moves.
+    """Return angle, torque and command (3, time) of a joint that its own torque noise moves.
 
-    The command is noise from ``low`` to 8 Hz; the noise's power is so much less than that of the
-    torque without it."""
+    The joint is behind a load in N·m/rad. The command is noise from ``low`` to 8 Hz; the noise's
+    power is so much less than that of the torque without it."""
     random, samples = np.random.default_rng(seed), round(duration * RATE)
     turns = 2j * np.pi * np.fft.rfftfreq(samples, 1 / RATE)
     joint = stiffness + viscosity * turns + inertia * turns**2

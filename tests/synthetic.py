@@ -1,4 +1,4 @@
-"""A study's results, summary and claims, made up to resemble the real ones in a fraction of a second."""
+"""Make results, summary and claims of a study that resemble real ones, in a short time."""
 
 import json
 
@@ -75,7 +75,8 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
     cell = ("scenario", "trial", "method_key")
     study = {
         "stiffness": sorted({p for p, *_ in scenarios}), "perturbation": ["noise", "prbs"],
-        "duration_s": sorted({d for _, _, d, _ in scenarios}), "snr_db": [10.0], "methods": list(methods),
+        "duration_s": sorted({d for _, _, d, _ in scenarios}), "snr_db": [10.0],
+        "methods": list(methods),
         "trials": trials, "seed": 0,
     }  # fmt: skip
     return xr.Dataset(
@@ -155,7 +156,8 @@ def summary_of(results):
             found = _metrics(cell, stiffness.truth.values[row], switches=label[1] == "square")
             rows += [(*label, method, trials, *each) for each in found]
     names = (
-        "scenario", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "method", "trials", "metric",
+        "scenario", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "method",
+        "trials", "metric",
         "value", "standard_error", "unit",
     )  # fmt: skip
     return pd.DataFrame(rows, columns=list(names))
@@ -239,13 +241,17 @@ def responses_of(methods=("eirf", "sds", "birf")):
             "distance": (("method_key", "instant"), np.sqrt(((found - truth) ** 2).mean(axis=-1))),
         },
         coords={
-            "method_key": list(methods), "instant": [0.25, 1.0], "lag": lag, "stiffness": ("instant", [50.0, 150.0]),
+            "method_key": list(methods), "instant": [0.25, 1.0], "lag": lag,
+            "stiffness": ("instant", [50.0, 150.0]),
         },
     )  # fmt: skip
 
 
 def scores_of(told, scenarios, methods, metrics, spread, trials):
-    """Scores of a study as they are told of each scenario, method and metric, with replicates of this spread."""
+    """Make scores of a study from each scenario, method and metric, with replicates.
+
+    The replicates have this spread.
+    """
     value = np.array(
         [[[told(s, method, metric) for metric in metrics] for method in methods] for s in scenarios]
     )

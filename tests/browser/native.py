@@ -1,4 +1,7 @@
-"""Runs blocks of code (a JSON list on standard input) as the page does, but without a browser, and prints results."""
+"""Run blocks of code as the page does, but without a browser, and print the results.
+
+The blocks are a JSON list on standard input.
+"""
 
 import importlib.util
 import json

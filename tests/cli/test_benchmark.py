@@ -80,7 +80,8 @@ def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
 def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "faulty.py").write_text(
-        "import tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, ensemble):\n        raise KeyError('no key')\n"
+        "import tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, ensemble):\n"
+        "        raise KeyError('no key')\n"
     )
     code, _, err = tvsysid(
         "benchmark --duration 40 --perturbation prbs --trials 2 --workers 1 --method sds "

@@ -24,9 +24,11 @@ class Scheduled(tv.Method):
         levels = np.array([0.0, 0.5, 1.0])
         estimates = {
             "stiffness": tv.Estimate(50 + 100 * levels, "N m/rad", axes=("emg",)),
-            "emg_level": tv.Estimate(emg.mean(axis=0), "V", error=tv.StandardError(np.full(emg.shape[1], 0.1), 9)),
+            "emg_level": tv.Estimate(emg.mean(axis=0), "V", \
+error=tv.StandardError(np.full(emg.shape[1], 0.1), 9)),
         }
-        return tv.Model.of(ensemble, estimates=estimates, coordinates={"emg": levels}, pathways=pathways)
+        return tv.Model.of(ensemble, estimates=estimates, coordinates={"emg": levels}, \
+pathways=pathways)
 
 
 def pathways(ensemble):

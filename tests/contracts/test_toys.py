@@ -1,4 +1,4 @@
-"""Methods with pathways, further inputs and estimates of their own go wherever the package's own go."""
+"""Test that methods with own pathways, inputs and estimates go wherever the package's go."""
 
 import sys
 from contextlib import nullcontext

@@ -1,4 +1,4 @@
-"""Methods, systems, profiles and perturbations of one's own take part in studies as the package's own do."""
+"""Test that one's own methods, systems, profiles and perturbations take part in studies."""
 
 from pathlib import Path
 
@@ -29,7 +29,8 @@ class HeavyJoint:
 
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
         joint = tv.simulate.Joint(stiffness=self.stiffness, inertia=0.05)
-        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, \
+seed=seed, rate=rate)
 
 
 def ramp(time):
@@ -38,7 +39,8 @@ def ramp(time):
 
 class Wobble:
     def generate(self, samples, rate, random):
-        return np.cumsum(random.standard_normal(samples) - 0.5 * random.standard_normal(samples)) * 1e-2
+        return np.cumsum(random.standard_normal(samples) \
+- 0.5 * random.standard_normal(samples)) * 1e-2
 '''
 
 

@@ -40,7 +40,10 @@ def windowed(values, axis=0):
 
 
 def sliding_fit(regressors, torque, instruments):
-    """Values and standard errors, each (regressor, time), from all realizations in a window that slides over time."""
+    """Return values and standard errors, each (regressor, time), of a sliding window.
+
+    The window contains all realizations.
+    """
     known = np.isfinite(regressors).all(axis=0) & np.isfinite(instruments).all(axis=0)
     x, z, y = (np.where(known, each, 0.0) for each in (regressors, instruments, torque))
     inverse = np.linalg.pinv(windowed(np.einsum("irt,jrt->tij", z, x)))
@@ -59,7 +62,10 @@ def sliding_fit(regressors, torque, instruments):
 
 
 class Cascade(tv.Method):
-    """A joint of second order beside a stretch reflex: velocity, delayed, rectified, through a muscle."""
+    """A second-order joint beside a stretch reflex.
+
+    The reflex is the velocity, delayed, rectified and passed through a muscle.
+    """
 
     quantities = ("reflex_gain",)
     pathway_names = ("intrinsic", "reflex")
@@ -128,7 +134,10 @@ class Scheduled(tv.Method):
 
 
 class Instrumental(tv.Method):
-    """A joint in a closed loop, where noise moves the angle too: what the reference moves is the instrument."""
+    """A joint in a closed loop, where noise moves the angle, too.
+
+    The instrument is what the reference moves.
+    """
 
     inputs = (Input("disturbance", "reference", "N m"),)
 

@@ -1,4 +1,7 @@
-"""Methods are told apart by their colours on white paper, also without a kind of cone, and by more than colours."""
+"""Test that methods are distinguishable by colour on white paper, and by more than colour.
+
+Colours also suffice without one kind of cone.
+"""
 
 import numpy as np
 import pytest

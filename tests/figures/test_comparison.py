@@ -164,7 +164,8 @@ def test_a_single_trial_of_a_single_method(profile):
 @pytest.mark.slow
 def test_eight_methods_with_long_labels_do_not_overlap():
     methods = (
-        "eirf", "sds", "sds:window=0.2,max_lag=0.1", "mine:AMethodWithANameThatHardlyEverSeemsToEnd", "birf", "esm",
+        "eirf", "sds", "sds:window=0.2,max_lag=0.1",
+        "mine:AMethodWithANameThatHardlyEverSeemsToEnd", "birf", "esm",
         "kbr", "Own(basis=CubicBSplines(count=20), window=0.2, something='long', other='longer "
                "still')",
     )  # fmt: skip

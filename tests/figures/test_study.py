@@ -10,7 +10,8 @@ def test_all_figures_of_a_study():
     results = results_of(methods=("sds", "kbr"))
     shown = study_figures(results, summary_of(results), responses_of())
     assert list(shown) == [
-        "comparison-square-noise", "comparison-square-prbs", "amount-square", "coverage-square", "comparison-sine",
+        "comparison-square-noise", "comparison-square-prbs", "amount-square", "coverage-square",
+        "comparison-sine",
         "coverage-sine", "impulse-responses",
     ]  # fmt: skip
     for illustration in shown.values():

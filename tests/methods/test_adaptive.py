@@ -49,7 +49,10 @@ def line_of(random, periodic, times=40, switches=(12.3, 27.8), **axis):
 
 
 def dense(line, covariance, roughness, positions, sizes):
-    """Log evidence more than that of noise alone, and posterior mean and covariance, without a small matrix."""
+    """Return the gain in log evidence over noise alone, and posterior mean and covariance.
+
+    No small matrix is used.
+    """
     axis, count = line.axis, len(positions)
     smooth = axis.features() * roughness.weights @ axis.features().T
     sharp, seen = axis.steps(positions), axis.seen(positions)

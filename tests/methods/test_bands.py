@@ -208,7 +208,10 @@ def test_segments_fit_is_weighted_least_squares_on_the_derivatives():
 
 @cache
 def repeated(name, duration, perturbation):
-    """Estimates, standard deviations and bands of stiffness of some trials, their mean subtracted."""
+    """Return estimates, standard deviations and bands of stiffness of some trials.
+
+    The mean over realizations is subtracted.
+    """
     estimates, deviations, bands = [], [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
@@ -224,7 +227,7 @@ def repeated(name, duration, perturbation):
 
 
 def scatter_of(name, quantity, perturbation):
-    """Ratio of the claimed standard deviation to that of the estimates that is allowed: lowest, highest."""
+    """Return the allowed ratio of claimed to actual standard deviation: lowest, highest."""
     if perturbation == "prbs" and quantity and name != "kbr":
         # What decimation folds back from a PRBS, where it switches, adds to inertia and viscosity
         # and is no noise.

@@ -1,4 +1,4 @@
-"""Joint fit of both pathways: its parts against slow and plain ones, and what it makes of joints that are known."""
+"""Test the joint fit of both pathways against plain code and on known joints."""
 
 import attrs
 import numpy as np

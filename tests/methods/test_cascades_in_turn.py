@@ -1,4 +1,7 @@
-"""Cascades that identify both pathways of a changing joint in turn, on simulated reflexes and real ankles."""
+"""Test cascades that identify both pathways of a changing joint in turn.
+
+The data are simulated reflexes and real ankles.
+"""
 
 import warnings
 from functools import cache
@@ -27,7 +30,10 @@ class Gain:
 
 @cache
 def changing(duration, seed, snr=10.0, direction=1):
-    """Stiffness and reflex gain that both change: ensemble, truth, and noiseless torque by pathway."""
+    """Simulate stiffness and reflex gain that both change.
+
+    Return the ensemble, the truth, and the noiseless torque by pathway.
+    """
     joint = tv.simulate.ReflexJoint(
         stiffness=tv.simulate.SineWave(),
         reflex_gain=Gain(),

@@ -1,4 +1,7 @@
-"""Torque of two pathways: what lies before a realization is taken from where it was recorded, or is not known."""
+"""Test the torque of two pathways.
+
+Samples before a realization come from where they were recorded, or are unknown.
+"""
 
 import attrs
 import numpy as np
@@ -25,7 +28,8 @@ def model_of(response, lags):
     return TwoPathwayModel(
         method="known", sampling_rate=RATE, time=time, estimates={}, diagnostics=Diagnostics(0),
         impulse_response=np.zeros((SAMPLES, 3)), lags=np.array([-1, 0, 1]) / RATE,
-        reflex_response=np.broadcast_to(response, (SAMPLES, len(response))), reflex_lags=lags / RATE,
+        reflex_response=np.broadcast_to(response, (SAMPLES, len(response))),
+        reflex_lags=lags / RATE,
         drive=Stretch(0.1, -1),
     )  # fmt: skip
 

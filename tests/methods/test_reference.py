@@ -18,7 +18,10 @@ def ensemble(reference):
 
 @pytest.fixture
 def wrapped(reference):
-    """Realizations joined, the last one before the first and after it: what the reference's basis method sees."""
+    """Return realizations joined, the last one before the first and the first one after the last.
+
+    The reference's basis method uses these.
+    """
 
     def with_context(values):
         joined = np.concatenate([values.ravel()[-12:], values.ravel(), values.ravel()[:12]])

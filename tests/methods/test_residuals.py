@@ -16,7 +16,10 @@ from tvsysid.numerics.second_order import agreement_of_moments
 
 
 def with_reflex(ensemble, share):
-    """Torque of velocity 40 ms ago through a low-pass of 2.5 Hz, of so much of the torque's RMS, added."""
+    """Add torque of velocity 40 ms ago through a low-pass of 2.5 Hz.
+
+    Its RMS is ``share`` of the torque's.
+    """
     pole = np.exp(-2 * np.pi * 2.5 / ensemble.sampling_rate)
     late = round(0.04 * ensemble.sampling_rate)
     reflex = lfilter([1 - pole], [1, -pole], np.gradient(ensemble.angle, axis=1), axis=1)
@@ -59,7 +62,7 @@ def test_what_a_fit_leaves_by_smoothing_has_no_mean_response():
 
 
 def told_of(method, ensemble):
-    """Agreement, its standard error, and whether a warning says that the joint is not of second order."""
+    """Return agreement, its standard error, and whether a warning denies a second-order joint."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         details = method.identify(ensemble).diagnostics.details

@@ -1,4 +1,4 @@
-"""Skirt decomposition: exact for a change in its span, bands as wide as the error, and what it does not serve."""
+"""Test skirt decomposition: exact in its span, bands as wide as the error, and its limits."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,10 @@ def changing(time, harmonics):
 
 
 def independently(harmonics, seed):
-    """40 s at 10 dB of a joint whose stiffness has these harmonics, not simulated by the package."""
+    """Simulate 40 s at 10 dB of a joint whose stiffness has these harmonics.
+
+    The package is not used.
+    """
     random, time = np.random.default_rng(seed), np.arange(40_000) / 1000
     turns = 2 * np.pi * (np.outer(Multisine().frequencies, time) + random.random((5, 1)))
     moved = motion(0.0039 * np.sin(turns).sum(axis=0))

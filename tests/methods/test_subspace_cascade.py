@@ -47,7 +47,10 @@ def share(torque, part):
 
 
 def fitted(piece, order):
-    """Intrinsic response and Hammerstein system of a whole record, as in the authors' first paper."""
+    """Fit the intrinsic response and the Hammerstein system to a whole record.
+
+    As in the authors' first paper.
+    """
     found = subspace.dynamics([piece], 20, order)
     response = subspace.project(subspace.rows_of(piece, found)).response
     rest = piece._replace(output=piece.output - piece.regressors() @ response)

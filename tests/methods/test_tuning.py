@@ -123,7 +123,11 @@ def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation,
 
 
 def dense_model(ensemble, theta, decay, near, order=2):
-    """Covariance of the band's Fourier coefficients twice over, what has no prior, the output, and the rest."""
+    """Return the covariance of the band's Fourier coefficients, the fixed part, and the output.
+
+    The coefficients are real and imaginary parts. The fixed part has no prior. The fourth value is
+    the covariance if nothing changes in time.
+    """
     l1, *variances, noise = np.exp(theta)
     signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
     torque = plain.join(ensemble.torque, ensemble.context)
@@ -150,7 +154,10 @@ def dense_model(ensemble, theta, decay, near, order=2):
 
 
 def dense_log_density(ensemble, theta, decay, near):
-    """Restricted log density of the band's Fourier coefficients, with the dense kernel, but for a constant."""
+    """Return the restricted log density of the band's Fourier coefficients, but for a constant.
+
+    The kernel is dense.
+    """
     covariance, fixed, output, _ = dense_model(ensemble, theta, decay, near)
     inverse = np.linalg.inv(covariance)
     information = fixed.T @ inverse @ fixed
@@ -182,7 +189,10 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
 
 
 def dense_log_evidence(ensemble, theta, near, order, lag):
-    """Log density under a proper prior of the constants, less the price of what is chosen, but for a constant."""
+    """Return the log density under a proper prior of the constants, but for a constant.
+
+    The price of what is chosen is subtracted.
+    """
     covariance, fixed, output, alone = dense_model(
         lagged(ensemble, lag), theta, math.inf, near, order
     )
@@ -235,7 +245,10 @@ def test_evidence_of_constants_does_not_depend_on_their_units():
 
 
 def joint_of(duration, lag=0.0, **settings):
-    """Ensemble of a simulated joint whose torque passes a lag at the simulation's rate, before the noise."""
+    """Return the ensemble of a simulated joint whose torque passes a lag before the noise.
+
+    The lag is applied at the simulation's rate.
+    """
     asked = {"perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1}
     asked |= {name: settings.pop(name) for name in asked if name in settings}
     simulation = tv.simulate.Joint(**{"stiffness": tv.simulate.SineWave()} | settings).simulate(
@@ -302,7 +315,10 @@ def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
 
 @slow
 def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
-    """A share of the numbers, as slow noise leaves it, says too little of inertia, where that noise is quiet."""
+    """Test that slow noise does not hide the inertia, where that noise is quiet.
+
+    A share of the numbers, as slow noise leaves it, says too little of inertia.
+    """
     reflex = tv.simulate.StretchReflex(0.045, 10.0, 0.8, 0.1)
     joint = tv.simulate.ReflexJoint(
         tv.simulate.Constant(60.0), 1.0, reflex_gain=40.0, reflex=reflex

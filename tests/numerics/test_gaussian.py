@@ -38,7 +38,10 @@ def statistics_of(regressors, nuisance, output):
 
 
 def dense(regressors, nuisance, output, precision, weak, noise):
-    """Joint solution for weights and nuisance terms: mean, covariance, residual, effective number of parameters."""
+    """Solve for weights and nuisance terms jointly.
+
+    Return mean, covariance, residual, and effective number of parameters.
+    """
     both = np.concatenate([regressors, nuisance], axis=1)
     prior = np.concatenate([precision, np.full(nuisance.shape[1], weak)])
     inverse = np.linalg.inv(both.T @ both + noise * np.diag(prior))

@@ -362,7 +362,8 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
     }
     assert {name for name, check in checks.items() if check.what == "the behaviour is not "
                                                                     "repeated"} == {
-        "drift", "misaligned-realizations", "unlike-realizations", "wrong-period", "scattered-realizations"
+        "drift", "misaligned-realizations", "unlike-realizations", "wrong-period",
+        "scattered-realizations",
     }  # fmt: skip
     assert not checks["feedback"].found
     assert checks["loop-bias"].found == wrong

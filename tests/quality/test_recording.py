@@ -1,4 +1,4 @@
-"""Gaps and mains hum in a recording: found by name, left out or taken out, and never seen where they are not."""
+"""Test gaps and mains hum in a recording: found by name, removed, and no false alarm."""
 
 import warnings
 from functools import partial

@@ -20,7 +20,8 @@ document.body.append(frame);
 WATCH = """<script>
 window.broken = [];
 window.addEventListener("error", (event) => window.broken.push(String(event.message)), true);
-window.addEventListener("securitypolicyviolation", (event) => window.broken.push(event.violatedDirective));
+window.addEventListener("securitypolicyviolation", \
+(event) => window.broken.push(event.violatedDirective));
 </script>"""
 
 

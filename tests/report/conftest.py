@@ -72,7 +72,7 @@ ALIGNED = pd.DataFrame(
 
 @pytest.fixture(scope="session")
 def experiment():
-    """An experiment with a recording that failed, a method that did so once, warnings, and remarks."""
+    """Make an experiment with a failed recording, a failed method, warnings, and remarks."""
     made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
     fail_recording(
         made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs"

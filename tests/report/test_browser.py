@@ -9,7 +9,8 @@ pytestmark = pytest.mark.slow
 
 CHECKS = """
   seen.width = page.documentElement.scrollWidth;
-  seen.columns = [...page.querySelectorAll("#ranking-table thead th")].map((cell) => cell.textContent);
+  seen.columns = [...page.querySelectorAll("#ranking-table thead th")]\
+.map((cell) => cell.textContent);
   seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
   const rows = () => [...page.querySelectorAll("#ranking-table tbody tr")];
   const buttons = [...page.querySelectorAll("#ranking-table thead button")];
@@ -34,7 +35,8 @@ CHECKS = """
       numbers: rows().map((row) => row.cells[column].dataset.value ?? null),
     };
   }));
-  const scrolling = [...page.querySelectorAll(".scroll")].filter((box) => box.scrollWidth > box.clientWidth);
+  const scrolling = [...page.querySelectorAll(".scroll")]\
+.filter((box) => box.scrollWidth > box.clientWidth);
   scrolling.forEach((box) => box.focus());
   seen.focused = page.activeElement === scrolling.at(-1);
 """

@@ -240,7 +240,8 @@ def test_hostile_labels_are_only_text(experiment_page, elements):
 @pytest.mark.parametrize("truth", [True, False])
 def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth):
     one = experiment_of(
-        participants=("S1",), perturbations=("steps",), methods=("sds",), amounts=(30,), period=1.5, truth=truth,
+        participants=("S1",), perturbations=("steps",), methods=("sds",), amounts=(30,),
+        period=1.5, truth=truth,
         target=False,
     )  # fmt: skip
     one.results.attrs = {}

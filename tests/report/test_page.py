@@ -230,7 +230,8 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     summary = summary_of(results)
     figures = study_figures(results, summary)
     assert list(figures) == [
-        "comparison-square-noise", "coverage-square", "comparison-square-noise-covarying", "coverage-square-covarying",
+        "comparison-square-noise", "coverage-square", "comparison-square-noise-covarying",
+        "coverage-square-covarying",
     ]  # fmt: skip
     assert len({each.title for each in figures.values()}) == 4
     write_report(tmp_path / "report.html", results, summary, claims(), pictures(figures))

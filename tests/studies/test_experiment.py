@@ -66,7 +66,8 @@ def results_like_the_papers(people=6, amounts=2, perturbations=("noise", "prbs")
             "vaf": ((*dims, "bootstrap"), vaf), "bandpassed_vaf": ((*dims, "bootstrap"), band),
             "seconds": (dims, np.ones(shape)), "mean_torque": (("recording", "time"), torque),
             "truth": (("recording", "quantity", "time"), torque[:, None] * np.nan),
-            "recorded": ("recording", [300] * len(recordings)), "survivors": ("recording", kept), **middle,
+            "recorded": ("recording", [300] * len(recordings)), "survivors": ("recording", kept),
+            **middle,
         },
         coords={
             "participant": ("recording", [who for who, _ in recordings]),

@@ -1,4 +1,7 @@
-"""The leaderboard: frozen scenarios, the score against slow and closed forms, ties, and a page that stays the same."""
+"""Test the leaderboard: frozen scenarios, scores, ties, and a page that stays the same.
+
+The scores are compared with slow and closed forms.
+"""
 
 import hashlib
 import textwrap
@@ -35,7 +38,8 @@ class Needy(tv.Method):
 class Spring:
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
         joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(80.0))
-        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, \
+seed=seed, rate=rate)
 
 SPRING = {"system": "own_scenarios:Spring", "perturbation": "prbs", "duration_s": 20, "snr_db": 10}
 NUMBER = 3

@@ -38,7 +38,8 @@ def scores_of(values, errors=0.01, study=None):
             "trials": (dims[:2], np.full(shape[:2], 10)),
         },
         coords={
-            "scenario": [s.label for s in study.scenarios], "method_key": list(FIVE), "metric": names,
+            "scenario": [s.label for s in study.scenarios], "method_key": list(FIVE),
+            "metric": names,
             "profile": ("scenario", [s.stiffness for s in study.scenarios]),
             "perturbation": ("scenario", [s.perturbation for s in study.scenarios]),
             "duration_s": ("scenario", [s.duration_s for s in study.scenarios]),

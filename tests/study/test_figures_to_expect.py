@@ -39,7 +39,10 @@ def study_figures(trials):
 
 
 def actuate_held_drive(drive, rate):
-    """Angle, velocity and acceleration behind the actuator if the drive is held over each sample."""
+    """Return angle, velocity and acceleration behind the actuator.
+
+    The drive is held over each sample.
+    """
     _, (_, damping, stiffness) = bessel(2, 2 * np.pi * 40, analog=True, norm="phase")
     system = (
         np.array([[0, 1], [-stiffness, -damping]]),

@@ -1,4 +1,4 @@
-"""Methods from outside the package that fail: each is reported with what it did, and the others finish."""
+"""Test methods from outside the package that fail: each is reported, and the others finish."""
 
 import numpy as np
 import pytest

@@ -10,7 +10,10 @@ from tvsysid.study.summary import COLUMNS
 
 
 def made_up(estimates, over_time=None, profile="square", covered=None):
-    """Results of one scenario and one method from stiffness of shape (trial, time), bands of ± 5 N·m/rad about it."""
+    """Make results of one scenario and one method from stiffness of shape (trial, time).
+
+    Its bands are ± 5 N·m/rad.
+    """
     trials = len(estimates)
     time = np.arange(200) / 100
     truth = np.asarray(tv.simulate.PROFILES[profile](time))
@@ -27,14 +30,21 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
             "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
             "covered": ((*cell, "quantity", "time"), covered[None, :, None, None]),
             "vaf": ((*cell, "statistic"), np.linspace(90, 99, 3 * trials).reshape(1, trials, 1, 3)),
-            "bandpassed_vaf": ((*cell, "statistic"), np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3)),
+            "bandpassed_vaf": (
+                (*cell, "statistic"),
+                np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3),
+            ),
             "seconds": (cell, np.ones((1, trials, 1))),
             "failure": (cell, np.full((1, trials, 1), "")),
             "truth": (("scenario", "quantity", "time"), truth[None, None]),
-            "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
+            "checksums": (
+                ("scenario", "trial", "variable"),
+                np.ones((1, trials, 1), dtype=np.uint64),
+            ),
         },
         coords={
-            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"], "unit": ("quantity", ["N m/rad"]),
+            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"],
+            "unit": ("quantity", ["N m/rad"]),
             "trial": np.arange(trials),
             "time": time,
             "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
@@ -171,7 +181,8 @@ def test_draws_of_methods_are_paired_also_where_trials_failed(random):
 def test_a_method_without_numbers_has_no_metrics(random):
     values = score(made_up(np.full((4, 200), np.nan), np.full((4, 200), np.nan))).value
     for name in (
-        "bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf", "switch_dip", "coverage",
+        "bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf",
+        "switch_dip", "coverage",
         "coverage_at_switch", "coverage_away",
     ):  # fmt: skip
         assert np.isnan(values.sel(metric=name)).all(), name

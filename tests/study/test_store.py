@@ -48,7 +48,7 @@ def copy(finished, tmp_path):
 
 
 def rerun(path):
-    """Go on with a study, count the trials that are run, and see that the results are those of the other tests."""
+    """Resume a study, count the trials that run, and check that the results are the same."""
     seen = []
     found = run(STUDY, store=path, workers=1, progress=lambda done, total: seen.append(done))
     return found, len(seen) - 1

@@ -1,4 +1,7 @@
-"""A store whose writes, renames and fsyncs fail in turn, and whose files are damaged in any order: no wrong number."""
+"""Test a store whose writes, renames and fsyncs fail, and whose files are damaged.
+
+No result may ever be wrong.
+"""
 
 import builtins
 import os
@@ -125,7 +128,10 @@ def done(path, limit=None):
 
 
 class Failing:
-    """Has one of the calls that change files fail: by an error, or by a kill, after which none succeeds any more."""
+    """Make one of the calls that change files fail.
+
+    It fails by an error, or by a kill, after which no call succeeds.
+    """
 
     def __init__(self, number, kill):
         self.number, self.kill = number, kill

@@ -63,7 +63,8 @@ def test_a_study_from_toml(tmp_path):
     )
     study = Study.from_toml(path)
     assert [s.label for s in study.scenarios] == [
-        "square-prbs-40s-10dB", "square-prbs-40s-infdB", "square-prbs-80s-10dB", "square-prbs-80s-infdB",
+        "square-prbs-40s-10dB", "square-prbs-40s-infdB", "square-prbs-80s-10dB",
+        "square-prbs-80s-infdB",
         "sine-prbs-40s-0dB", "sine-prbs-80s-0dB",
     ]  # fmt: skip
     assert list(study.named_methods) == ["sds:window=0.2", "kbr"]

@@ -26,7 +26,8 @@ def ramp(time):
 class Tones:
     def generate(self, count, rate, random):
         time = np.arange(count) / rate
-        return sum(np.sin(2 * np.pi * f * time + random.uniform(0, 2 * np.pi)) for f in np.arange(0.7, 30, 0.9))
+        return sum(np.sin(2 * np.pi * f * time + random.uniform(0, 2 * np.pi)) \
+for f in np.arange(0.7, 30, 0.9))
 
 
 @attrs.frozen
@@ -37,7 +38,8 @@ class Stiff(tv.simulate.Joint):
 class Fixed:
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
         joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(70.0))
-        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, \
+seed=seed, rate=rate)
 
 
 class Broken:
@@ -59,7 +61,8 @@ def mine(tmp_path_factory):
 @pytest.mark.slow
 def test_parts_of_one_s_own_by_name(mine):
     study = Study(
-        stiffness=f"{mine}:ramp", perturbation=f"{mine}:Tones", system=[f"{mine}:Stiff", f"{mine}:Fixed"],
+        stiffness=f"{mine}:ramp", perturbation=f"{mine}:Tones",
+        system=[f"{mine}:Stiff", f"{mine}:Fixed"],
         duration_s=8, period=1.0, rate=125, trials=2, methods="birf", snr_db=20,
     )  # fmt: skip
     found = run(study, workers=2)

@@ -1,4 +1,7 @@
-"""What a trial says of bands: of methods of other people, whose bands are known to hold the truth always or never."""
+"""Test what a trial says of the bands of methods from other authors.
+
+These bands are known to hold the truth always or never.
+"""
 
 import dataclasses
 from types import SimpleNamespace

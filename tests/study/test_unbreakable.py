@@ -1,4 +1,4 @@
-"""Runs that are killed, lose a worker, or run out of disk, as a user would meet them: through the command line."""
+"""Test runs that are killed, lose a worker, or run out of disk, through the command line."""
 
 import contextlib
 import json
@@ -57,12 +57,15 @@ def run_study(store, workers):
 
 
 def interruptible():
-    """A shell has what it runs in the background ignore interruptions, the tests and what they start included."""
+    """Restore the interrupt signal, which a shell ignores for background processes."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Forked:
-    """The command line in a process group of its own, forked, which takes less time than to start an interpreter."""
+    """The command line in a forked process group of its own.
+
+    To fork takes less time than to start an interpreter.
+    """
 
     def __init__(self, forking, folder, *words, prepare=fork_workers):
         self.errors = folder / "errors.txt"

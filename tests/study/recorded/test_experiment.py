@@ -63,7 +63,8 @@ def test_methods_have_settings_names_and_numbers_of_realizations_of_their_own():
 
 def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
     experiment = Experiment(
-        participants={"a": {"noise": ["x.mat", "y.mat"]}}, reading=READING, folder=tmp_path, virtual=3,
+        participants={"a": {"noise": ["x.mat", "y.mat"]}}, reading=READING, folder=tmp_path,
+        virtual=3,
         preparation={"reference": None, "period": 1.5}, methods=["sds", "kbr"],
     )  # fmt: skip
     again = Experiment(**json.loads(experiment.to_json()))
@@ -187,8 +188,10 @@ def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
 
 def test_what_stands_in_a_table_is_taken_as_it_is():
     methods = [
-        {"name": "kbr"}, {"name": "plain", "method": "kbr"}, {"name": "pieces", "method": "eirf", "contiguous": True},
-        {"name": "scattered", "method": "kbr", "contiguous": False}, "kbr:gamma=9", {"name": "sds", "realizations": 30},
+        {"name": "kbr"}, {"name": "plain", "method": "kbr"},
+        {"name": "pieces", "method": "eirf", "contiguous": True},
+        {"name": "scattered", "method": "kbr", "contiguous": False}, "kbr:gamma=9",
+        {"name": "sds", "realizations": 30},
     ]  # fmt: skip
     experiment = Experiment(methods=methods)
     told = {item.name: (item.realizations, item.contiguous) for item in experiment.analyses}

@@ -181,7 +181,8 @@ def test_doubts_are_told_and_nothing_is_left_out(tmp_path):
 def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
     write_trials(tmp_path)
     experiment = Experiment(
-        participants={"P7": {"noise": "nothing*.mat"}, "P8": {"noise": "trial*.mat"}}, reading=READING,
+        participants={"P7": {"noise": "nothing*.mat"}, "P8": {"noise": "trial*.mat"}},
+        reading=READING,
         folder=tmp_path, preparation=SHORT, methods="birf", realizations=10, bootstraps=3,
     )  # fmt: skip
     lost, fine = prepared_recordings(experiment)
@@ -313,7 +314,8 @@ def test_channels_that_methods_need_reach_them(tmp_path):
 
     def experiment(methods):
         return Experiment(
-            participants={"A": {"noise": "*.mat"}}, reading={**READING, "channels": channels}, preparation=SHORT,
+            participants={"A": {"noise": "*.mat"}}, reading={**READING, "channels": channels},
+            preparation=SHORT,
             methods=methods, realizations=8, bootstraps=2, folder=tmp_path,
         )  # fmt: skip
 

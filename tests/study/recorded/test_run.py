@@ -111,7 +111,8 @@ def test_the_same_draw_is_identified_once(tmp_path):
     log = tmp_path / "asked.txt"
     method = {"name": "counting", "method": Counting(str(log)), "contiguous": True}
     experiment = Experiment(
-        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING, preparation=SHORT,
+        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
+        preparation=SHORT,
         methods=[method], realizations=5, bootstraps=200,
     )  # fmt: skip
     results = run(experiment, workers=1)
@@ -222,7 +223,8 @@ def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
 def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     write_trials(tmp_path)
     experiment = Experiment(
-        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING, preparation=SHORT,
+        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
+        preparation=SHORT,
         methods=["kbr", "birf"], realizations=50, bootstraps=2,
     )  # fmt: skip
     results = run(experiment, workers=1)
@@ -296,7 +298,8 @@ def moved(tmp_path):
     (folder / "a").mkdir(parents=True)
     write_trials(folder / "a")
     return folder, {
-        "participants": {"A": {"noise": "a/trial*.mat"}, "B": {"noise": "b/trial*.mat"}}, "reading": READING,
+        "participants": {"A": {"noise": "a/trial*.mat"}, "B": {"noise": "b/trial*.mat"}},
+        "reading": READING,
         "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 3,
     }  # fmt: skip
 

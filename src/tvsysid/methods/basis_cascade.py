@@ -73,8 +73,8 @@ class BasisCascade(in_turn.InTurn):
     walking it explained 95.1 % of the torque rather than 95.8, by a gain that was negative on
     average.
 
-    Realizations that do not have the memory recorded before them are left out. No bands are stated;
-    neither pathway's own would count what the other is not known by.
+    Realizations that do not have the memory recorded before them are left out. No bands are stated:
+    the bands of one pathway would not count the error of the other.
 
     References
     ----------

@@ -62,13 +62,13 @@ class BasisIRF(shared.ByReference):
 
     The bands are those of the posterior, which takes the noise as white, times a factor for its
     colour (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the
-    parametric model). They take noise and angle as equally strong at all times, and do not count
-    what the basis cannot follow; where ``"ard"`` prunes a coefficient, they count it as known to be
-    zero. With a reference they count the noise's autocorrelation itself.
+    parametric model). They take noise and angle as equally strong at all times. They do not count
+    changes that the basis cannot follow. Where ``"ard"`` prunes a coefficient, they count it as
+    known to be zero. With a reference they count the noise's autocorrelation itself.
 
     Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response,
     weighted by the angle's mean correlations. The diagnostics' ``second_order_agreement`` says
-    how well that, or the parametric model, explains the torque that answers to the angle.
+    how well that fit, or the parametric model, explains the torque linear in the angle.
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)

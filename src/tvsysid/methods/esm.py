@@ -86,8 +86,8 @@ class EnsembleSpectral(shared.ByReference):
 
     which holds at every frequency without leakage, and solves them by least squares over all
     frequencies. The diagnostics' ``second_order_agreement`` says how much of the torque that
-    answers to the angle the fit explains. Where the derivatives lack samples (12 to either side),
-    segments are cut short.
+    depends linearly on the angle the fit explains. Where the derivatives lack samples (12 to
+    either side), segments are cut short.
 
     The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the
     realizations alone, and needs no assumption on colour or strength. They do not count what the
@@ -243,7 +243,7 @@ class Segments(NamedTuple):
 
     ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end
     (``edges``) where the derivatives lack samples, so that segments are cut short; ``power`` is
-    the squared window (sample,). There are so many independent ``realizations``.
+    the squared window (sample,). ``realizations`` is the number of independent ones.
     """
 
     moments: Array

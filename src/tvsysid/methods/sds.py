@@ -69,9 +69,9 @@ class ShortDataSegments(shared.ByReference):
 
     The bands count that the noise of neighbouring samples in a window is correlated, by the
     autocorrelation of the residual, which is taken to be the same at all times; the noise's
-    strength may change. They do not count what the window smooths: about a switch, the truth
-    lies outside. Windows that hold fewer than three samples for each lag, or only one
-    realization, have none.
+    strength may change. They do not cover the smoothing bias of the window: about a switch, the
+    truth lies outside. Windows that hold fewer than three samples for each lag, or only one
+    realization, have no band.
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)

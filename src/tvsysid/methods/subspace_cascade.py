@@ -48,7 +48,7 @@ class SubspaceCascade(Method):
     that. The reflex is a static nonlinearity of the velocity, a sum of Chebyshev polynomials,
     before a linear system of low order. MOESP with past inputs gives this system's poles. The
     intrinsic response is that of the torque to the lagged angles after all that a system with these
-    poles could do is taken out. Numerator and polynomial are fitted to what it leaves.
+    poles could do is taken out. Numerator and polynomial are fitted to its residual.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class SubspaceCascade(Method):
 
     The ``reflex_gain``, in N·m·s/rad, is the slope of the nonlinearity for stretch times the area
     under the reflex response. The slope is that of the least-squares fit of two straight lines,
-    over the velocities that there were, in the direction in which it is steeper. The nonlinearity
+    over the measured velocities, in the direction in which it is steeper. The nonlinearity
     is scaled so that it is 1; at rest it is 0. A gain that changes appears with its torque, some
     0.1 s after the stretch. A torque's offset belongs to no pathway.
 

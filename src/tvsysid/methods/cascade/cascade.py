@@ -67,25 +67,26 @@ class JointCascade(base.Method):
     .. math:: \ddot r + 2 \zeta \omega\, \dot r + \omega^2\, r = \omega^2\, G(t)\, f(t - d), \qquad
               f = s \max(s\, \dot\theta - c, 0)
 
-    Stiffness is the sum of h. h is a sum of the angle, its velocity, its acceleration and its
-    differences of higher order; the coefficients of the first two and the gain G are Fourier series
-    of the period, the others constant.
+    Stiffness is the sum of h. The intrinsic torque is a weighted sum of the angle, its velocity,
+    its acceleration and its differences of higher order. The coefficients of the first two and the
+    gain G are Fourier series of the period. The other coefficients are constant.
 
     Parameters
     ----------
     period
         Period of the behaviour in s; None takes the duration of a realization.
     harmonics
-        Of stiffness, viscosity and reflex gain over a period.
+        Number of harmonics of stiffness, viscosity and reflex gain over a period.
     constant
-        Whether none of them changes. None takes changes up where they predict realizations better
-        that were not fitted to (p < 0.05).
+        Whether stiffness, viscosity and reflex gain are constant. None lets them change if the
+        changes predict held-out realizations better (p < 0.05).
     delay
-        d in s; ``"fit"`` estimates it between 35 and 75 ms: below the lags of the intrinsic
-        response the reflex would take over its inertia. None is 40 ms, or 10 ms from EMG to torque.
+        d in s; ``"fit"`` estimates it between 35 and 75 ms. Below the lags of the intrinsic
+        response, the reflex would explain the torque of inertia. None is 40 ms, or 10 ms from EMG
+        to torque.
     emg
-        Channel that drives the muscle in the velocity's place: the EMG's envelope, say. There is no
-        threshold then.
+        Channel that drives the muscle instead of the velocity, such as the envelope of the EMG.
+        There is no threshold then.
     max_lag
         Lags of the intrinsic response to either side, in s.
 
@@ -98,11 +99,11 @@ class JointCascade(base.Method):
     Gauss-Newton steps. Each step solves for all coefficients, because a reflex that is fitted to
     the residual of an intrinsic fit has lost part of its torque.
 
-    Samples are weighed by the noise's inverse covariance within a realization (or 2.56 s of it at
-    100 Hz), from what a first fit leaves: slow voluntary torque would pass for a change of
-    stiffness, or hide one. Where held-out realizations are then predicted worse (by 2 % of the
-    squares), whitening gives weight to a misfit of the model. The noise is then taken as nearly
-    white.
+    Samples are weighted by the noise's inverse covariance within a realization (or 2.56 s of it at
+    100 Hz), from the residual of a first fit. Without these weights, slow voluntary torque could
+    look like a change of stiffness, or hide one. Where held-out realizations are then predicted
+    worse (by 2 % of the squares), whitening gives weight to a misfit of the model. The noise is
+    then taken as nearly white.
 
     The velocity is that of the total angle, rectified at the rate at which it was recorded. Torque
     and regressors are deviations from their mean over realizations. The gain is that of the stretch
@@ -114,21 +115,21 @@ class JointCascade(base.Method):
     realizations the evidence decides. Where no reflex is shown, the model has none, and the band
     of ``reflex_gain`` says how large a gain the data allow.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands; stiffness and
-    the gain of EMG are of one sign. Sizes and decays are found without this limit. A warning says
-    so where it costs 1 % of the torque.
+    Viscosity, reflex gain and their bands are never negative. Stiffness and the gain of EMG keep
+    one sign. Sizes and decays are found without this limit. A warning says so if the limit costs
+    1 % of the torque.
 
-    A threshold is taken as 0 unless with it realizations are predicted better that were not fitted
-    to (p < 0.05); the bands count that it is not known.
+    The threshold is 0 unless a threshold predicts held-out realizations better (p < 0.05). The
+    bands count that it is not known.
 
     The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a
     Fourier series rounds off, the truth lies outside.
 
     The diagnostics' ``details`` hold the shape with standard errors; ``direction``;
-    ``reflex_shown`` and ``constant``, 1 or 0; the share of the torque in per cent that is explained
-    (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; these two need not add up), and where it was not
-    fitted to (``vaf_held_out``, by thirds of the realizations, in turn); the log evidence without a
-    reflex, with a linear late answer, and with each direction; ``stiffness_fitted``, the mean
+    ``reflex_shown`` and ``constant``, 1 or 0; the explained share of the torque in per cent
+    (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; the last two need not add up), and that of held-out
+    torque (``vaf_held_out``, by thirds of the realizations, in turn); the log evidence without a
+    reflex, with a linear late response, and with each direction; ``stiffness_fitted``, the mean
     stiffness of the second-order fit.
 
     References

@@ -12,8 +12,8 @@ from scipy.linalg import lapack
 
 from tvsysid.numerics import Array
 
-FREQUENCIES, THRESHOLDS = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5)  # to begin with, in rad/s
-DELAYS = (0.04, 0.05, 0.06)  # to begin with where the delay is free, in s
+FREQUENCIES, THRESHOLDS = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5)  # initial values in rad/s
+DELAYS = (0.04, 0.05, 0.06)  # initial values of a free delay in s
 
 
 class Term(NamedTuple):

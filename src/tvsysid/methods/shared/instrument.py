@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 LEAST = 0.01  # share of the angle that the reference predicts below which nobody can use it
 WEAK = 0.5  # below which there is a warning
 WINDOW = 0.30  # s over which the strength at a time counts
-SINGULAR = 1e-9  # determinant of scaled moments below which the three quantities are not told apart
+SINGULAR = 1e-9  # determinant of scaled moments below which the quantities are not identifiable
 
 
 class Instrument(NamedTuple):

@@ -96,34 +96,36 @@ class AdaptiveRegression(base.Method):
     .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
               \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
 
-    over realizations r, and the inverse of that matrix is its covariance. W comes from what a first
-    fit leaves: a prediction from the samples before, of the order that is most probable, and the
-    strength of the rest over time; at least 1 % of the noise is taken as white. Where the
-    residual's scores with velocity are more than 1.5 times as strong as W says it is no noise but
-    misfit, which whitening would amplify: W is then the identity, and the covariance a sandwich.
-    Viscosity and inertia come from the same regression, weighed below 60 % of the Nyquist
-    frequency; decimation folds acceleration back, which makes an inertia of the whole band 3 % too
-    large. What is not of second order in the same way in all realizations is added. All else are
-    small matrices: with L the Cholesky factor of the smooth part's system, the evidence for
-    switches, A and b their products beside it and
-    :math:`\tau^2` their variance, is
+    over realizations r. The inverse of the matrix on the left is the covariance of z. W comes from
+    the residual of a first fit: a prediction from the samples before, of the most probable order,
+    and the strength of the prediction error over time. At least 1 % of the noise is taken as white.
+    Where the residual's scores with velocity are more than 1.5 times as strong as W predicts, the
+    residual is misfit, not noise, and whitening would amplify it. W is then the identity, and the
+    covariance a sandwich.
+
+    Viscosity and inertia come from the same regression, weighted below 60 % of the Nyquist
+    frequency. Decimation folds acceleration back, which would make an inertia of the whole band 3 %
+    too large. The error also includes the misfit of second order that all realizations share.
+
+    All further steps use small matrices. With A and b the products of switches beside the smooth
+    part, and :math:`\tau^2` the variance of the switches, the log evidence for the switches is
 
     .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
 
-    A search finds sets of switches, beside every smooth part that is still likely; each switch is
-    then placed to 1/16 sample, and where else it may lie counts. Where realizations follow each
-    other in the record, the end of one is taken as the beginning of the next. A step is seen as a
-    decimation smears it; that there was no low-pass, or that realizations switch at different
-    times, is tried where there are steps, and averaged where it is open.
+    A search finds sets of switches beside every plausible smooth part. Each switch is then placed
+    to 1/16 sample, and its other possible positions are averaged. Where realizations follow each
+    other in the record, the end of one is taken as the beginning of the next. Steps are modelled as
+    decimation smears them. Where there are steps, two more models are tried, and averaged if the
+    data do not decide: no low-pass, and realizations that switch at different times.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands; a warning says
-    so where this costs 1 % of the torque. Stiffness stands beside the viscosity as it is seen,
-    which also holds what a torque does that is early.
+    Neither viscosity nor reflex gain is negative at any time, nor are their bands. A warning says
+    so where this costs 1 % of the torque. Stiffness is estimated beside the unconstrained
+    viscosity, which also absorbs a torque that is early.
 
-    The bands are quantiles of the mixture of all that is likely, with Student's t of the scatter's
-    degrees of freedom. Near a switch whose time is undecided the estimate lies between the levels,
-    which is the least mean square error, and the band holds both. Bands do not count what is no
-    noise; see :class:`tvsysid.Estimate`.
+    The bands are quantiles of the mixture of all plausible models, with Student's t of the
+    scatter's degrees of freedom. Near a switch whose time is undecided, the estimate lies between
+    the levels, which has the least mean square error, and the band spans both. Bands cover noise
+    only; see :class:`tvsysid.Estimate`.
 
     A test on held-out realizations may show a stretch reflex
     (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`). Its columns, those of its shape, and

@@ -99,8 +99,8 @@ class Line:
 class Columns(NamedTuple):
     """Steps at ``positions`` as they are recorded, ``seen`` (time, step), and their products.
 
-    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step), by
-    themselves as ``power`` (step,), and by what is seen, as ``cross`` (step,).
+    ``weighted`` are the steps times the precision. Their products are ``features`` (feature, step)
+    with the features, ``power`` (step,) with themselves, and ``cross`` (step,) with the estimates.
     """
 
     positions: Array

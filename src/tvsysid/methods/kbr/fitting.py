@@ -30,8 +30,8 @@ class KernelPosterior:
 
     ``fit`` is that of the coefficients ``kept``, mask (coefficient, column).
 
-    Of coefficients that the data cannot see, the prior is all that is known: its ``variances``
-    (coefficient,).
+    The other coefficients have no effect that the data can show. For them the prior is all that is
+    known: its ``variances`` (coefficient,).
     """
 
     fit: Fitted

@@ -293,7 +293,7 @@ class KernelRegression(shared.ByReference):
             shared.PosteriorErrors,
             colour=colour,
             band=(low, high),
-            # Of a mean over realizations that was subtracted the posterior knows nothing.
+            # The posterior does not know that a mean over realizations was subtracted.
             stronger=len(ensemble) / shared.independent_realizations(ensemble),
             freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
             times=ensemble.samples,

@@ -20,19 +20,16 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
-# share of the noise that a feature's part of the torque must be able to reach to be fitted at all
+# share of the noise that the torque of a feature must be able to reach for it to be fitted
 VISIBLE = 0.03
-# length of the decay, in lengths of the record, from which on the kernel is taken as strictly
-# periodic
+# decay, in lengths of the record, from which on the kernel is taken as strictly periodic
 STRICT = 20.0
-# Share of the prior variance below which a feature is left out. Small, because a prior that suits
-# stiffness is immense
-# for inertia: at 1e-9, what is left out changes stiffness by 1 N·m/rad.
+# Share of the prior variance below which a feature is left out. It is small because a prior that
+# suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-# features of a coefficient beyond which a kernel is refused: the covariance of three then takes 2
-# GiB
+# features of a coefficient above which a kernel is refused: more would take 2 GiB of covariance
 MOST = 5400
-# nodes beyond which there would be more than that for any decay, and their matrix ever larger
+# nodes above which any decay would need more features than that
 NODES = 1024
 
 
@@ -40,10 +37,10 @@ NODES = 1024
 class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
-    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly
-    periodic. ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the
-    slow function, make each column, ``precision`` is its prior precision for gamma = 1; all
-    (column,). The first column is the constant without prior, 0.
+    ``decay`` gives the slow functions beside the constant. It is None where the kernel is strictly
+    periodic. ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow
+    function, define each column. ``precision`` is its prior precision for gamma = 1. All have shape
+    (column,). The first column is the constant, whose prior precision is 0.
     """
 
     period: float

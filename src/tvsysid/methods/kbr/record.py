@@ -26,8 +26,7 @@ ComplexArray = NDArray[np.complex128]
 Chosen = NDArray[np.bool_]
 
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-# modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's
-# joint
+# modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL = 100.0
 BLOCK = 512  # frequencies whose regressors are held at once
 EXTERNAL_TERMS = (

@@ -38,19 +38,18 @@ LAGS = (
     0.05,
 )  # lags in s that are tried, until the likelihood falls
 REFINED = 6  # further lags about the best of them
-# power of the torque that each coefficient makes, in noise variances, from which tuning sets out
+# initial power of the torque that each coefficient makes, in noise variances
 START = 1e3
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
-# coefficients beyond which a decay is not tried, and settings that were given are not compared
+# coefficients above which a decay is not tried, and the given settings are not compared
 MOST = 2000
 NOISES = 20  # steps of the noise variance at most, for settings that are given
-# from the log noise variance at the start: so much less is no noise, but data too few to show any
+# decrease of the log noise variance from the start at which the data are too few to show any noise
 FAR = 12.0
 # share of the noise below which a feature's part of the torque does not count in the likelihood
 FAINT = 1e-7
-# Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by
-# which an order or a
-# lag must be better than the one given.
+# If the log marginal likelihood of a decay is lower by this, shorter ones are not tried. An order
+# or a lag must be better than the one given by this.
 CLEARLY = 5.0
 _value = attrgetter("value")
 
@@ -59,8 +58,8 @@ _value = attrgetter("value")
 class Tried:
     """Settings that were tried, and their log marginal likelihood.
 
-    ``theta`` holds the logs of l1, three prior variances and the noise variance; one beyond the
-    ``order`` says nothing. ``line`` is what they differ in from those given.
+    ``theta`` holds the logs of l1, three prior variances and the noise variance. Prior variances
+    beyond the ``order`` have no effect. ``line`` describes the difference from the given settings.
     """
 
     order: int
@@ -101,13 +100,13 @@ class Likelihood:
 
     The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the
     second makes it that under a unit-information prior on the constants
-    (:func:`tvsysid.numerics.gaussian.unit_information`); the third is the price of what is fitted
-    by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless it is 0.
-    Within an order and lag the last two are constant.
+    (:func:`tvsysid.numerics.gaussian.unit_information`); the third is a penalty for the settings
+    that are fitted by maximum and not common to all models: M + 1 gammas, and a lag (L = 1) unless
+    it is 0. Within an order and lag, the last two terms are constant.
 
-    ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance,
-    of which also the prior of the constants is. ``coefficient`` and ``harmonic`` are those of
-    each column; the ``fixed`` ones have no prior.
+    ``statistics`` are those of N samples. The external terms are eliminated for about the ``noise``
+    variance, which also scales the prior of the constants. ``coefficient`` and ``harmonic`` are
+    those of each column. The ``fixed`` columns have no prior.
     """
 
     statistics: Statistics
@@ -174,7 +173,7 @@ class Likelihood:
         place = theta.copy()
         for _ in range(NOISES):
             value, slope = self(place)
-            # The likelihood of a log variance curves like that of so many numbers.
+            # The curvature of the likelihood in a log variance is half the number of samples.
             step = slope[4] / (0.5 * self.statistics.number)
             if abs(step) < 1e-4:
                 break
@@ -194,8 +193,8 @@ class Likelihood:
             theta + np.array([0.0, *(leeway,) * 3, FAR]),
         )
         low[0], high[0] = lengths
-        # That of about white noise, so that where the search stops does not depend on the unit of
-        # the torque.
+        # Likelihood of white noise: subtracting it keeps the stopping rule independent of the
+        # torque's unit.
         usual = -0.5 * self.statistics.number * math.log(self.noise)
 
         def descent(place: Array) -> tuple[float, Array]:
@@ -226,8 +225,8 @@ class Likelihood:
 class Search:
     """Data and noise level by which settings are compared.
 
-    ``noise`` is about the variance that the settings given leave; ``share`` says how many
-    independent numbers one number of the record is worth.
+    ``noise`` is about the residual variance of the given settings. ``share`` is the effective
+    fraction of independent samples.
     """
 
     ensemble: Ensemble
@@ -275,7 +274,7 @@ class Search:
         shorter decays. Then, without decay, other orders are tried, and other lags for each order.
         """
         record = self._record(given.lag)
-        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
+        # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
         kernel = record.kernel(self.period, LENGTHS[0])
         every = np.ones((3, kernel.columns), dtype=bool)
         everything = Likelihood.of(record, kernel, every, self.noise, given.lag, share=self.share)

@@ -33,8 +33,7 @@ MATTERS = 0.05  # share of the highest stiffness below which such a change is no
 LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 MISSING = 0.5  # share of the samples that may have no past
-# share of the variable's range by which a fold must go beyond that of the others to be worth a
-# warning
+# share of the variable's range by which a fold must exceed that of the others for a warning
 FAR = 0.05
 ALONE = 0.02  # share of a fold's samples that the others' range may lack
 
@@ -103,7 +102,7 @@ class Scheduled(base.Method):
         """Return the model of an ensemble."""
         fit, shares = self._fit(ensemble)
         rate = ensemble.sampling_rate
-        # Where the mean over realizations is subtracted, so much less of the noise is left.
+        # Subtracting the mean over realizations also removes a part of the noise.
         freedom = (
             len(fit.rows.torque) * independent_realizations(ensemble) / len(ensemble)
             - fit.parameters

@@ -69,12 +69,12 @@ class Evidence:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Settings that were chosen, by name."""
+        """Return the settings that were chosen, by name."""
         return self.tried[self.chosen]
 
     @property
     def gain(self) -> float:
-        """Difference of the criterion from that of the first settings; positive is better."""
+        """Return the gain over the first settings in the criterion; positive is better."""
         difference = float(self.values[self.chosen] - self.values[0])
         return difference if self.better == "higher" else 0.0 - difference
 
@@ -231,7 +231,7 @@ class Tuned(Method):
 
     @property
     def title(self) -> str:  # type: ignore[override]
-        """Title of the method."""
+        """Return the title of the method."""
         return f"{self.method.title}, tuned"
 
     def tuned(self, ensemble: Ensemble, seed: int | None = None) -> Choice[Any]:

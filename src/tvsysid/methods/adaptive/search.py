@@ -48,9 +48,10 @@ START = Sizes(0.2, False)
 class State(NamedTuple):
     """Positions of switches beside a smooth part, their score, and the gain of the last step.
 
-    The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not
-    searched if further switches had to bring more than that, or GAIN, to make it the best. The
-    bound of :func:`first_states` is less sharp, as the noise of all samples is in it.
+    REACH is added to the gain of the first step, which then counts as 2 REACH at least. A smooth
+    part is not searched if further switches had to gain more than that, or GAIN, to make it the
+    best. The bound of :func:`first_states` is less sharp, because it includes the noise of all
+    samples.
     """
 
     places: tuple[float, ...]

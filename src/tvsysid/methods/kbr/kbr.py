@@ -84,8 +84,8 @@ class KernelRegression(shared.ByReference):
         l1: smoothness within a period; larger is smoother. It has no unit, although the paper
         prints seconds.
     length_decay
-        l2 in s: time over which periods come to differ. From 20 record lengths on, the kernel is
-        strictly periodic.
+        l2 in s: time over which the periods become different. From 20 record lengths on, the kernel
+        is strictly periodic.
     gamma
         Prior variance about their means of stiffness, viscosity and inertia, or one number for all
         three, in units of the ``scale`` squared. The paper gives one, without a unit.
@@ -93,28 +93,27 @@ class KernelRegression(shared.ByReference):
         Lowest and highest frequency in Hz of the equation error that is fitted.
     order
         Nb: 2 for inertia, viscosity and stiffness; 1 for a joint without inertia, which then is 0
-        and has no band; 0 for a spring. A third derivative has no name in an impedance and is not
-        offered. With a lower order the last gammas do not count.
+        and has no band; 0 for a spring. With a lower order, the gammas of the missing terms have no
+        effect.
     lag
-        a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor
-        or a filter makes it; 0 for none (Na = 0).
+        a_1 in s: a constant first-order lag of the torque behind the joint, for example of a sensor
+        or a filter; 0 for none (Na = 0).
     scale
-        What a gamma of 1 stands for, in N·m/rad (N·m·s/rad of viscosity, kg·m² of inertia). None
-        takes it from the data: 0.573 of the modulus at 1 Hz of the constant impedance that fits
-        them best. So the units of torque and angle do not matter: they scale the estimates, and
-        change nothing else. Of the paper's joint, with 100 N·m/rad in the mean, that is 57.3
-        N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes it at that: gamma is then a number of
-        (N·m/deg)², whatever the joint.
+        Unit of gamma: a gamma of 1 stands for this, in N·m/rad (N·m·s/rad of viscosity, kg·m² of
+        inertia). If None, it is 0.573 of the modulus at 1 Hz of the constant impedance that fits
+        the data best. The units of torque and angle then scale the estimates, and change nothing
+        else. For the paper's joint, with a mean of 100 N·m/rad, the scale is 57.3 N·m/rad, or 1
+        N·m/deg. ``scale=57.29578`` fixes this value: gamma is then in (N·m/deg)² for any joint.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
-        noise of the torque moves too: what the reference predicts of the angle
-        (:mod:`tvsysid.methods.shared.instrument`) takes the place of the angle in the left factor
-        of the normal equations.
+        Channel with the disturbance that was applied, for a joint in closed loop, where torque
+        noise also moves the angle. The angle that the reference predicts
+        (:mod:`tvsysid.methods.shared.instrument`) then replaces the angle in the left factor of the
+        normal equations.
     weighting
-        ``"white"``: all frequencies count alike, as in the paper. ``"residual"``: as the inverse of
-        the power of what the fit leaves of the torque (averaged over ±0.5 Hz, in two turns), which
-        is best where the noise is not white in the band; with slow noise it takes a third to three
-        quarters off the random error, in open and in closed loop.
+        ``"white"``: all frequencies have the same weight, as in the paper. ``"residual"``: the
+        weight is the inverse of the residual's power (averaged over ±0.5 Hz, in two iterations).
+        This is best where the noise is not white in the band. With slow noise it reduces the random
+        error by a third to three quarters, in open and in closed loop.
 
     Notes
     -----
@@ -143,19 +142,19 @@ class KernelRegression(shared.ByReference):
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior
     variance each.
 
-    What cannot reach a small share of the noise in the torque is left out, for each coefficient by
-    its own signal: of a gamma that inertia and stiffness have in common, inertia needs some twice
-    as many features. Of their coefficients the prior is all that is known. It changes stiffness by
-    some 1e-3 N·m/rad.
+    Features whose torque cannot reach a small share of the noise are left out, for each coefficient
+    by its own signal. If inertia and stiffness have the same gamma, inertia needs about twice as
+    many features. The features left out keep their prior. This changes stiffness by some 1e-3
+    N·m/rad.
 
-    The noise variance is estimated from the residual, with the effective number of parameters taken
-    off. The diagnostics' ``second_order_agreement`` is how much of the torque that answers to the
-    angle order 2 explains.
+    The noise variance is estimated from the residual, with the effective number of parameters
+    subtracted from the degrees of freedom. The diagnostics' ``second_order_agreement`` is the share
+    of the angle-dependent torque that order 2 explains.
 
-    The bands are those of the posterior, which takes the noise as white within the band, times a
-    factor for its colour (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts
-    what the prior smooths away only as far as the behaviour is as smooth as the kernel says:
-    about a switch, the truth lies outside.
+    The bands are those of the posterior, which assumes white noise within the band, times a factor
+    for the noise's colour (:func:`tvsysid.numerics.noise.colour_factors`). They cover smoothing
+    bias only if the behaviour is as smooth as the kernel says: near a switch, the truth lies
+    outside the bands.
     """
 
     period: float | None = attrs.field(default=None, validator=optional(positive))

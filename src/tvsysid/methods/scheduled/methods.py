@@ -194,24 +194,25 @@ class ScheduledIRF(Scheduled):
     variable
         Channel with the scheduling variable, in any unit.
     order
-        Degree p of the polynomials. If None, that of 0 to 10 which predicts folds best; ``order``
-        among the diagnostics' details is the one chosen. Too low an order is biased, which no band
-        counts. Too high an order fits the record, and fails wherever else the variable goes.
+        Degree p of the polynomials. If None, the degree from 0 to 10 that predicts folds best;
+        ``order`` in the diagnostics' details is the chosen one. Too low an order is biased, which
+        no band covers. Too high an order fits the record, but fails at other values of the
+        variable.
     reflex, reflex_order
-        Whether there is a reflex pathway, and q, chosen as p is. A reflex that is left out is taken
-        for stiffness.
+        Whether there is a reflex pathway, and its degree q, chosen like p. Without the pathway,
+        stiffness includes the torque of a reflex.
     rest_order
-        Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow
-        the variable: a torque that the variable causes by itself, and an angle that does not count
-        from where the joint is at rest, which adds stiffness times the difference. From ``order``
-        on, no offset of the angle matters; but then what the reflex's mean torque would tell of its
-        gain is not used. A warning says where that matters to stiffness.
+        Degree of the polynomial for the torque at rest, :math:`y_0`. This torque follows the
+        variable for two reasons. The variable may cause a torque by itself. And the angle may not
+        count from the joint's rest position, which adds stiffness times the difference. If the
+        degree is at least ``order``, no offset of the angle matters. But then the reflex's mean
+        torque does not help to estimate its gain. A warning says where that matters to stiffness.
     delay, memory
-        Of the reflex in s: d, and how long its response lasts after that.
+        Delay d of the reflex, and the duration of its response after the delay, in s.
     filters, time_constant
         Number of Laguerre filters, and the time in s over which they decay.
     threshold
-        Velocity in rad/s from which on stretch counts.
+        Velocity in rad/s above which stretch counts.
     max_lag
         Lags of the intrinsic response to either side in s.
 
@@ -223,14 +224,14 @@ class ScheduledIRF(Scheduled):
     the weights. Viscosity and inertia are those of a second-order fit from 0.5 to 15 Hz. The reflex
     gain is the area under the reflex's response, in N·m·s/rad.
 
-    The stretch is in the direction that predicts more of five folds of consecutive time, each from
-    the others. What the folds predict is ``vaf_folds`` among the diagnostics' details: the mean
-    over them, in per cent of the torque's variance in each. A warning says which values of the
-    variable occur in one fold only.
+    The method chooses the direction of stretch that better predicts five folds of consecutive time,
+    each from the others. ``vaf_folds`` in the diagnostics' details is the mean over the folds of
+    the variance accounted for, in per cent of the torque's variance in each. A warning says which
+    values of the variable occur in one fold only.
 
     The bands are those of least squares with noise of the residual's autocorrelation, up to 0.4 s.
-    They are slightly short (docs/scheduling.md has the measured coverage), and count no error of
-    the polynomials.
+    They are slightly narrow (docs/scheduling.md has the measured coverage). They do not cover the
+    error of the polynomials.
 
     References
     ----------

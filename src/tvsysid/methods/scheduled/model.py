@@ -69,9 +69,9 @@ class Curves:
 class ScheduledModel(Model):
     r"""Stiffness, viscosity, inertia and reflex gain as polynomials in a measured variable.
 
-    The estimates named ``scheduled_stiffness`` and so on are over an axis that is named as the
-    variable's channel is, and has values of it as coordinates; ``stiffness`` and so on are those
-    that held in each realization at each time. The ``coefficients`` (coefficient,) are of the
+    The estimates named ``scheduled_stiffness`` and so on have an axis with the name of the
+    variable's channel, and values of the variable as coordinates. ``stiffness`` and so on are the
+    estimates at each time of each realization. The ``coefficients`` (coefficient,) are those of the
     torque at rest, the intrinsic and the reflex pathway, in this order.
     """
 

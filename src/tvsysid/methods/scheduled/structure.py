@@ -59,10 +59,10 @@ class Reflex:
 class Structure:
     """Model of the torque, without its weights.
 
-    The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``.
-    Each intrinsic signal has a polynomial with so many ``degrees``: the angles at up to so many
-    ``lags`` to either side; or, if that is 0, angle and velocity, and the acceleration a
-    constant. The torque at rest has one with ``rest`` degrees.
+    The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``. Each
+    intrinsic signal has a polynomial with ``degrees`` coefficients. The intrinsic signals are the
+    angles at up to ``lags`` samples to either side. If ``lags`` is 0, they are angle and velocity,
+    and an acceleration with a constant weight. The torque at rest has ``rest`` coefficients.
     """
 
     variable: str

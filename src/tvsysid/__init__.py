@@ -9,7 +9,8 @@ The way data flows::
 >>> import tvsysid as tv
 >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
 >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
->>> recording = tv.preprocess.decimate(simulation.recording, 100)      # or tv.read_recording("ankle.mat", ...)
+>>> recording = simulation.recording  # or tv.read_recording("ankle.mat", ...)
+>>> recording = tv.preprocess.decimate(recording, 100)
 >>> ensemble = tv.preprocess.segment(recording, period=2.0)
 >>> model = tv.ShortDataSegments(max_lag=0.12, window=0.10).identify(ensemble)
 >>> model.stiffness.shape

@@ -452,7 +452,7 @@ def test_what_data_leave_open_is_one_warning():
         assert [text in each for each in texts if "leave open" in each] == [True]
 
 
-def test_no_viscosity_is_negative_and_what_contradicts_that_is_said_and_a_reflex_is_said_to_be_reported(
+def test_no_viscosity_is_negative_and_contradictions_and_a_reflex_are_reported(
     random,
 ):
     angle = random.normal(size=(30, 120))

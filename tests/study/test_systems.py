@@ -273,7 +273,7 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_mean_over_realizations_is_taken_from_what_is_identified_and_from_the_noiseless_torque():
+def test_the_mean_over_realizations_is_subtracted_from_the_noiseless_torque_too():
     settings = {
         "system": "reflex",
         "duration_s": 20,

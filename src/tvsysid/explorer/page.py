@@ -176,7 +176,8 @@ def _group(legend: str, *controls: ui.TagChild) -> ui.Tag:
 
 def _number(name: str, label: str, value: float | None) -> ui.Tag:
     value = int(value) if value is not None and float(value).is_integer() else value
-    return ui.input_numeric(name, label, value, update_on="blur")  # type: ignore[arg-type]  # None leaves it empty
+    # None leaves it empty.
+    return ui.input_numeric(name, label, value, update_on="blur")  # type: ignore[arg-type]
 
 
 def _results() -> ui.Tag:

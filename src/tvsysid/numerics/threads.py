@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 
-import scipy.linalg  # noqa: F401  # NumPy and SciPy have a BLAS each; the controller limits those that are loaded
+# NumPy and SciPy have a BLAS each; the controller limits those that are loaded.
+import scipy.linalg  # noqa: F401
 from threadpoolctl import ThreadpoolController
 
 _controller = cache(ThreadpoolController)

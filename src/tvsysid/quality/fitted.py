@@ -44,7 +44,8 @@ class Seen(NamedTuple):
     realizations: tuple[int, ...] = ()
 
 
-class NotJudged(Exception):  # noqa: N818  # no error: these data do not allow a check; its text says why
+# Not an error: these data do not allow a check. Its text says why.
+class NotJudged(Exception):  # noqa: N818
     """Raised by a check that these data do not allow, with the reason."""
 
 

@@ -52,7 +52,11 @@ def test_inertia_is_recovered_and_models_state_the_correction(tmp_path):
 
 @pytest.mark.parametrize(
     ("delay", "message"),
-    [(np.nan, "a finite number"), ("late", "got 'late'"), (9.0, "leaves nothing")],
+    [
+        (np.nan, "a finite number"),
+        ("late", "got 'late'"),
+        (9.0, "nothing is left of a trial of 5 s"),
+    ],
 )
 def test_impossible_delays_are_refused(delay, message):
     time = np.arange(500) / 100

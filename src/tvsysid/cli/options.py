@@ -41,9 +41,9 @@ SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
 def decimation(rate: float) -> str:
     """Return the option that makes a recording of a high rate (Hz) quick to identify."""
-    from tvsysid.preprocess.decimate import fitting_rates
+    from tvsysid.preprocess.decimate import nearest_rate
 
-    return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""
+    return f"--decimate {nearest_rate(rate, USUAL_RATE):g}" if rate > SLOW_RATE else ""
 
 
 def given(**options: object) -> dict[str, Any]:

@@ -5,18 +5,17 @@ Each step raises an :class:`tvsysid.InputError` for settings or data that do not
 
 from tvsysid.preprocess.bootstrap import bootstrap, bootstrap_weights
 from tvsysid.preprocess.decimate import decimate
-from tvsysid.preprocess.delay import align_channels
-from tvsysid.preprocess.exclude import (
+from tvsysid.preprocess.faults import find_gaps, find_mains, remove_mains
+from tvsysid.preprocess.mean import subtract_mean
+from tvsysid.preprocess.prepare import (
+    Preparation,
     Step,
     align,
     exclude_residual_outliers,
     exclude_task_outliers,
+    prepare,
 )
-from tvsysid.preprocess.gaps import Gap, find_gaps
-from tvsysid.preprocess.mains import find_mains, remove_mains
-from tvsysid.preprocess.mean import subtract_mean
-from tvsysid.preprocess.prepare import Preparation, prepare
-from tvsysid.preprocess.segment import segment, trim
+from tvsysid.preprocess.trials import Gap, align_channels, segment, trim
 
 __all__ = [
     "Gap",

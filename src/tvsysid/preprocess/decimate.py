@@ -16,14 +16,13 @@ from tvsysid.validators import positive
 MIN_RATE_HZ = 40.0  # below, stiffness and inertia can hardly be separated
 
 
-def fitting_rates(recorded: float, rate: float) -> list[float]:
-    """Return the rates in Hz to which one can decimate, the nearest to ``rate`` first.
+def nearest_rate(recorded: float, rate: float) -> float:
+    """Return the rate in Hz nearest to ``rate`` to which one can decimate.
 
-    Only whole numbers of Hz, if there are any.
+    A whole number of Hz, if there is any.
     """
-    rates = [recorded / factor for factor in range(1, max(2, int(recorded)))]
-    whole = [fit for fit in rates if fit == round(fit)] or rates
-    return sorted(whole, key=lambda fit: abs(fit - rate))
+    rates = (recorded / factor for factor in range(1, int(recorded) + 2))
+    return min(rates, key=lambda fit: (fit % 1 > 0, abs(fit - rate)))
 
 
 def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recording:
@@ -63,10 +62,10 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     ratio = recording.sampling_rate / rate
     factor = round(ratio)
     if factor < 1 or abs(ratio - factor) > 1e-9 * ratio:
-        nearby = sorted(fitting_rates(recording.sampling_rate, rate)[:4])
+        nearest = nearest_rate(recording.sampling_rate, rate)
         raise InputError(
-            f"decimate: {recording.sampling_rate:g} Hz is not a whole multiple of {rate:g} Hz; "
-            f"rates that fit nearby: {', '.join(f'{fit:g}' for fit in nearby)} Hz"
+            f"decimate: {recording.sampling_rate:g} Hz is not a whole multiple of {rate:g} Hz; the "
+            f"nearest rate that fits is {nearest:g} Hz"
         )
     if factor == 1:
         return recording

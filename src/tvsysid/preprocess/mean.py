@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Ensemble
 
 # Change from sample to sample of the differences between realizations, relative to that of the
 # signal. Below, they are noise alone: of the angle, or rounding of the torque.
@@ -19,10 +19,6 @@ MIN_LINE_HZ, MAX_LINE_HZ = 5.0, 45.0
 MIN_LINE_SHARE = 0.5  # of the angle's power in this band
 MIN_LINE_CONTRAST = 10.0  # to the shared power two harmonics to either side
 MIN_Z_SCORE = 2.0  # standard errors from zero
-REMEDY = (
-    "Nothing but noise is left. Use a perturbation that differs between realizations: a multisine "
-    "needs lines that are no multiples of 1/period."
-)
 
 
 def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
@@ -53,22 +49,21 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
             f"subtract_mean: expected at least two realizations, got {ensemble!r}; record more, or "
             "cut the recording with a shorter period (--period) or less context (--context 0)"
         )
-    channels, deviations = tuple(channels), {}
+    channels, deviations, same = tuple(channels), {}, []
     for name in ("angle", "torque", *channels):
         values = ensemble.signal(name)
         deviations[name] = values - values.mean(axis=0)
         different, whole = (np.linalg.norm(np.diff(x)) for x in (deviations[name], values))
         if whole and different <= (ROUNDING if name == "torque" else MIN_DIFFERENCE) * whole:
-            raise InputError(
-                f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations "
-                f"(difference {100 * different / whole:.1g} %). {REMEDY}"
-            )
+            same.append(name)
     # A reference among the channels was checked above.
-    if not channels and (lines := _repeated_lines(ensemble)).size:
+    if not channels and _is_repeated(ensemble):
+        same.append("perturbation")
+    if same:
         raise InputError(
-            f"subtract_mean: the perturbation is the same in all {len(ensemble)} realizations: "
-            f"lines at {', '.join(f'{line:g}' for line in lines)} Hz hold most of the angle's fast "
-            f"movement, and the rest does not respond like a joint. {REMEDY}"
+            f"subtract_mean: the {same[0]} is the same in all {len(ensemble)} realizations. "
+            "Nothing but noise is left. Use a perturbation that differs between realizations: a "
+            "multisine needs lines that are no multiples of 1/period."
         )
     angle, torque = deviations.pop("angle"), deviations.pop("torque")
     return attrs.evolve(
@@ -81,26 +76,24 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     )
 
 
-def _repeated_lines(ensemble: Ensemble) -> Array:
-    r"""Return the lines in Hz that alone move all realizations alike; none if others move them too.
+def _is_repeated(ensemble: Ensemble) -> bool:
+    r"""Whether lines at multiples of 1/period alone move all realizations alike.
 
-    Others are seen where the rest responds as the lines do. The energy that the joint takes,
-    :math:`\sum_k f_k\, \mathrm{Im}\, Y(k)\, U^*(k)`, then has one sign in both. Noise of the torque
-    gives energy back.
+    Other movements are seen where the rest responds as the lines do. The energy that the joint
+    takes, :math:`\sum_k f_k\, \mathrm{Im}\, Y(k)\, U^*(k)`, then has one sign in both. Noise of
+    the torque gives energy back.
     """
-    core, frequency = ensemble.core, np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
-    angle, torque = (np.fft.rfft(each[:, core]) for each in (ensemble.angle, ensemble.torque))
-    mean_angle, mean_torque = angle.mean(axis=0), torque.mean(axis=0)
-    shared, power = np.abs(mean_angle) ** 2, np.mean(np.abs(angle) ** 2, axis=0)
+    frequency = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
+    spectra = np.fft.rfft(np.stack([ensemble.angle, ensemble.torque])[..., ensemble.core])
+    means = spectra.mean(axis=1, keepdims=True)
+    shared, power = np.abs(means[0, 0]) ** 2, np.mean(np.abs(spectra[0]) ** 2, axis=0)
     beside = scipy.ndimage.maximum_filter(shared, footprint=[1, 1, 0, 1, 1], mode="constant")
     band = (frequency >= MIN_LINE_HZ) & (frequency <= MAX_LINE_HZ)
     lines = band & (shared > MIN_LINE_CONTRAST * beside) & (shared > MIN_LINE_SHARE * power)
-
-    def energy(torque: Array, angle: Array) -> Array:
-        return np.asarray(frequency * (torque * angle.conj()).imag)
-
-    taken = energy(mean_torque, mean_angle)[lines].sum()
-    rest = energy(torque - mean_torque, angle - mean_angle)[:, band].sum(axis=1)
-    responds = np.sign(taken) * rest.mean() > MIN_Z_SCORE * rest.std() / np.sqrt(len(rest))
-    alone = shared[lines].sum() > MIN_LINE_SHARE * power[band].sum() and not responds
-    return np.asarray(frequency[lines & alone])
+    if shared[lines].sum() <= MIN_LINE_SHARE * power[band].sum():
+        return False
+    taken, rest = (
+        np.sum(frequency * (torque * angle.conj()).imag, axis=1, where=where)
+        for (angle, torque), where in ((means, lines), (spectra - means, band))
+    )
+    return bool(np.sign(taken) * rest.mean() <= MIN_Z_SCORE * rest.std() / np.sqrt(len(rest)))

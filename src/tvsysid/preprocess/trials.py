@@ -1,14 +1,29 @@
-"""Apply one function to every signal of a recording, trial by trial, or of an ensemble."""
+"""Shift the torque of a recording, take off the ends of its trials, and cut these."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
 
+from tvsysid.errors import InputError
+from tvsysid.numerics.interpolation import SINC
+from tvsysid.numerics.interpolation import between as between_samples
 from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.validators import between, finite, not_negative, positive
+
+SMEARED_S = 0.015  # to either side of a gap, by the filter of decimation
+
+
+class Gap(NamedTuple):
+    """Gap in a trial, from ``start`` to ``stop`` in s of the trial as it was recorded."""
+
+    trial: int
+    start: float
+    stop: float
 
 
 def map_signals(signals: Recording | Ensemble, change: Callable[[Array], Array]) -> dict[str, Any]:
@@ -36,6 +51,11 @@ def map_trials(
         Function of the samples of one trial. It may change their number.
     attributes
         Further attributes of the new recording.
+
+    Raises
+    ------
+    InputError
+        If no sample of a trial is left.
     """
     lengths: list[int] = []
 
@@ -45,6 +65,9 @@ def map_trials(
         return np.concatenate(changed)
 
     signals = map_signals(recording, change_all)
+    if min(lengths) < 1:
+        shortest = shortest_trial(recording) / recording.sampling_rate
+        raise InputError(f"nothing is left of a trial of {shortest:g} s; take off less of it")
     starts = (0, *np.cumsum(lengths[:-1]).tolist())
     return attrs.evolve(recording, **signals | {"trial_starts": starts} | attributes)
 
@@ -52,3 +75,149 @@ def map_trials(
 def shortest_trial(recording: Recording) -> int:
     """Return the number of samples of the shortest trial."""
     return min(int(trial.stop - trial.start) for trial in recording.trials)
+
+
+def align_channels(recording: Recording, delay: float) -> Recording:
+    """Shift the torque to an earlier time, to correct a delay of its filter or clock.
+
+    Between samples, the torque is interpolated (windowed sinc). Samples without a torque are cut
+    off one end of each trial. Further channels stay with the angle. ``delay_removed`` states the
+    correction in the recording, in ensembles cut from it, and in the diagnostics of models.
+
+    Parameters
+    ----------
+    delay
+        Seconds by which the torque was recorded later than the angle; negative if earlier. The
+        finding ``delay`` of :func:`tvsysid.diagnose` estimates it, in ms. Correct it before
+        decimation.
+
+    Raises
+    ------
+    InputError
+        For a delay that is not a number, or as long as a trial.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angle = np.sin(np.arange(1000) / 50)
+    >>> late = Recording(angle[3:], 80 * angle[:-3], sampling_rate=1000)
+    >>> aligned = align_channels(late, 0.003)
+    >>> bool(np.allclose(aligned.torque, 80 * aligned.angle)), len(aligned), aligned.delay_removed
+    (True, 994, 0.003)
+    """
+    finite.check("align_channels", "delay", delay)
+    samples = float(delay * recording.sampling_rate)
+    whole, lost = round(samples), math.ceil(abs(samples) - 1e-9)
+    head, tail = (lost, 0) if samples < 0 else (0, lost)
+
+    def shift(torque: Array) -> Array:
+        padded = np.pad(torque, SINC, "reflect", reflect_type="odd")
+        return np.roll(between_samples(padded, samples - whole)[SINC:-SINC], -whole)
+
+    torque = np.concatenate([shift(recording.torque[trial]) for trial in recording.trials])
+    return map_trials(
+        attrs.evolve(recording, torque=torque),
+        lambda values: values[head:][: -tail or None],
+        start=recording.start + head / recording.sampling_rate,
+        delay_removed=recording.delay_removed + delay,
+    )
+
+
+def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
+    """Remove the first and last seconds of each trial. Time 0 is where the rest begins.
+
+    Parameters
+    ----------
+    ends
+        Seconds to remove at both ends of each trial.
+    margin
+        Seconds of the ends that are kept for context. The recording then begins ``margin`` seconds
+        before time 0.
+    """
+    not_negative.check("trim", "ends", ends)
+    between(0, ends).check("trim", "margin", margin)
+    rate = recording.sampling_rate
+    outside, kept_outside = round(ends * rate), round(margin * rate)
+    cut = outside - kept_outside
+    return map_trials(
+        recording,
+        lambda values: values[cut : -cut or None],
+        start=-kept_outside / rate,
+        origin=recording.origin + recording.start + outside / rate,
+    )
+
+
+def segment(
+    recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()
+) -> Ensemble:
+    """Cut each trial into realizations, which begin at multiples of the period from time 0.
+
+    Parameters
+    ----------
+    period
+        Duration of a realization in s: a whole number of samples. None, for behaviour that is not
+        repeated, makes one realization of each trial. All are as long as the shortest trial without
+        its context.
+    context
+        Seconds of the record that each realization keeps on either side. Realizations too near the
+        ends for it are left out, and counted in ``left_out``. With 0 all are kept.
+    gaps
+        Gaps that :func:`tvsysid.preprocess.find_gaps` found before the recording was decimated.
+        Realizations with a gap, also in their context, are left out. Ignored without a period.
+    """
+    rate = recording.sampling_rate
+    not_negative.check("segment", "context", context)
+    margin = round(context * rate)
+    lengths = np.array([trial.stop - trial.start for trial in recording.trials])
+    if period is None:
+        samples, earliest, step = lengths.min() - 2 * margin, margin, lengths.max()
+    else:
+        samples = step = _samples_of(period, rate)
+        # First multiple of the period at or after the first sample of a trial.
+        earliest = -round(recording.start * rate) % samples
+    begins = [
+        (number, first)
+        for number, length in enumerate(lengths)
+        for first in range(earliest, length - samples + 1, step)
+    ]
+    trials, first = np.array(begins, dtype=np.int64).reshape(-1, 2).T
+    has_context = (first >= margin) & (first + samples + margin <= lengths[trials])
+    kept = has_context.copy()
+    reach, start = margin + math.ceil(SMEARED_S * rate), recording.origin + recording.start
+    for gap in gaps if period else ():
+        before = first + samples <= (gap.start - start) * rate - reach
+        after = first >= (gap.stop - start) * rate + reach
+        kept &= (trials != gap.trial) | before | after
+    if samples < 1 or not kept.any():
+        duration = f" of {period:g} s" if period else ""
+        raise InputError(
+            f"segment: no realization{duration} with {context:g} s of context on both sides and "
+            f"without a gap fits into a trial of {lengths.max() / rate:g} s; give a shorter period "
+            "(--period) or less context (--context 0 keeps every realization), or read trials that "
+            "follow each other as one (--columns contiguous)"
+        )
+    trials, first = trials[kept], first[kept]
+    within = np.arange(-margin, samples + margin)
+    index = (first + np.array(recording.trial_starts)[trials])[:, None] + within
+    return Ensemble(
+        **map_signals(recording, lambda values: values[index]),
+        sampling_rate=rate,
+        context=margin,
+        onsets=recording.start + first / rate,
+        trials=trials,
+        left_out=int(np.sum(~has_context)),
+        origin=recording.origin,
+        delay_removed=recording.delay_removed,
+    )
+
+
+def _samples_of(period: float, rate: float) -> int:
+    """Return the samples of a period, which must be a whole number."""
+    positive.check("segment", "period", period)
+    samples = round(period * rate)
+    if not math.isclose(samples, period * rate, rel_tol=1e-6):
+        raise InputError(
+            f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz; give a "
+            "rate at which it is one (--decimate, or decimate)"
+        )
+    return samples

@@ -92,7 +92,8 @@ def main() -> None:
     except CycloptsError as error:
         error.verbose = False
         words = " ".join(["tvsysid", *(error.command_chain or ())])
-        code, text = 2, f"{str(error).rstrip('.')} (see {words} --help)"
+        said = str(error).partition(" Available commands")[0].rstrip(".")
+        code, text = 2, f"{said} (see {words} --help)"
     except InputError as error:
         code, text = 2, str(error)
     except OSError as error:

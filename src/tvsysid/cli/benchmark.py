@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tvsysid.cli.console import remark, say, say_written, show_records, waiting
-from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Workers, given
+from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Whole, Workers, given
 from tvsysid.cli.running import (
     STORE,
     command_line,
@@ -41,7 +41,7 @@ def benchmark(
     snr: list[float] | None = None,
     viscosity: list[Literal["constant", "covarying"]] | None = None,
     method: Methods | None = None,
-    trials: int | None = None,
+    trials: Whole = None,
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

@@ -15,7 +15,7 @@ from tvsysid.cli.console import (
     shown_warnings,
     waiting,
 )
-from tvsysid.cli.options import Methods, Scheduler, Seed, Workers, given
+from tvsysid.cli.options import Methods, Scheduler, Seed, Whole, Workers, given
 from tvsysid.cli.running import (
     STORE,
     command_line,
@@ -40,7 +40,7 @@ def experiment(
     perturbation: list[str] | None = None,
     method: Methods | None = None,
     realizations: list[int] | None = None,
-    bootstraps: int | None = None,
+    bootstraps: Whole = None,
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from tvsysid.cli.console import remark, say_written, show_records, shown_warnings, waiting
-from tvsysid.cli.options import Methods, Scheduler, Workers, given
+from tvsysid.cli.options import Methods, Scheduler, Whole, Workers, given
 from tvsysid.cli.running import STORE, print_problems, run_in
 
 
@@ -14,8 +14,8 @@ def leaderboard(
     *,
     method: Methods | None = None,
     scenario: list[str] | None = None,
-    trials: int | None = None,
-    seed: int | None = None,
+    trials: Whole = None,
+    seed: Whole = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Path = Path("tvsysid-leaderboard"),

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from tvsysid.recordings.reading import Reading, Segmentation
 
+
+def _whole(kind: object, tokens: Sequence[Token]) -> int:
+    """Return a whole number; cyclopts itself rounds 1.5 to 2."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError("expected a whole number") from None
+
+
+Whole = Annotated[int | None, Parameter(converter=_whole)]
 ReadingOptions = Annotated[Reading, Parameter(name="*")]
 Cutting = Annotated[Segmentation, Parameter(name="*")]
 Flag = Annotated[bool, Parameter(negative=())]
@@ -22,10 +33,10 @@ Methods = Annotated[
     ),
 ]
 Seed = Annotated[
-    int | None,
+    Whole,
     Parameter(help="Seed of the random numbers; the same seed gives the same results. [0]"),
 ]
-Workers = Annotated[int | None, Parameter(help="Number of processes. [one for each core]")]
+Workers = Annotated[Whole, Parameter(help="Number of processes. [one for each core]")]
 Scheduler = Annotated[
     str | None,
     Parameter(

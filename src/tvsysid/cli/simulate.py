@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Flag, decimation
+from tvsysid.cli.options import Flag, Whole, decimation
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def simulate(
     seed: int = 0,
     rate: float = 1000.0,
     overwrite: Flag = False,
-    participant: int | None = None,
+    participant: Whole = None,
 ) -> None:
     """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
@@ -118,7 +119,8 @@ def simulate(
     at = f"{rate:g} {decimation(rate)}".rstrip()
     channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
-        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} "
+        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\n"
+        f"tvsysid identify {shlex.quote(str(file))} "
         f"--angle angle --torque torque --rate {at} --period {period:g}"
         f"{channels}"
     )

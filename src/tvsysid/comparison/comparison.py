@@ -94,7 +94,7 @@ class Comparison:
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
         inputs = {
-            item.kind: item.name for method in self.methods.values() for item in method.inputs
+            item.kind: item.name for label in self.models for item in self.methods[label].inputs
         }
         return recommend(
             self.ensemble,

@@ -182,7 +182,10 @@ def reflex_shown(model: Model) -> bool:
 def negative_reflex(model: Model) -> str:
     """Return over how much of the time a model's reflex gain is negative. Empty if it is not."""
     gain = model.estimates.get("reflex_gain")
-    if gain is None or gain.unit != UNITS["reflex_gain"] or gain.standard_error is None:
+    if gain is None or gain.unit != UNITS["reflex_gain"]:
+        return ""
+    error = gain.standard_error
+    if error is None or not np.isfinite(error.values).any():
         return ""
     upper = gain.band()[1]
     share = float(np.mean(upper[np.isfinite(upper)] < 0))

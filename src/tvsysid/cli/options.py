@@ -52,7 +52,7 @@ SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
 def decimation(rate: float) -> str:
     """Return the option that makes a recording of a high rate (Hz) quick to identify."""
-    from tvsysid.preprocess.decimate import nearest_rate
+    from tvsysid.preprocess.trials import nearest_rate
 
     return f"--decimate {nearest_rate(rate, USUAL_RATE):g}" if rate > SLOW_RATE else ""
 

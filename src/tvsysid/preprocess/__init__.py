@@ -4,7 +4,6 @@ Each step raises an :class:`tvsysid.InputError` for settings or data that do not
 """
 
 from tvsysid.preprocess.bootstrap import bootstrap, bootstrap_weights
-from tvsysid.preprocess.decimate import decimate
 from tvsysid.preprocess.faults import find_gaps, find_mains, remove_mains
 from tvsysid.preprocess.mean import subtract_mean
 from tvsysid.preprocess.prepare import (
@@ -15,7 +14,7 @@ from tvsysid.preprocess.prepare import (
     exclude_task_outliers,
     prepare,
 )
-from tvsysid.preprocess.trials import Gap, align_channels, segment, trim
+from tvsysid.preprocess.trials import Gap, align_channels, decimate, segment, trim
 
 __all__ = [
     "Gap",

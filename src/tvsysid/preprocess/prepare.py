@@ -11,10 +11,9 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.preprocess.decimate import decimate
 from tvsysid.preprocess.faults import find_gaps
 from tvsysid.preprocess.mean import subtract_mean
-from tvsysid.preprocess.trials import map_signals, segment, trim
+from tvsysid.preprocess.trials import decimate, map_signals, segment, trim
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.validators import between, positive
 

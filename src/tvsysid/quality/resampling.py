@@ -10,8 +10,7 @@ import scipy
 
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.preprocess.decimate import decimate
-from tvsysid.preprocess.trials import map_signals
+from tvsysid.preprocess.trials import decimate, map_signals
 from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more

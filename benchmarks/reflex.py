@@ -87,6 +87,10 @@ CASES = {
         "gain after muscle",
         ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(gain_after=True)),
     ),
+    "P": Case(
+        "muscle changes",
+        ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(frequency=SineWave(15.6, 4.0))),
+    ),
     "X": Case("of position", ReflexJoint(SINE, reflex_gain=GAIN, reflex=PositionReflex())),
     "T": Case(
         "threshold .1", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(threshold=0.1))

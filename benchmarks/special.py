@@ -136,7 +136,7 @@ def after_one_impulse(trials: int = 40) -> None:
     White noise on the angle is at 30 dB (RMS over 1 s).
     """
     from tvsysid.methods.modal import track  # noqa: PLC0415  # beside what a user needs
-    from tvsysid.simulate.compliant import driven_motion  # noqa: PLC0415
+    from tvsysid.simulate.motion import driven_motion  # noqa: PLC0415
 
     rate, samples = 100.0, 250
     force = np.zeros(10 * samples)

@@ -126,14 +126,14 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
     [
         (
             {"truth": {"stiffness": np.ones(5)}},
-            "one value for each of the recording's 12000 samples",
+            "truth 'stiffness': expected a value for each .* 12000 samples, got 5",
         ),
         ({"truth": {"stiffness": 100.0}}, "stiffness: expected samples over time"),
         (
             {"pathways": {"intrinsic": np.full(12_000, np.nan)}},
             "intrinsic: 12000 of 12000 values are NaN",
         ),
-        ({"pathways": {}}, "expected at least one pathway"),
+        ({"pathways": {}}, "pathways: expected at least one"),
     ],
 )
 def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message):

@@ -1,7 +1,7 @@
 """Simulate systems whose impedance is known; perturbations and profiles for them."""
 
 from tvsysid.simulate.compliant import CompliantActuator
-from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint, StretchReflex
+from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint
 from tvsysid.simulate.participant import Participant, Traits
 from tvsysid.simulate.perturbations import (
     PERTURBATIONS,
@@ -19,6 +19,7 @@ from tvsysid.simulate.profiles import (
     SineWave,
     SquareWave,
 )
+from tvsysid.simulate.reflex import StretchReflex
 from tvsysid.simulate.simulation import Seed, Simulation, System
 
 __all__ = [

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import attrs
 import numpy as np
-import scipy
 from numpy.polynomial import Polynomial
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.simulate.conditions import BANDWIDTH, Conditions, impose
+from tvsysid.simulate.actuator import impose
+from tvsysid.simulate.conditions import BANDWIDTH, Conditions
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import (
     Profile,
@@ -23,6 +23,7 @@ from tvsysid.simulate.profiles import (
     number_or_profile,
     over_time,
 )
+from tvsysid.simulate.reflex import StretchReflex, is_reflex
 from tvsysid.simulate.simulation import Seed, Simulation
 from tvsysid.validators import Validator, not_negative, optional, positive
 
@@ -125,60 +126,6 @@ class Joint:
 
 
 @attrs.frozen
-class StretchReflex:
-    r"""Torque of a muscle that responds to the velocity of stretch after a delay.
-
-    .. math:: \ddot r(t) + 2 \zeta \omega\, \dot r(t) + \omega^2\, r(t)
-              = \omega^2\, g(t)\, f(t - d), \qquad f = s \max(s\, \dot\theta - c, 0)
-
-    Parameters
-    ----------
-    delay
-        Delay d in s, rounded to a sample.
-    frequency
-        Natural frequency ω of the muscle in rad/s.
-    damping
-        Damping ratio ζ of the muscle.
-    threshold
-        Velocity c in rad/s below which there is no response.
-    direction
-        Sign s: 1 if a positive velocity stretches the muscle, -1 if a negative one does.
-    gain_after
-        Whether the gain g acts after the muscle, not before it.
-    """
-
-    delay: float = attrs.field(default=0.040, validator=not_negative)
-    frequency: float = attrs.field(default=15.6, validator=positive)
-    damping: float = attrs.field(default=0.62, validator=positive)
-    threshold: float = attrs.field(default=0.0, validator=not_negative)
-    direction: int = attrs.field(default=1, validator=Validator("1 or -1", (-1, 1).__contains__))
-    gain_after: bool = False
-
-    def stretch(self, velocity: Array, rate: float, early: float = 0.0) -> Array:
-        """Return the stretch f(t - d) in rad/s that arrives at the muscle, or so long before."""
-        late = round(max(self.delay - early, 0.0) * rate)
-        beyond = np.zeros_like(velocity)
-        beyond[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold
-        return self.direction * np.maximum(beyond, 0.0)
-
-    def torque(self, velocity: Array, gain: float | Array, rate: float) -> Array:
-        """Return the torque r in N·m for a velocity in rad/s and a gain g in N·m·s/rad.
-
-        All have the shape (time,).
-        """
-        stretch, stiffness = self.stretch(velocity, rate), self.frequency**2
-        muscle = scipy.signal.bilinear(
-            [stiffness], [1.0, 2 * self.damping * self.frequency, stiffness], fs=rate
-        )
-        if self.gain_after:
-            return np.asarray(gain * scipy.signal.lfilter(*muscle, stretch))
-        return np.asarray(scipy.signal.lfilter(*muscle, gain * stretch))
-
-
-is_reflex = Validator("a StretchReflex", lambda value: isinstance(value, StretchReflex))
-
-
-@attrs.frozen
 class ReflexJoint(Joint):
     r"""A joint with a stretch reflex, whose angle is imposed.
 
@@ -224,7 +171,7 @@ class ReflexJoint(Joint):
         impedance = self._impedance(conditions.time, rate)
         imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
         gain = self._over_time("reflex_gain", conditions.whole_time, rate)
-        torque = self.reflex.torque(imposed.velocity, gain, rate)
+        torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
         stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
         emg = np.abs(stretch * generators[2].standard_normal(len(gain))) / math.sqrt(2 / math.pi)
         recorded = slice(conditions.second, None)
@@ -321,7 +268,9 @@ class ScheduledJoint(Joint):
             # The gain is that at the time of the stretch; before the record, its first value.
             delay, whole = round(self.reflex.delay * conditions.rate), len(imposed.velocity)
             late = np.pad(gain, (conditions.second + delay, 0), "edge")[:whole]
-            torque = self.reflex.torque(imposed.velocity, late, conditions.rate)
+            torque = self.reflex.torque(
+                imposed.velocity, late, conditions.rate, -2 * conditions.second
+            )
             pathways["reflex"] = torque[conditions.second :]
         return conditions.simulation(
             imposed.angle, imposed.noise, pathways, impedance, {self.variable: variable}

@@ -10,8 +10,8 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.signals import Array, Recording
-from tvsysid.simulate.conditions import BANDWIDTH, RMS_ANGLE, actuate
-from tvsysid.simulate.joint import StretchReflex
+from tvsysid.simulate.actuator import actuate
+from tvsysid.simulate.conditions import BANDWIDTH, RMS_ANGLE
 from tvsysid.simulate.perturbations import (
     PERTURBATIONS,
     PRBS,
@@ -20,8 +20,9 @@ from tvsysid.simulate.perturbations import (
     low_passed_noise,
 )
 from tvsysid.simulate.profiles import SineWave
+from tvsysid.simulate.reflex import StretchReflex
 from tvsysid.simulate.simulation import Simulation
-from tvsysid.validators import at_least
+from tvsysid.validators import at_least, not_negative, positive
 
 RATE_HZ = 1024.0
 TRIALS, TRIAL_S = 10, 70.0
@@ -83,6 +84,11 @@ class Traits:
     late_prbs: float
     weak: float
     twitches: float
+
+    def __attrs_post_init__(self) -> None:
+        for name, value in attrs.asdict(self).items():
+            is_size = name in ("maximal_torque", "inertia", "passive_stiffness")
+            (positive if is_size else not_negative).check("Traits", name, value)
 
     @classmethod
     def of(cls, number: int) -> Traits:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import attrs
 import numpy as np
@@ -41,6 +41,17 @@ def _read_only(values: Mapping[str, Array]) -> dict[str, Array]:
     return {name: finite_array(name, each, ("time",)) for name, each in values.items()}
 
 
+def _fits_recording(
+    simulation: Simulation, field: attrs.Attribute[Any], values: Mapping[str, Array]
+) -> None:
+    for name, each in values.items():
+        if len(each) != len(simulation.recording):
+            raise InputError(
+                f"{field.name} {name!r}: expected a value for each of the recording's "
+                f"{len(simulation.recording)} samples, got {len(each)}"
+            )
+
+
 @attrs.frozen(eq=False, repr=False)
 class Simulation:
     """Simulated recording and the truth about it, sample by sample.
@@ -62,16 +73,12 @@ class Simulation:
     """
 
     recording: Recording
-    truth: Mapping[str, Array] = attrs.field(converter=_read_only)
-    pathways: Mapping[str, Array] = attrs.field(converter=_read_only)
+    truth: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
+    pathways: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
 
     def __attrs_post_init__(self) -> None:
-        lengths = {len(values) for values in [*self.truth.values(), *self.pathways.values()]}
-        if not self.pathways or lengths != {len(self.recording)}:
-            raise InputError(
-                "Simulation: expected at least one pathway, and for each pathway and true quantity "
-                f"one value for each of the recording's {len(self.recording)} samples"
-            )
+        if not self.pathways:
+            raise InputError("pathways: expected at least one, got none")
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""

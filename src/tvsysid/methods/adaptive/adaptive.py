@@ -119,19 +119,15 @@ class AdaptiveRegression(base.Method):
     data do not decide: no low-pass, and realizations that switch at different times.
 
     Neither viscosity nor reflex gain is negative at any time, nor are their bands. A warning says
-    so where this costs 1 % of the torque. Stiffness is estimated beside the unconstrained
-    viscosity, which also absorbs a torque that is early.
+    so where this costs 1 % of the torque. Stiffness is estimated beside the free viscosity.
 
     The bands are quantiles of the mixture of all plausible models, with Student's t of the
     scatter's degrees of freedom. Near a switch whose time is undecided, the estimate lies between
     the levels, which has the least mean square error, and the band spans both. Bands cover noise
     only; see :class:`tvsysid.Estimate`.
 
-    A test on held-out realizations may show a stretch reflex
-    (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`). Its columns, those of its shape, and
-    an intrinsic response of 40 ms then stand beside stiffness as those of
-    :class:`tvsysid.JointCascade` do. The model then has ``reflex_gain`` and the pathways
-    ``intrinsic`` and ``reflex``. Otherwise it has neither.
+    Where held-out realizations show a stretch reflex, its columns stand beside stiffness, as in
+    :class:`tvsysid.JointCascade`. The model then has ``reflex_gain`` and two pathways.
 
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
     than four realizations.

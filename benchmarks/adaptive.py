@@ -51,11 +51,8 @@ Profile = Callable[[Array], Array]
 GROUPS = {"five": list(tv.methods.PAPER_METHODS), "tuned": ["kbr:tuned=true", "birf:tuned=true"]}
 SEED = 14
 SWITCH = 7.0  # N·m/rad from one sample to the next
-LOUD = (
-    1.3,
-    0.3,
-    5.0,
-)  # second of a realization about which noise is louder, for how long, and how many times
+# Centre (s) and duration (s) of the louder noise in a realization, and its factor
+LOUD = (1.3, 0.3, 5.0)
 
 
 @dataclass(frozen=True)
@@ -406,9 +403,8 @@ def speed(key: str) -> Table:
         method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):
             for _ in range(3):
-                new = attrs.evolve(
-                    ensemble
-                )  # what was found once is remembered with an ensemble: the test for a reflex
+                # A new object: an ensemble caches the result of the reflex test
+                new = attrs.evolve(ensemble)
                 started = time.process_time()
                 method.identify(new).estimates["stiffness"].band()
                 taken.append(time.process_time() - started)

@@ -49,14 +49,11 @@ METHODS = {
     "kbr reference": tv.KernelRegression(reference=REFERENCE),
     "kbr reference, residual": tv.KernelRegression(reference=REFERENCE, weighting="residual"),
 }
-LOADS, COLOURS, LOUD_DB, SEEDS = (
-    (60.0, 250.0),
-    ("pink", "wide", "first-order"),
-    (0.0, 5.0),
-    range(4),
-)  # of 48 loops
-ALLOWED = 3  # of them that may be missed
-# N·m/rad from which on a load gives way to nothing, so that it is the angle that is prescribed
+# Settings of the 48 loops
+LOADS, COLOURS = (60.0, 250.0), ("pink", "wide", "first-order")
+LOUD_DB, SEEDS = (0.0, 5.0), range(4)
+ALLOWED = 3  # loops that may be missed
+# Load stiffness in N·m/rad from which on the actuator imposes the angle
 IMPOSED = 1e4
 
 

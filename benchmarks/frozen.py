@@ -51,18 +51,10 @@ Results = dict[str, Any]  # arrays of numbers, and texts, by path: "methods/squa
 Items = Iterator[tuple[str, Any]]
 
 DATA = Path(os.environ.get("TVSYSID_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
-TIMINGS = {
-    "seconds",
-    "stage_seconds",
-    "stage",
-    "checksums",
-    "digest",
-}  # not results; never the same twice
-SPLIT_AXES = (
-    "method_key",
-    "analysis",
-    "quantity",
-)  # dimensions of study results that become part of the path
+# Variables that differ from run to run
+TIMINGS = {"seconds", "stage_seconds", "stage", "checksums", "digest"}
+# Dimensions of study results that become part of the path
+SPLIT_AXES = ("method_key", "analysis", "quantity")
 SCHEDULED = ["lpv", "lpvkbi"]  # methods that need a scheduling variable
 RINGING = {"inertia": 0.1, "viscosity": 1.2, "noise_bandwidth": 40.0}
 RINGING |= {"actuator_stiffness": 0.0, "actuator_inertia": 0.0, "actuator_viscosity": 0.0}

@@ -46,10 +46,9 @@ from tvsysid.simulate import (
 )
 
 Array = NDArray[np.float64]
-FACTOR, LIMIT = (
-    1.2,
-    0.3,
-)  # times the smallest error that is right; share of the mean stiffness from which none is
+# A method is right up to this multiple of the smallest error, unless its error exceeds this
+# share of the mean stiffness
+FACTOR, LIMIT = (1.2, 0.3)
 FEW, RATE, PERIOD = (2, 3, 4, 5), 100.0, 2.0
 REFERENCE, VARIABLE = "disturbance", "emg"
 SINGLE = ["eirf", "sds", "esm", "esm:stiffness=fit", "birf", "kbr", "adaptive", "cascade"]

@@ -45,9 +45,8 @@ import tvsysid as tv
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
-Measured = dict[
-    str, list[float]
-]  # processor time and wall time in ms; of a method, its effective parameters too
+# Processor time and wall time in ms; of a method, its effective parameters too
+Measured = dict[str, list[float]]
 
 HERE = Path(__file__).parents[1]
 RATE_HZ, RAW_RATE_HZ, PERIOD_S = 100.0, 1000.0, 2.0

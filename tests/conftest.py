@@ -151,9 +151,8 @@ def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     from tvsysid.cli.console import errors, output
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        sys, "path", [folder for folder in sys.path if folder]
-    )  # as for an installed command
+    # An installed command has no current folder in its path
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
     monkeypatch.setenv("COLUMNS", "200")
     for console in (output, errors):  # made before, they have read another width
         monkeypatch.setattr(console, "width", 200)

@@ -108,9 +108,9 @@ def write(app: Sphinx) -> None:
 def skip(
     app: Sphinx, what: str, name: str, member: object, skipped: bool, options: object
 ) -> bool | None:
-    """Leave out fields of named tuples, of which Python says no more than their number.
+    """Skip the fields of named tuples: their docstrings only count them.
 
-    The class describes them.
+    The docstring of the class describes them.
     """
     return (
         True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None

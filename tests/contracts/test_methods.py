@@ -57,13 +57,8 @@ REACH = {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
-SECONDS = (
-    "kbr experiment",
-    "cascade",
-    "sdss",
-    "tvpc",
-    "bpc",
-)  # those that take some for all checks
+# Methods whose checks take seconds
+SECONDS = ("kbr experiment", "cascade", "sdss", "tvpc", "bpc")
 
 
 def parametrize(*names):
@@ -194,9 +189,8 @@ def test_every_method_answers_bands(method):
                 band(wrong)
     whole = model.estimates["stiffness"].band(simultaneous=True)
     pointwise = model.estimates["stiffness"].band()
-    wider = (
-        np.isclose if method.time_invariant else np.greater
-    )  # a constant is at all times what it is at one
+    # For a constant, simultaneous and pointwise bands agree
+    wider = np.isclose if method.time_invariant else np.greater
     assert wider(pointwise[0], whole[0])[np.isfinite(model.stiffness)].all()
     assert wider(whole[1], pointwise[1])[np.isfinite(model.stiffness)].all()
     dataset = model.to_xarray()

@@ -75,9 +75,8 @@ class Cascade(tv.Method):
         stretch = np.maximum(np.gradient(ensemble.angle, 1 / rate, axis=1), 0.0)
         muscle = bilinear([15.6**2], [1.0, 2 * 0.62 * 15.6, 15.6**2], fs=rate)
         reflex = lfilter(*muscle, np.pad(stretch, ((0, 0), (late, 0)))[:, : stretch.shape[1]])
-        reflex[:, : round(0.4 * rate)] = (
-            np.nan
-        )  # it depends on what came before, which is not known
+        # The reflex depends on the angle before the start, which is unknown
+        reflex[:, : round(0.4 * rate)] = np.nan
         if ensemble.mean_subtracted:
             reflex -= reflex.mean(axis=0)
         return np.concatenate([ensemble.derivatives(), reflex[None, :, ensemble.core]])

@@ -70,9 +70,8 @@ def found(file):
 def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     for name in ("save", "identified_impedance"):
         monkeypatch.setattr(f"tvsysid.report.folder.{name}", lambda *given: None)
-    monkeypatch.setattr(
-        "tvsysid.cli.identify._account", lambda *given: sys.exit(0)
-    )  # after the table was written
+    # Stop after the table is written
+    monkeypatch.setattr("tvsysid.cli.identify._account", lambda *given: sys.exit(0))
     code, _, _ = tvsysid(*shlex.split(found.command)[1:], "--out", "found")
     assert code == 0
     written, shown = pd.read_csv("found/stiffness.csv"), found.found.over_time()

@@ -46,9 +46,8 @@ def test_all_figures_of_an_experiment():
 
 
 def test_the_participant_in_the_middle_stands_for_all(experiment, shown):
-    assert (
-        representative(experiment.results, experiment.summary) == "P2"
-    )  # VAF rises with the number
+    # VAF rises with the participant's number
+    assert representative(experiment.results, experiment.summary) == "P2"
     assert shown["participant"].title == "Participant P2 in detail"
     assert shown["recorded-signals"].title == "10 s of what was recorded from P2"
     assert shown["preparation"].title == "Preparation of P1, PRBS"  # the only one given

@@ -115,9 +115,8 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
         )
         noise = toeplitz(colour)[: len(window), : len(window)]
         readout = windows.readout[time - missing]
-        samples = np.stack(
-            [lagged(ensemble, i, lags) for i in window], axis=1
-        )  # realization, window, lag
+        # Realization, window, lag
+        samples = np.stack([lagged(ensemble, i, lags) for i in window], axis=1)
         influence = np.einsum("ml,rwl->mrw", readout, samples) / (len(ensemble) * len(window))
         variance = windows.noise[time - missing] * np.einsum(
             "mrw,wv,mrv->m", influence, noise, influence

@@ -60,9 +60,8 @@ def test_the_predicted_angle_is_a_ridge_fit_to_the_other_realizations(random):
     reference = random.standard_normal((count, whole + early + late))
     angle = random.standard_normal((count, whole)) + reference[:, late - 3 : late - 3 + whole]
     groups = realization_groups(np.zeros(count, dtype=int), np.arange(count) % 11.0)
-    np.testing.assert_array_equal(
-        groups, [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0]
-    )  # one was drawn twice
+    # One realization was drawn twice
+    np.testing.assert_array_equal(groups, [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0])
     found = predicted(reference, angle, core, rate, groups)
 
     time = (np.arange(whole) - context) / samples

@@ -240,9 +240,8 @@ def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(noisy, fou
     model = tv.ScheduledIRF().identify(tv.preprocess.subtract_mean(cut))
     own, same = (each.at(GRID)["stiffness"] for each in (found, model))
     assert (np.abs(same.values - own.values) < 2 * own.standard_error.values).all()
-    assert (
-        model.diagnostics.parameters == found.diagnostics.parameters - 1
-    )  # nothing is left of the torque at rest
+    # The torque at rest needs no parameter any more
+    assert model.diagnostics.parameters == found.diagnostics.parameters - 1
     freedom = same.standard_error.freedom[0] + model.diagnostics.parameters
     assert freedom == pytest.approx(np.isfinite(model.predict(cut)).sum() * (1 - 1 / len(cut)))
 

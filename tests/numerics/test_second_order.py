@@ -45,9 +45,8 @@ def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
     )
     np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
     time = np.arange(60) / RATE
-    one = (
-        np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]
-    )  # acceleration is in proportion to the angle
+    # Acceleration is proportional to the angle
+    one = np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]
     phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
     matrix, _ = second_order.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
     assert np.isnan(matrix[:, 1:]).all()

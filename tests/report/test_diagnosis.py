@@ -76,9 +76,8 @@ def test_everything_that_was_looked_at_is_there(elements):
     ]
     assert len(tables) == 2
     for text in tables:
-        assert all(
-            name in text for name in FAULTS if name not in ("loop-bias", "gaps", "mains")
-        )  # these need more
+        # These three need other data
+        assert all(name in text for name in FAULTS if name not in ("loop-bias", "gaps", "mains"))
     assert "not judged not judged" not in " ".join(tables[0].replace("–", " ").split())
     assert "Not judged: mean-torque, mean-angle (the mean over" in " ".join(
         text for _, text in elements.of("p")

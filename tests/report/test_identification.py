@@ -129,9 +129,8 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     over, along = answer(turned)
     assert over.startswith("lpvkbi: stiffness over scheduling: ")
     assert along.startswith("over time: ")
-    assert (
-        80 < account.held_out_mean("lpvkbi") < 100
-    )  # of fifths of the record, which the method left out itself
+    # The method's own cross-validation over fifths of the record
+    assert 80 < account.held_out_mean("lpvkbi") < 100
     assert "in fifths of the record that it was not identified from, and" in methods_paragraph(
         turned
     )
@@ -143,9 +142,8 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     simulation = tv.simulate.Joint().simulate(
         80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
     )
-    ensemble = tv.preprocess.segment(
-        tv.preprocess.decimate(simulation.recording, 100), 1.9
-    )  # of 2 s
+    # Longer than the trials of 2 s
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 1.9)
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
     (told,) = answer(account)

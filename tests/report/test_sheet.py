@@ -23,9 +23,8 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
             f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} "
             f"at " in told
         )
-    assert told.endswith(
-        "–none none"
-    )  # the held-out VAF of adaptive is not known here; no fault of the data
+    # The held-out VAF is unknown, and the data have no fault
+    assert told.endswith("–none none")
 
 
 @pytest.mark.slow

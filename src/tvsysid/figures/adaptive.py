@@ -47,10 +47,8 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
     axes.set_ylabel(f"{name.replace('_', ' ')}\n({unit_name(estimate.unit)})")
     axes.set_xlim(model.time[0], model.time[-1])
     axes.set_ylim(*_limits(lower, upper, 0.3 * bool(switches)))
-    late, last = (
-        0.0,
-        -np.inf,
-    )  # how far down the last label is, and where: labels of close switches alternate
+    # Level and time of the previous label: labels of close switches alternate in height
+    late, last = 0.0, -np.inf
     for switch in switches:
         axes.axvspan(
             switch.earliest,
@@ -97,9 +95,8 @@ def _smoothness(axes: Axes, model: AdaptiveModel) -> None:
     for place, label in zip(places, labels, strict=True):
         axes.text(1.0, place, label, fontsize=7, va="center")
     axes.set_yticks([])
-    axes.set_ylim(
-        len(rows) - max(len(rows), MOST) - 0.5, len(rows) - 0.5
-    )  # one bar alone is no wall
+    # Keep a single bar slim
+    axes.set_ylim(len(rows) - max(len(rows), MOST) - 0.5, len(rows) - 0.5)
     axes.set_xlim(0, 100)
     axes.set_xlabel("probability (%)")
     axes.set_title("smooth part of stiffness", fontsize=9)

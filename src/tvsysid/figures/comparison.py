@@ -266,8 +266,7 @@ def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence
     """Draw VAFs as dots with whiskers. Bars would mislead because the axis is cut."""
     places, ends = _places(*values.shape), np.nan_to_num(reach)
     for row, hue in enumerate(style.hues(methods).values()):
-        # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before
-        # 2.4.
+        # A list: Matplotlib would convert a one-element array to a number, and NumPy would warn.
         whiskers = np.stack([ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]).tolist()
         axes.errorbar(
             places[row],
@@ -293,6 +292,5 @@ def _top(values: Array) -> float:
     if each[-1] <= usual or usual == 0:
         return float(each[-1])
     cut = 1.15 * float(values[values <= usual].max())
-    return (
-        cut if each[-1] > 1.5 * cut else float(each[-1])
-    )  # little is gained by cutting off a little
+    # Cut the axis only where that saves a third of its height
+    return cut if each[-1] > 1.5 * cut else float(each[-1])

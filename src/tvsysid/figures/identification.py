@@ -209,9 +209,8 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
     extents = [next(iter(found.values())).extent]
     extents += [_extent(each.values) for label, each in found.items() if label not in wide]
     low, high = min(low for low, _ in extents), max(high for _, high in extents)
-    whole = [
-        each.extent for label, each in found.items() if label not in wide
-    ]  # bands of others, up to as much again
+    # Show narrow bands whole
+    whole = [each.extent for label, each in found.items() if label not in wide]
     span = high - low
     low, high = (
         max(min(low for low, _ in whole), low - span),

@@ -155,9 +155,8 @@ def drawn(figure: Figure, format: str) -> bytes:
     forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
     content = BytesIO()
     with rc_context(LOOK | forms), warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Glyph .* missing from font", UserWarning
-        )  # such as Chinese; an SVG has them
+        # Chinese characters, for example. The SVG shows them
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         if (engine := figure.get_layout_engine()) is not None:
             # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws
             # twice for each of them.

@@ -177,9 +177,8 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         below.plot(time, truth(cell).values, color=TRUTH, linewidth=1.4)
         below.set_xlabel(REALIZATION_TIME)
         below.set_xlim(time[0], time[-1] + time[1] - time[0])
-        below.locator_params(
-            axis="x", nbins=5
-        )  # the last of one axes and the first of the next stand apart
+        # Few ticks keep the labels of neighbouring axes apart
+        below.locator_params(axis="x", nbins=5)
     grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)")
     grid[1, 0].set_ylabel("true stiffness\n(N·m/rad)")
     handles = [drawn[method] for method in looks if method in drawn]

@@ -158,10 +158,10 @@ def _rows_of_bars(
 def _width(summary: pd.DataFrame, columns: int) -> float:
     """Return the width in inches of a figure with so many columns of bars and their labels."""
     methods = unique(summary.method)
-    longest = max(
+    label_length = max(
         (len(line) for method in methods for line in _below(summary, method).split("\n")), default=0
     )
-    return columns * max(0.65 + max(0.58, 0.075 * longest) * len(methods), 2.1)
+    return columns * max(0.65 + max(0.58, 0.075 * label_length) * len(methods), 2.1)
 
 
 def _below(rows: pd.DataFrame, method: str) -> str:

@@ -170,9 +170,8 @@ def lines(methods: Sequence[str]) -> dict[str, Look]:
     gets a free one.
     """
     known = tuple(METHODS)  # what else is installed must not change their colours
-    classes = {
-        method.__name__: key for key, method in METHODS.items()
-    }  # an object's label is its repr
+    # The label of a method object is its repr
+    classes = {method.__name__: key for key, method in METHODS.items()}
     own_keys = {method: classes.get(method.partition("(")[0], key_of(method)) for method in methods}
     keys = list(dict.fromkeys(own_keys.values()))
     hues: dict[str, str] = {}
@@ -292,9 +291,8 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
         columns -= 1
     columns = -(-len(handles) // -(-len(handles) // max(columns, 1)))  # rows of the same length
     rows = -(-len(handles) // columns)
-    figure.set_figheight(
-        figure.get_figheight() + 0.17 * max(rows - 2, 0)
-    )  # which the axes would lose
+    # Make room for the legend without shrinking the axes
+    figure.set_figheight(figure.get_figheight() + 0.17 * max(rows - 2, 0))
     figure.legend(
         handles=list(handles),
         fontsize=8,

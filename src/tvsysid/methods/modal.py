@@ -18,15 +18,9 @@ from tvsysid.validators import optional, positive
 
 LEAST = 0.25  # share of the largest torque from which on a peak counts as an impulse
 ABOUT = 0.06  # s about its peak in which an impulse acts
-IMPULSIVE, BUSY = (
-    0.85,
-    0.3,
-)  # shares of the torque's power and of the time that impulses take, at least and at most
+IMPULSIVE, BUSY = 0.85, 0.3  # impulses hold at least this share of power in at most this of time
 MOST_DAMPED = 0.35  # damping ratio up to which a joint rings for long enough
-CLEAR, LASTING_S = (
-    3.5,
-    0.25,
-)  # standard deviations of the window after an impulse, and for how long then is looked
+CLEAR, LASTING_S = 3.5, 0.25  # standard deviations; duration searched after an impulse
 # standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
 SMOOTH_S = 0.03
 REACH = 4.0  # standard deviations to which the window extends
@@ -238,9 +232,8 @@ def track(
     for _ in range(ROUNDS):
         wave = np.exp(np.multiply.outer(1j * speed - decay, lags))
         columns = np.stack([wave, wave.conj(), np.ones(wave.shape)], axis=1)
-        weighted = (
-            columns.conj() * window * np.exp(2 * decay * lags)
-        )  # as much before the time as after it
+        # Equal weights before and after the time
+        weighted = columns.conj() * window * np.exp(2 * decay * lags)
         gram, cross = weighted @ columns.transpose(0, 2, 1), weighted @ segments[..., None]
         size = np.linalg.solve(gram, cross)[:, 0, 0]
         found = np.gradient(np.unwrap(np.angle(size)), 1 / rate)

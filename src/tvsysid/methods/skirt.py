@@ -25,10 +25,7 @@ MOST = 20  # lines that are looked for
 LINES = 0.99  # share of the angle's variance that lines must explain
 WEAK = 1e-4  # share of it from which on a peak counts as a line
 BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are looked for
-LIKELY, SURE = (
-    0.05,
-    1e-4,
-)  # probabilities of as much noise below which a skirt is fitted, and warned of
+LIKELY, SURE = 0.05, 1e-4  # p-values below which a skirt is fitted, and warned of
 NOISELESS = 1e-5  # share of the torque's variance below which what is left is rounding and filters
 # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 ON_GRID = 0.02
@@ -188,9 +185,8 @@ class SkirtDecomposition(base.Method):
         run = max(ensemble.runs, key=len)
         lines = _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
         beside = np.abs(lines * ensemble.duration - np.round(lines * ensemble.duration))
-        return (
-            lines[beside > ON_GRID] if ensemble.mean_subtracted else lines
-        )  # on the grid, the mean has left its own
+        # Subtracting the mean has removed what lies on the grid
+        return lines[beside > ON_GRID] if ensemble.mean_subtracted else lines
 
     def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
         """Return each line as a complex wave (line, realization, time), and the angle.

@@ -63,9 +63,8 @@ def window_matrices(later: Array, earlier: Array) -> Array:
     long.
     """
     reach = later.shape[1] - 1
-    strip = np.zeros(
-        (len(later), 2 * reach + 1)
-    )  # of a sample with those from `reach` earlier to `reach` later
+    # Products of a sample with the samples from `reach` earlier to `reach` later
+    strip = np.zeros((len(later), 2 * reach + 1))
     strip[:, reach:] = later
     for apart in range(1, min(reach + 1, len(later))):
         strip[apart:, reach - apart] = earlier[:-apart, apart]

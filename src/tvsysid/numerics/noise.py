@@ -148,9 +148,8 @@ def white_share(
     window = 1 - np.cos(2 * np.pi * np.arange(times) / times)
     frequency = np.arange(times // 2 + 1) * sampling_rate / times
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    once = (frequency == 0) | (
-        2 * frequency == sampling_rate
-    )  # the others stand for negative ones too
+    # All other frequencies also represent their negative
+    once = (frequency == 0) | (2 * frequency == sampling_rate)
     weight = np.where(once, 1.0, 2.0)[inside]
     power, strength = (
         weight * np.mean(abs(rfft(x * window)) ** 2, axis=0)[inside] for x in (noise, signal)

@@ -11,10 +11,8 @@ from tvsysid.report import page
 if TYPE_CHECKING:
     import pandas as pd
 
-NOTABLE, CERTAIN = (
-    5.0,
-    2.0,
-)  # per cent of the stiffness, and standard errors, beyond which something is to be done
+# A change beyond this percentage and this number of standard errors needs action
+NOTABLE, CERTAIN = 5.0, 2.0
 REMEDY = (
     "The shift that fits the target best answers to the perturbation too, and takes a part of its "
     "response away. With "

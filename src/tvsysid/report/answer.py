@@ -22,12 +22,8 @@ from tvsysid.recommendation.trust import Trust, has_one_pathway
 from tvsysid.signals import Array
 
 IMPEDANCE_UNITS = {"stiffness": "N·m/rad", "viscosity": "N·m·s/rad", "inertia": "kg·m²"}
-REFLEX = {
-    "delay": "s",
-    "frequency": "rad/s",
-    "damping": "",
-    "threshold": "rad/s",
-}  # units of what shapes a reflex
+# Units of the reflex parameters
+REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}
 EXPLAINED = {
     "vaf": "torque explained",
     "vaf_intrinsic": "by the intrinsic pathway",

@@ -22,10 +22,8 @@ if TYPE_CHECKING:
 
 Reported = Mapping[str, Sequence[str]]
 
-DETAILS = (
-    "recorded-signals",
-    "preparation",
-)  # figures that stand beside the account of the recordings
+# Figures shown in the section about the recordings
+DETAILS = ("recorded-signals", "preparation")
 METRICS = {
     "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
     "random_error": ("random error", "N·m/rad", 2),
@@ -37,13 +35,14 @@ METRICS = {
     "seconds": ("computing time", "s", 2),
 }
 """Heading, unit and decimals of each column of the table of metrics."""
+# Column headings of the counts of realizations
 COUNTS = {
     "recorded": "recorded",
     "excluded_alignment": "excluded: shift",
     "excluded_task": "excluded: task component",
     "excluded_residual": "excluded: residual",
     "survivors": "kept",
-}  # heading of each count of realizations
+}
 CLAIMS = (
     "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show "
     "it. Estimate and limits "

@@ -292,9 +292,8 @@ class ScheduledImpedance(Scheduled):
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     """Compare the orders of the polynomials by their prediction of folds of consecutive time."""
-    every = dict.fromkeys(
-        (method, attrs.evolve(method, order=None, reflex_order=None))
-    )  # one where no order is given
+    # The two are equal if no order is given
+    every = dict.fromkeys((method, attrs.evolve(method, order=None, reflex_order=None)))
     fits = [each._fit(ensemble)[0] for each in every]
     given, best = fits[0].structure.orders, fits[-1].structure.orders
     tried = {given: fits[0].held_out} | fits[-1].tried

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.spectra import hann, power_spectrum
 from tvsysid.preprocess.trials import Gap, map_trials, shortest_trial
 from tvsysid.signals import Array, Recording
 
@@ -84,11 +86,12 @@ def find_mains(recording: Recording) -> tuple[float, float]:
     window = min(round(WINDOW_S * rate), shortest_trial(recording))
     if window < MIN_WINDOW_S * rate:
         return MAINS_HZ[0], 0.0
-    spectra = [
-        scipy.signal.welch(recording.angle[trial], rate, np.hanning(window))[1]
-        for trial in recording.trials
-    ]
+    spectra = []  # by Welch's method; importing scipy.signal takes longer
+    for trial in recording.trials:
+        segments = sliding_window_view(recording.angle[trial], window)[:: window // 2]
+        spectra.append(power_spectrum(segments) / len(segments))
     step, power = rate / window, np.mean(spectra, axis=0)
+    power *= 2 / rate / np.sum(hann(window) ** 2)  # density
 
     def share(mains: float) -> float:
         distance = np.abs(step * np.arange(len(power)) - mains)

@@ -79,8 +79,7 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     code, out, err = tvsysid("check-method own_for_cli:Constant")
     assert (code, err) == (1, "")
     assert "✗ identifies a joint: Constant: fit returned an object of type float64; " in out
-    assert "– predicts the torque: not run: 'identifies a joint' failed" in out
-    assert "own_for_cli:Constant does not pass: 1 check failed; 11 of 12 were not run" in out
+    assert out.endswith("\nown_for_cli:Constant does not pass: 1 check failed\n")
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.check import CHECKS, check_method
+from tvsysid.check import check_method
 
 BIRF = tv.BasisIRF()
 
@@ -124,12 +124,7 @@ def test_good_methods_pass(method):
         (
             declares(quantities=("reflex_gain",), pathway_names=("intrinsic", "reflexx")),
             "estimates what it declares",
-            "the model lacks reflex_gain, reflexx",
-        ),
-        (
-            declares(scheduled_quantities={"stiffness": 3}),
-            "estimates what it declares",
-            "stiffness has 200 values",
+            "the method declares reflex_gain, reflexx too",
         ),
         (spoiled(np.negative), "recovers a constant stiffness", "-100 N·m/rad in the mean"),
         (spoiled(np.radians), "recovers a constant stiffness", "1.75 N·m/rad in the mean"),
@@ -149,7 +144,11 @@ def test_good_methods_pass(method):
             "gives the same numbers again",
             "give random numbers a fixed seed",
         ),
-        (Fit(held=threading.Lock()), "can be sent to a worker", "hold no open file"),
+        (
+            Fit(held=threading.Lock()),
+            "can be sent to a worker",
+            "cannot pickle '_thread.lock' object",
+        ),
         (
             spoiled(lambda known: np.minimum(known, 200.0)),
             "scales with the torque",
@@ -164,7 +163,7 @@ def test_good_methods_pass(method):
         ),
         (
             raises(IndexError("out of range"), 5),
-            "takes few realizations, or raises tvsysid.InputError",
+            "takes or refuses few realizations",
             "IndexError: out of range",
         ),
     ],
@@ -173,7 +172,7 @@ def test_a_fault_is_found(method, name, words):
     first = next(check for check in check_method(method) if not check.passed)
     assert first.name == name
     assert words in first.message
-    assert first.required == CHECKS[name][1]
+    assert first.required == (name != "follows a changing stiffness")
     assert "\n" not in first.message
 
 
@@ -183,15 +182,11 @@ def test_the_line_of_the_file_is_named():
 
 
 def test_without_a_model_nothing_else_is_checked():
-    first, *others = check_method(Fit(lambda *_: None))
-    assert [first.name, *(each.name for each in others)] == list(CHECKS)
-    assert first.run
-    assert {(each.run, each.message) for each in others} == {
-        (False, "not run: 'identifies a joint' failed")
-    }
+    (check,) = check_method(Fit(lambda *_: None))
+    assert (check.name, check.passed) == ("identifies a joint", False)
 
 
-def test_a_reflex_that_is_not_separated_is_told():
+def test_a_reflex_that_is_not_separated_is_found():
     def change(model, ensemble):
         def pathways(other):
             torque = model.predict(other)

@@ -27,17 +27,15 @@ def check_method(method: str, /) -> int:
 
     checks = check(parse(method))
     for item in checks:
-        sign = "✓" if item.passed else "✗" if item.run else "–"
-        advice = " (recommended)" if item.run and not (item.required or item.passed) else ""
+        sign = "✓" if item.passed else "✗"
+        advice = " (recommended)" if not (item.required or item.passed) else ""
         style = "" if item.passed else "red" if item.required else "yellow"
         say(f"{sign} {item.name}{advice}: {item.message}", style)
-    failed = [item for item in checks if item.run and not item.passed]
+    failed = [item for item in checks if not item.passed]
     required = sum(item.required for item in failed)
-    not_run = sum(not item.run for item in checks)
     advised = len(failed) - required
     also = f"; {advised} recommended check{'s' * (advised > 1)} failed" if advised else ""
     if required:
-        also += f"; {not_run} of {len(checks)} were not run" if not_run else ""
         say(f"{method} does not pass: {required} check{'s' * (required > 1)} failed{also}")
         return 1
     say(f"{method} passes{also}; use it: tvsysid benchmark --method {method}")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 
 import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
@@ -16,19 +18,21 @@ from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import optional, positive
 
-LEAST = 0.25  # share of the largest torque from which on a peak counts as an impulse
-ABOUT = 0.06  # s about its peak in which an impulse acts
-IMPULSIVE, BUSY = 0.85, 0.3  # impulses hold at least this share of power in at most this of time
-MOST_DAMPED = 0.35  # damping ratio up to which a joint rings for long enough
-CLEAR, LASTING_S = 3.5, 0.25  # standard deviations; duration searched after an impulse
-# standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
-SMOOTH_S = 0.03
-REACH = 4.0  # standard deviations to which the window extends
-BAND = (1.0, 20.0)  # Hz in which the ridge is looked for
-ROUNDS = 3  # in which the frequency is found
-HARMONICS = 3  # with which stiffness and viscosity change where the inertia is fitted
-# impulses from which on their spread tells the error, and samples after one that are looked at
-FEWEST = 3
+MIN_PEAK = 0.25  # height of an impulse, relative to the largest torque
+IMPULSE_REACH_S = 0.06  # about its peak
+MIN_POWER, MAX_SHARE = 0.85, 0.3  # impulses' shares of the torque's power, and of time
+MAX_DAMPING = 0.35  # damping ratio up to which a joint rings for long enough
+CLEAR, MAX_RINGING_S = (
+    3.5,
+    0.25,
+)  # standard deviations of the window after an impulse; time used then
+SMOOTHING_S = 0.03  # standard deviation of the Gaussian that smooths signals to find the inertia
+REACH = 4.0  # standard deviations to which Gaussians extend
+BAND_HZ = (1.0, 20.0)  # in which the frequency is searched
+ROUNDS = 3  # of the search for the frequency
+HARMONICS = 3  # of stiffness and viscosity in the fit of the inertia
+MIN_SAMPLES = 3  # after an impulse
+MIN_IMPULSES = 3  # for a standard error
 
 
 @attrs.frozen
@@ -89,108 +93,58 @@ class ModalDecomposition(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if there are no torque impulses, or too much damping."""
-        torque = ensemble.torque[:, ensemble.core]
-        near = np.concatenate(
-            [_impulses(torque[run].ravel(), ensemble.sampling_rate)[1] for run in ensemble.runs]
-        )
-        ordered = np.concatenate([torque[run].ravel() for run in ensemble.runs])
-        share, busy = float(np.sum(ordered[near] ** 2) / np.sum(ordered**2)), float(near.mean())
-        if share < IMPULSIVE or busy > BUSY:
+        runs = [ensemble.torque[run, ensemble.core].ravel() for run in ensemble.runs]
+        torque = np.concatenate(runs)
+        near = np.concatenate([_is_near_impulse(each, ensemble.sampling_rate) for each in runs])
+        power, time = float(np.sum(torque[near] ** 2) / np.sum(torque**2)), float(near.mean())
+        if power < MIN_POWER or time > MAX_SHARE:
             return (
-                "the torque is no impulses with rests between them: its peaks take "
-                f"{100 * busy:.0f} % of the time (at "
-                f"most {100 * BUSY:g} %) and {100 * share:.0f} % of the power (at least "
-                f"{100 * IMPULSIVE:g} %); it "
-                "serves a joint that rings freely after impulses of torque"
+                f"the torque is no impulses with rests between them: its peaks take "
+                f"{100 * time:.0f} % of the time (at most {100 * MAX_SHARE:g} %) and "
+                f"{100 * power:.0f} % of the power (at least {100 * MIN_POWER:g} %); the joint "
+                "must ring freely after impulses of torque"
             )
-        stiffness, viscosity, inertia, _ = self._mean_impedance(ensemble)
-        damping = (
-            viscosity / (2 * math.sqrt(stiffness * inertia))
-            if stiffness > 0 < inertia
-            else math.nan
-        )
-        if not damping <= MOST_DAMPED:
+        stiffness, viscosity, inertia, _ = _mean_impedance(ensemble)
+        rings = stiffness > 0 < inertia
+        damping = viscosity / (2 * math.sqrt(stiffness * inertia)) if rings else math.nan
+        if not damping <= MAX_DAMPING:
             return (
                 f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} "
-                "N·m/rad, "
-                f"{viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MOST_DAMPED:g} or less is "
-                "needed"
+                f"N·m/rad, {viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MAX_DAMPING:g} "
+                "or less is needed"
             )
         return None
 
-    def _mean_impedance(self, ensemble: Ensemble) -> tuple[float, float, float, float]:
-        """Return mean stiffness, viscosity and inertia, and the relative error of inertia.
-
-        They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
-        and the impulses' edges. Stiffness and viscosity have a few harmonics. The error takes
-        realizations as independent samples.
-        """
-        rate, features = (
-            ensemble.sampling_rate,
-            evaluate(FourierSeries(HARMONICS), ensemble.samples),
-        )
-        lags = (
-            np.arange(-math.ceil(REACH * SMOOTH_S * rate), math.ceil(REACH * SMOOTH_S * rate) + 1)
-            / rate
-        )
-        smooth = np.exp(-((lags / SMOOTH_S) ** 2) / 2)
-        slopes = (
-            smooth,
-            -lags / SMOOTH_S**2 * smooth,
-            (lags**2 / SMOOTH_S**4 - 1 / SMOOTH_S**2) * smooth,
-        )
-        angle, velocity, acceleration = (
-            scipy.signal.oaconvolve(ensemble.angle, each[None], "valid", axes=1) for each in slopes
-        )
-        torque = scipy.signal.oaconvolve(ensemble.torque, smooth[None], "valid", axes=1)
-        place = np.arange(torque.shape[1]) + len(lags) // 2 - ensemble.context
-        features = features[place % ensemble.samples]
-        columns = [each[..., None] * features for each in (angle, velocity)]
-        rows = np.concatenate([*columns, acceleration[..., None]], axis=2)
-        inverse = np.linalg.inv(np.einsum("rta,rtb->ab", rows, rows))
-        found = inverse @ np.einsum("rta,rt->a", rows, torque)
-        scores = np.einsum("rta,rt->ra", rows, torque - rows @ found) @ inverse[-1]
-        off = math.sqrt(float(np.sum(scores**2))) / abs(found[-1])
-        return float(found[0]), float(found[features.shape[1]]), float(found[-1]), off
-
     def fit(self, ensemble: Ensemble) -> ModalModel:
         """Return the model of an ensemble."""
-        rate, samples = ensemble.sampling_rate, ensemble.samples
-        _, viscosity, inertia, off = self._mean_impedance(ensemble)
+        samples = ensemble.samples
+        _, viscosity, inertia, inertia_error = _mean_impedance(ensemble)
         decay = viscosity / (2 * inertia)
-        inertia, off = (inertia, off) if self.inertia is None else (self.inertia, 0.0)
-        clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
-        tracks: list[tuple[NDArray[np.int64], Array]] = []
+        if self.inertia is not None:
+            inertia, inertia_error = self.inertia, 0.0
+        tracks = []  # a row for each impulse
         for run in ensemble.runs:
             own = ensemble.select(run)
             recorded = own.angle_as_recorded[:, own.core]
             angle = recorded.reshape(len(own) * samples, -1).mean(axis=1)
-            peaks = _impulses(own.torque[:, own.core].ravel(), rate)[0]
-            for peak, following in pairwise([*peaks, len(angle) - reach + clear]):
-                last = min(
-                    peak + clear + round(LASTING_S * rate),
-                    following - clear,
-                    len(angle) - reach - 1,
+            peaks = _impulses(own.torque[:, own.core].ravel(), own.sampling_rate)
+            for times in _ringing_times(peaks, len(angle), self.window, own.sampling_rate):
+                row = np.full((samples, 2), np.nan)
+                row[times % samples] = track(
+                    angle, times, self.window, own.sampling_rate, inertia, decay
                 )
-                times = np.arange(max(peak + clear, reach), last + 1)
-                if len(times) >= FEWEST:
-                    found = track(angle, times, self.window, rate, inertia, decay)
-                    tracks.append((times % samples, found))
-        mean, error, count = _over_impulses(tracks, samples)
-        error = np.hypot(error, off * mean)
-        freedom = np.maximum(count - 1.0, 1.0)
-        errors = {
-            name: shared.StandardError(values, freedom)
-            for name, values in zip(
-                shared.IMPEDANCE, (*error.T, np.full(samples, np.nan)), strict=True
-            )
-        }
+                tracks.append(row)
+        mean, error, count = _over_impulses(tracks or [np.full((samples, 2), np.nan)])
         constant = np.where(np.isnan(mean[:, 0]), np.nan, inertia)
+        errors = np.column_stack([np.hypot(error, inertia_error * mean), np.full(samples, np.nan)])
+        freedom = np.tile(np.maximum(count - 1.0, 1.0)[:, None], 3)
         return ModalModel(
             method=repr(self),
-            sampling_rate=rate,
+            sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(mean[:, 0], mean[:, 1], constant, errors),
+            estimates=shared.impedance_estimates(
+                *mean.T, constant, shared.standard_errors(errors, freedom)
+            ),
             diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
         )
 
@@ -200,16 +154,64 @@ class ModalModel(Model):
     """Stiffness and viscosity at the times after impulses, and a known inertia."""
 
 
-def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the samples at which impulses of a torque (time,) peak, and which samples lie near."""
+def _mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
+    """Return mean stiffness, viscosity and inertia, and the relative error of inertia.
+
+    They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
+    and the impulses' edges. Stiffness and viscosity have a few harmonics. The error takes
+    realizations as independent samples.
+    """
+    rate, width = ensemble.sampling_rate, SMOOTHING_S * ensemble.sampling_rate
+    reach = math.ceil(REACH * width)
+    inner = slice(reach, ensemble.angle.shape[1] - reach)
+
+    def smooth(values: Array, order: int = 0) -> Array:
+        """Return a derivative of the smoothed values."""
+        found = gaussian_filter1d(values, width, order=order, radius=reach)
+        return np.asarray(rate**order * found[:, inner])
+
+    features = evaluate(FourierSeries(HARMONICS), ensemble.samples)
+    features = features[(np.arange(inner.start, inner.stop) - ensemble.context) % ensemble.samples]
+    angle, velocity, acceleration = (smooth(ensemble.angle, order)[..., None] for order in range(3))
+    columns = np.concatenate([angle * features, velocity * features, acceleration], axis=2)
+    torque = smooth(ensemble.torque)
+    inverse = np.linalg.inv(np.einsum("rta,rtb->ab", columns, columns))
+    found = inverse @ np.einsum("rta,rt->a", columns, torque)
+    scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]
+    error = math.sqrt(float(np.sum(scores**2))) / abs(found[-1])
+    return float(found[0]), float(found[features.shape[1]]), float(found[-1]), error
+
+
+def _impulses(torque: Array, rate: float) -> NDArray[np.int64]:
+    """Return the samples at which impulses of a torque (time,) peak."""
     size = np.abs(torque)
-    places, _ = scipy.signal.find_peaks(
-        size, height=LEAST * size.max(initial=0.0), distance=max(1, round(2 * ABOUT * rate))
+    peaks, _ = scipy.signal.find_peaks(
+        size,
+        height=MIN_PEAK * size.max(initial=0.0),
+        distance=max(1, round(2 * IMPULSE_REACH_S * rate)),
     )
-    near = np.zeros(len(torque), dtype=bool)
-    for offset in range(-round(ABOUT * rate), round(ABOUT * rate) + 1):
-        near[np.clip(places + offset, 0, len(torque) - 1)] = True
-    return places.astype(np.int64), near
+    return np.asarray(peaks, dtype=np.int64)
+
+
+def _is_near_impulse(torque: Array, rate: float) -> NDArray[np.bool_]:
+    """Return whether each sample of a torque (time,) belongs to an impulse."""
+    is_peak = np.zeros(len(torque), dtype=bool)
+    is_peak[_impulses(torque, rate)] = True
+    return np.asarray(binary_dilation(is_peak, iterations=round(IMPULSE_REACH_S * rate)))
+
+
+def _ringing_times(
+    peaks: NDArray[np.int64], samples: int, window: float, rate: float
+) -> Iterator[NDArray[np.int64]]:
+    """Yield the samples after each impulse at which windows hold nothing but ringing."""
+    clear, reach = math.ceil(CLEAR * window * rate), round(REACH * window * rate)
+    for peak, following in pairwise([*peaks, samples - reach + clear]):
+        last = min(
+            peak + clear + round(MAX_RINGING_S * rate), following - clear, samples - reach - 1
+        )
+        times = np.arange(max(peak + clear, reach), last + 1)
+        if len(times) >= MIN_SAMPLES:
+            yield times
 
 
 def track(
@@ -225,35 +227,33 @@ def track(
     lags = np.arange(-reach, reach + 1) / rate
     window = np.exp(-((lags / width) ** 2) / 2)
     segments = angle[times[:, None] + np.arange(-reach, reach + 1)]
-    grid = 2 * np.pi * np.arange(BAND[0], min(BAND[1], rate / 2), 0.5)
-    speed = grid[
-        np.argmax(np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid))), axis=1)
-    ]
+    grid = 2 * np.pi * np.arange(BAND_HZ[0], min(BAND_HZ[1], rate / 2), 0.5)
+    spectrum = np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid)))
+    frequency = grid[np.argmax(spectrum, axis=1)]
     for _ in range(ROUNDS):
-        wave = np.exp(np.multiply.outer(1j * speed - decay, lags))
+        wave = np.exp(np.multiply.outer(1j * frequency - decay, lags))
         columns = np.stack([wave, wave.conj(), np.ones(wave.shape)], axis=1)
         # Equal weights before and after the time
         weighted = columns.conj() * window * np.exp(2 * decay * lags)
         gram, cross = weighted @ columns.transpose(0, 2, 1), weighted @ segments[..., None]
-        size = np.linalg.solve(gram, cross)[:, 0, 0]
-        found = np.gradient(np.unwrap(np.angle(size)), 1 / rate)
-        speed = np.full(len(times), np.clip(np.median(found), grid[0], grid[-1]))
-    fade = -np.gradient(np.log(np.abs(size)), 1 / rate) - 0.5 * np.gradient(
-        np.log(np.maximum(found, grid[0])), 1 / rate
-    )
+        amplitude = np.linalg.solve(gram, cross)[:, 0, 0]
+        found = np.gradient(np.unwrap(np.angle(amplitude)), 1 / rate)
+        frequency = np.full(len(times), np.clip(np.median(found), grid[0], grid[-1]))
+    logarithm = np.log(np.abs(amplitude)) + 0.5 * np.log(np.maximum(found, grid[0]))
+    fade = -np.gradient(logarithm, 1 / rate)  # s of the class's equation
     stiffness = found**2 + fade**2 + np.gradient(fade, 1 / rate)
     return inertia * np.stack([stiffness, 2 * fade], axis=1)
 
 
-def _over_impulses(
-    tracks: list[tuple[NDArray[np.int64], Array]], samples: int
-) -> tuple[Array, Array, Array]:
-    """Return the mean (time, 2) over impulses, its standard error, and their number, over time."""
-    values = np.full((max(len(tracks), 1), samples, 2), np.nan)
-    for row, (times, track) in zip(values, tracks, strict=False):
-        row[times] = track
+def _over_impulses(tracks: list[Array]) -> tuple[Array, Array, Array]:
+    """Return mean and standard error (time, 2) over impulses, and the number of impulses (time,).
+
+    The error is NaN where fewer than three impulses reach.
+    """
+    values = np.stack(tracks)
     count = np.isfinite(values[..., 0]).sum(axis=0)
     known = np.where(count, count, np.nan)[:, None]
     mean = np.nansum(values, axis=0) / known
-    square = np.nansum((values - mean) ** 2, axis=0) / np.maximum(known - 1, 1)
-    return mean, np.where(count[:, None] >= FEWEST, np.sqrt(square / known), np.nan), count
+    variance = np.nansum((values - mean) ** 2, axis=0) / np.maximum(known - 1, 1)
+    error = np.sqrt(variance / known)
+    return mean, np.where(count[:, None] >= MIN_IMPULSES, error, np.nan), count

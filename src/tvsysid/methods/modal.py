@@ -143,7 +143,7 @@ class ModalDecomposition(base.Method):
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(
-                *mean.T, constant, shared.standard_errors(errors, freedom)
+                mean[:, 0], mean[:, 1], constant, shared.standard_errors(errors, freedom)
             ),
             diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
         )

@@ -15,9 +15,8 @@ from tvsysid.methods.birf import _noise_through
 from tvsysid.methods.kbr.fitting import smoothed
 from tvsysid.methods.shared import instrument, lagged_reference
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.bayes import ridge
 from tvsysid.numerics.differentiation import differentiate
-from tvsysid.numerics.gaussian import Statistics, fit, instrumental
+from tvsysid.numerics.gaussian import Moments, ridge
 from tvsysid.numerics.instrument import predicted, realization_groups
 from tvsysid.numerics.spectra import hann
 
@@ -79,7 +78,7 @@ def test_the_predicted_angle_is_a_ridge_fit_to_the_other_realizations(random):
         axis=-1,
     )
     x, y = columns[:, core].reshape(-1, columns.shape[-1]), angle[:, core].ravel()
-    evidence = ridge(x.T @ x, x.T @ y, y @ y, len(y))
+    evidence = ridge(Moments(x.T @ x, x.T @ y, y @ y, len(y)))
     penalty = evidence.noise_variance * evidence.effective / (evidence.mean @ evidence.mean)
     for group in range(5):
         x = columns[groups != group, core].reshape(-1, columns.shape[-1])
@@ -119,51 +118,6 @@ def test_where_the_reference_tells_the_whole_angle_nothing_changes(monkeypatch):
             / without.estimates["stiffness"].standard_error.values
         )
         np.testing.assert_allclose(ratio, 1, rtol=1e-2)
-
-
-def test_instrumental_fit_equals_its_equations(random):
-    x, noise = random.standard_normal((400, 3)) * [1, 100, 0.01], random.standard_normal(400)
-    z = x + 0.3 * random.standard_normal((400, 3)) * [1, 100, 0.01]
-    t, _ = np.linalg.qr(random.standard_normal((400, 2)))
-    y, precision, weak = x @ [2, 0.03, 150] + t @ [3, -1] + noise, np.array([0.0, 1e3, 1e-3]), 1e-2
-    both = np.hstack([x, z])
-    found = instrumental(
-        Statistics(
-            np.asfortranarray(both.T @ both),
-            both.T @ y,
-            y @ y,
-            400,
-            both.T @ t,
-            t.T @ y,
-            np.ones(2),
-        ),
-        precision,
-        weak,
-    )
-    p, s = np.diag(precision), found.noise_variance
-    project = np.eye(400) - t @ t.T / (1 + s * weak)
-    inverse = np.linalg.inv(z.T @ project @ x + s * p)
-    np.testing.assert_allclose(found.mean, inverse @ z.T @ project @ y, rtol=1e-3)
-    left = y - x @ found.mean
-    left -= t @ (t.T @ left) / (1 + s * weak)
-    assert s == pytest.approx(2 * left @ left / (400 - found.effective), rel=3e-3)
-    covariance = 0.5 * s * inverse @ (z.T @ project @ z + s * p) @ inverse.T
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-2)
-    same = np.hstack([x, x])
-    statistics = Statistics(
-        np.asfortranarray(same.T @ same), same.T @ y, y @ y, 400, same.T @ t, t.T @ y, np.ones(2)
-    )
-    plain = fit(
-        statistics._replace(gram=np.asfortranarray(x.T @ x), cross=x.T @ y, mixed=x.T @ t),
-        precision,
-        weak,
-    )
-    np.testing.assert_allclose(
-        instrumental(statistics, precision, weak).mean, plain.mean, rtol=1e-4
-    )
-    np.testing.assert_allclose(
-        instrumental(statistics, precision, weak).covariance, plain.covariance, rtol=5e-3, atol=1e-9
-    )
 
 
 def test_noise_of_any_colour_passes_the_instruments(random):

@@ -2,103 +2,33 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
-from tvsysid.numerics import gaussian
+from tvsysid.numerics.gaussian import PRIORS, Moments, least_squares, relevance, ridge, solve
 
 
-def problem(seed, rows=60, columns=7, terms=3):
-    """Regressors X, orthogonal nuisance terms T, output, and prior precisions of X's columns.
+def moments_of(columns, output):
+    return Moments(columns.T @ columns, columns.T @ output, float(output @ output), len(output))
 
-    Two have none.
-    """
+
+def proper_problem(seed, rows=60, count=7):
+    """Return columns of very different size, output, and prior precisions; two are flat."""
     random = np.random.default_rng(seed)
-    regressors = random.normal(size=(rows, columns)) * 10 ** random.uniform(-1, 1, columns)
-    nuisance = np.linalg.qr(random.normal(size=(rows, terms)))[0] * random.uniform(0.5, 5, terms)
-    precision = 10 ** random.uniform(-2, 3, columns)
+    columns = random.normal(size=(rows, count)) * 10 ** random.uniform(-1, 1, count)
+    precision = 10 ** random.uniform(-2, 3, count)
     precision[:2] = 0
-    weights = random.normal(size=columns) / np.sqrt(np.maximum(precision, 1.0))
-    output = (
-        regressors @ weights
-        + nuisance @ random.normal(size=terms)
-        + 10 ** random.uniform(-2, 1) * random.normal(size=rows)
-    )
-    return regressors, nuisance, output, precision
+    weights = random.normal(size=count) / np.sqrt(np.maximum(precision, 1.0))
+    noise = 10 ** random.uniform(-2, 1) * random.normal(size=rows)
+    return columns, columns @ weights + noise, precision
 
 
-def statistics_of(regressors, nuisance, output):
-    return gaussian.Statistics(
-        gram=np.asfortranarray(np.tril(regressors.T @ regressors)),
-        cross=regressors.T @ output,
-        square=float(output @ output),
-        number=len(output),
-        mixed=regressors.T @ nuisance,
-        shared=nuisance.T @ output,
-        powers=np.sum(nuisance**2, axis=0),
-    )
-
-
-def dense(regressors, nuisance, output, precision, weak, noise):
-    """Solve for weights and nuisance terms jointly.
-
-    Return mean, covariance, residual, and effective number of parameters.
-    """
-    both = np.concatenate([regressors, nuisance], axis=1)
-    prior = np.concatenate([precision, np.full(nuisance.shape[1], weak)])
-    inverse = np.linalg.inv(both.T @ both + noise * np.diag(prior))
-    mean = inverse @ (both.T @ output)
-    return mean, 0.5 * noise * inverse, output - both @ mean, np.trace(inverse @ both.T @ both)
-
-
-@given(seed=st.integers(0, 10**6), weak=st.floats(1e-3, 10.0))
-def test_the_fit_is_the_joint_one_at_a_noise_variance_that_its_residual_shows(seed, weak):
-    regressors, nuisance, output, precision = problem(seed)
-    found = gaussian.fit(statistics_of(regressors, nuisance, output), precision, weak)
-    mean, covariance, residual, effective = dense(
-        regressors, nuisance, output, precision, weak, found.noise_variance
-    )
-    columns = len(precision)
-    spread = np.sqrt(np.diag(covariance))[:columns]
-    assert np.abs((found.mean - mean[:columns]) / spread).max() < 1e-4
-    np.testing.assert_allclose(
-        found.covariance / np.outer(spread, spread),
-        covariance[:columns, :columns] / np.outer(spread, spread),
-        atol=0.01,
-    )
-    assert found.effective == pytest.approx(effective, rel=2e-3)
-    assert found.noise_variance == pytest.approx(
-        2 * residual @ residual / (len(output) - effective), rel=1e-4
-    )
-
-
-def test_columns_without_power_keep_their_prior():
-    regressors, nuisance, output, precision = problem(3)
-    regressors[:, 4] = 0
-    found = gaussian.fit(statistics_of(regressors, nuisance, output), precision, 1.0)
-    assert found.mean[4] == 0
-    assert found.covariance[4, 4] == pytest.approx(0.5 / precision[4], rel=2e-3)
-
-
-def test_noiseless_output_is_reproduced():
-    regressors, nuisance, _, precision = problem(5)
-    weights = np.arange(1.0, 8.0)
-    found = gaussian.fit(
-        statistics_of(regressors, nuisance, regressors @ weights), 0 * precision, 1.0
-    )
-    np.testing.assert_allclose(found.mean, weights, rtol=1e-5)
-
-
-def log_density(regressors, nuisance, output, precision, weak, noise):
-    """Restricted log density, with the dense covariance of the output."""
-    fixed = regressors[:, precision == 0]
-    proper = regressors[:, precision > 0]
-    covariance = 0.5 * (
-        noise * np.eye(len(output))
-        + proper / precision[precision > 0] @ proper.T
-        + nuisance @ nuisance.T / weak
-    )
+def log_density(columns, output, precision, noise):
+    """Return the restricted log density of an output whose covariance is dense."""
+    flat, proper = columns[:, precision == 0], columns[:, precision > 0]
+    covariance = noise * np.eye(len(output)) + proper / precision[precision > 0] @ proper.T
     inverse = np.linalg.inv(covariance)
-    information = fixed.T @ inverse @ fixed
-    projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
+    information = flat.T @ inverse @ flat
+    projected = inverse - inverse @ flat @ np.linalg.solve(information, flat.T @ inverse)
     determinants = (
         np.linalg.slogdet(2 * np.pi * covariance)[1]
         + np.linalg.slogdet(information / (2 * np.pi))[1]
@@ -106,53 +36,162 @@ def log_density(regressors, nuisance, output, precision, weak, noise):
     return -0.5 * (determinants + output @ projected @ output)
 
 
-@given(seed=st.integers(0, 10**6), weak=st.floats(1e-2, 10.0), noise=st.floats(0.01, 10.0))
-def test_evidence_is_the_log_density_of_the_data(seed, weak, noise):
-    regressors, nuisance, output, precision = problem(seed)
-    statistics = statistics_of(regressors, nuisance, output)
-    found = gaussian.log_evidence(statistics, precision, weak, noise)
-    assert found.value == pytest.approx(
-        log_density(regressors, nuisance, output, precision, weak, noise), rel=1e-6, abs=1e-6
+@given(seed=st.integers(0, 10**6), noise=st.floats(0.01, 10.0))
+def test_the_posterior_and_its_evidence_are_those_of_dense_matrices(seed, noise):
+    columns, output, precision = proper_problem(seed)
+    found = solve(moments_of(columns, output), precision, noise)
+    covariance = np.linalg.inv(columns.T @ columns / noise + np.diag(precision))
+    mean = covariance @ columns.T @ output / noise
+    spread = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((found.mean - mean) / spread, 0, atol=1e-6)
+    np.testing.assert_allclose(
+        found.covariance / np.outer(spread, spread),
+        covariance / np.outer(spread, spread),
+        atol=1e-6,
     )
+    residual = np.sum((output - columns @ mean) ** 2)
+    assert found.residual == pytest.approx(residual, rel=1e-6)
+    assert found.effective == pytest.approx(
+        np.trace(covariance @ columns.T @ columns) / noise, rel=1e-6
+    )
+    expected = log_density(columns, output, precision, noise)
+    assert found.log_evidence == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @given(seed=st.integers(0, 10**6), noise=st.floats(0.1, 10.0))
-def test_derivatives_of_the_evidence_are_those_of_differences(seed, noise):
-    regressors, nuisance, output, precision = problem(seed)
-    statistics, step = statistics_of(regressors, nuisance, output), 1e-3
+def test_the_derivatives_of_the_evidence_are_those_of_differences(seed, noise):
+    columns, output, precision = proper_problem(seed)
+    moments, step = moments_of(columns, output), 1e-3
+    found = solve(moments, precision, noise)
+    tolerance = 1e-7 * max(1.0, abs(found.log_evidence))
 
-    def difference(change):
-        values = [gaussian.log_evidence(statistics, *change(sign * step)).value for sign in (1, -1)]
+    def difference(of_variances, of_noise):
+        values = [
+            solve(
+                moments, precision * np.exp(-by * of_variances), noise * np.exp(by * of_noise)
+            ).log_evidence
+            for by in (step, -step)
+        ]
         return (values[0] - values[1]) / (2 * step)
 
-    found = gaussian.log_evidence(statistics, precision, 0.7, noise)
-    size = max(1.0, abs(found.value))
-    by_noise = difference(lambda by: (precision, 0.7, noise * np.exp(by)))
-    assert found.by_noise == pytest.approx(by_noise, rel=1e-5, abs=1e-7 * size)
-    for column in range(2, len(precision)):
-        each = np.arange(len(precision)) == column
-        by_variance = difference(lambda by, each=each: (precision * np.exp(-by * each), 0.7, noise))
-        assert found.by_variances[column] == pytest.approx(by_variance, rel=1e-5, abs=1e-7 * size)
+    by_noise = difference(np.zeros(len(precision)), 1.0)
+    assert found.by_noise == pytest.approx(by_noise, rel=1e-5, abs=tolerance)
+    by_variances = [difference(each, 0.0) for each in np.eye(len(precision))]
+    np.testing.assert_allclose(found.by_variances, by_variances, rtol=1e-5, atol=tolerance)
     assert not found.by_variances[:2].any()
 
 
-def test_the_fit_is_where_the_evidence_of_the_noise_is_highest():
-    regressors, nuisance, output, precision = problem(11)
-    statistics = statistics_of(regressors, nuisance, output)
-    noise = gaussian.fit(statistics, precision, 1.0).noise_variance
-    best = gaussian.log_evidence(statistics, precision, 1.0, noise)
-    assert abs(best.by_noise) < 1e-3
-    assert best.value > max(
-        gaussian.log_evidence(statistics, precision, 1.0, noise * by).value for by in (0.9, 1.1)
+def test_a_column_of_zeros_keeps_its_prior():
+    columns, output, precision = proper_problem(3)
+    columns[:, 4] = 0
+    found = solve(moments_of(columns, output), precision, 0.5)
+    assert found.mean[4] == 0
+    assert found.covariance[4, 4] == pytest.approx(1 / precision[4])
+    assert found.determined[4] == pytest.approx(0)
+
+
+def test_parts_of_the_moments(random):
+    columns, output, _ = proper_problem(1)
+    moments = moments_of(columns, output)
+    both = np.column_stack([columns, output])
+    for whole in (
+        Moments.of(both.T @ both, len(output)),
+        moments.times(3.0).without(moments.times(2.0)),
+        moments.scaled(np.full(7, 2.0)).scaled(np.full(7, 0.5)),
+        moments.take(np.ones(7, dtype=bool)),
+    ):
+        for own, expected in zip(whole, moments, strict=True):
+            np.testing.assert_allclose(own, expected)
+    np.testing.assert_array_equal(
+        moments.take(np.array([4, 2])).gram, moments.gram[[4, 2]][:, [4, 2]]
     )
 
 
-def test_nuisance_terms_eliminated_once_are_those_of_a_prior_that_scales_with_the_noise():
-    regressors, nuisance, output, precision = problem(4)
-    weak, near = 0.6, 0.8
-    once = gaussian.without_nuisance(statistics_of(regressors, nuisance, output), weak, near)
-    constant = np.sum(np.log1p(np.sum(nuisance**2, axis=0) / (near * weak)))
-    for noise in (0.5, near, 2.0):
-        expected = log_density(regressors, nuisance, output, precision, weak * near / noise, noise)
-        found = gaussian.log_evidence(once, precision, 1.0, noise).value
-        assert found - 0.5 * constant == pytest.approx(expected, rel=1e-7)
+@pytest.fixture
+def problem(random):
+    columns = random.normal(size=(400, 8)) * np.array([1, 1, 1, 1, 1, 1, 1, 10.0])
+    weights = np.array([3.0, -2.0, 0.0, 1.0, 0.0, 0.0, 0.5, 0.2])
+    return columns, columns @ weights + 0.7 * random.normal(size=400), weights
+
+
+def test_least_squares_equals_the_library(problem):
+    columns, output, _ = problem
+    found = least_squares(moments_of(columns, output))
+    np.testing.assert_allclose(found.mean, np.linalg.lstsq(columns, output, rcond=None)[0])
+    noise = np.sum((output - columns @ found.mean) ** 2) / (400 - 8)
+    assert found.noise_variance == pytest.approx(noise)
+    np.testing.assert_allclose(found.covariance, noise * np.linalg.inv(columns.T @ columns))
+    double = np.concatenate([columns[:, :3], columns[:, :3]], axis=1)
+    found = least_squares(moments_of(double, output))
+    np.testing.assert_allclose(found.mean, np.linalg.pinv(double) @ output, atol=1e-9)
+    assert found.effective == 3
+
+
+@pytest.mark.slow
+def test_ridge_maximises_the_evidence(problem):
+    columns, output, _ = problem
+    found = ridge(moments_of(columns, output))
+    alpha = found.effective / float(found.mean @ found.mean)
+    best = minimize(
+        lambda x: -log_density(columns, output, np.full(8, np.exp(x[0])), np.exp(x[1])),
+        np.log([alpha, found.noise_variance]),
+    )
+    assert found.log_evidence == pytest.approx(-best.fun, abs=1e-6)
+    assert found.noise_variance == pytest.approx(np.exp(best.x[1]), rel=1e-3)
+    assert found.converged
+    expected = solve(moments_of(columns, output), np.full(8, alpha), found.noise_variance)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-5, atol=1e-10)
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-6)
+
+
+def test_relevance_prunes_what_explains_nothing_and_maximises_the_evidence(problem):
+    columns, output, weights = problem
+    found = relevance(moments_of(columns, output))
+    assert found.converged
+    np.testing.assert_allclose(found.mean, weights, atol=0.15)
+    relevant = np.abs(weights) > 0
+    assert found.effective < 8
+    assert np.abs(found.mean[~relevant]).max() < 0.1
+    assert found.log_evidence > ridge(moments_of(columns, output)).log_evidence
+    # No other precisions have more evidence, but for the tolerance of the iterations.
+    kept = np.diag(found.covariance) > 0
+    best = minimize(
+        lambda x: -log_density(columns[:, kept], output, np.exp(x[:-1]), np.exp(x[-1])),
+        np.append(-2 * np.log(np.abs(found.mean[kept])), np.log(found.noise_variance)),
+        method="L-BFGS-B",
+    )
+    assert found.log_evidence == pytest.approx(-best.fun, abs=0.02)
+
+
+def test_relevance_does_not_depend_on_units(problem):
+    columns, output, _ = problem
+    units = np.array([1e-3, 1e3, 1, 5, 1, 1e-6, 7, 1])
+    plain = relevance(moments_of(columns, output))
+    scaled = relevance(moments_of(columns / units, output * 1e3))
+    np.testing.assert_allclose(scaled.mean, plain.mean * units * 1e3, rtol=1e-6)
+    assert scaled.noise_variance == pytest.approx(plain.noise_variance * 1e6, rel=1e-6)
+    assert scaled.log_evidence == pytest.approx(plain.log_evidence - 400 * np.log(1e3), rel=1e-8)
+
+
+@pytest.mark.parametrize("prior", PRIORS)
+def test_noiseless_data_are_fitted(prior, problem):
+    columns, _, weights = problem
+    found = PRIORS[prior](moments_of(columns, columns @ weights))
+    np.testing.assert_allclose(found.mean, weights, atol=1e-4)
+
+
+def test_relevance_of_noise_is_nothing(random):
+    columns = random.normal(size=(2000, 5))
+    found = relevance(moments_of(columns, random.normal(size=2000)))
+    assert np.abs(found.mean).max() < 0.1
+    assert found.noise_variance == pytest.approx(1.0, rel=0.1)
+    alone = relevance(Moments(np.diag([5.0, 6.0]), np.array([1e-9, 1e-8]), 4.0, 5))
+    assert not alone.mean.any()
+    assert (alone.effective, alone.noise_variance) == (0, pytest.approx(0.8))
+
+
+def test_relevance_of_columns_that_are_alike(problem):
+    columns, output, _ = problem
+    double = np.concatenate([columns, columns[:, :2]], axis=1)
+    found, single = relevance(moments_of(double, output)), relevance(moments_of(columns, output))
+    np.testing.assert_allclose(double @ found.mean, columns @ single.mean, atol=0.05)

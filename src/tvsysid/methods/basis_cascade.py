@@ -123,5 +123,6 @@ class BasisCascade(in_turn.InTurn):
         phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
         right = (cross.T @ functions).ravel()
         square = float(np.sum(output**2))
-        found = shared.PRIORS[self.prior](expanded(phi, functions), right, square, output.size)
+        moments = shared.Moments(expanded(phi, functions), right, square, output.size)
+        found = shared.PRIORS[self.prior](moments)
         return functions @ found.mean.reshape(cross.shape[1], -1).T

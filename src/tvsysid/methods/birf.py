@@ -191,14 +191,14 @@ class BasisIRF(shared.ByReference):
 
     def _posterior(
         self, system: System, ensemble: Ensemble, share: float = 1.0
-    ) -> shared.Posterior:
+    ) -> shared.Regression:
         """Return the posterior of the coefficients, for a share of the samples.
 
         All samples are used, but weigh less.
         """
         count = len(ensemble) * share
-        moments = (system.gram * count, system.cross * count, system.square * count)
-        return shared.PRIORS[self.prior](*moments, round(count * system.times))
+        moments = shared.Moments(system.gram, system.cross, system.square, system.times)
+        return shared.PRIORS[self.prior](moments.times(count))
 
     def _derivative_moments(self, ensemble: Ensemble, products: Array) -> shared.DerivativeMoments:
         base.check_window(
@@ -316,12 +316,12 @@ def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
 
 
 def _instrumental(
-    posterior: shared.Posterior,
+    posterior: shared.Regression,
     expansions: tuple[Array, ...],
     scale: Array,
     ensemble: Ensemble,
     moved: Ensemble,
-) -> shared.Posterior:
+) -> shared.Regression:
     r"""Return the coefficients with instruments Z in the left factor.
 
     They follow from their posterior m, C in a fit to the instruments alone:
@@ -401,7 +401,7 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     )
 
 
-def _diagnostics(posterior: shared.Posterior, agreement: float) -> Diagnostics:
+def _diagnostics(posterior: shared.Regression, agreement: float) -> Diagnostics:
     details = {
         "noise_variance": posterior.noise_variance,
         "log_evidence": posterior.log_evidence,

@@ -281,7 +281,7 @@ def _chance(
 
 def _second_order(
     skirts: Skirts, lines: Array, count: int
-) -> tuple[shared.Posterior, tuple[str, ...], float]:
+) -> tuple[shared.Regression, tuple[str, ...], float]:
     """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
 
     Return also the probability that noise alone makes the lines differ as much from the fit.
@@ -297,7 +297,7 @@ def _second_order(
     covariance = np.linalg.inv(flat.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
     names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
-    posterior = shared.Posterior(
+    posterior = shared.Regression(
         mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True
     )
     rest = skirts.mean - flat @ mean

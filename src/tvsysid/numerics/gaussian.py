@@ -1,338 +1,304 @@
-r"""Linear regression with a known Gaussian prior, from sufficient statistics.
+r"""Linear regression with Gaussian priors, from sums of products.
 
-The noise variance is estimated.
+.. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1})
 
-.. math:: y = X w + T f + e, \qquad \min_{w, f} \|e\|^2 / \sigma^2 + w^T P w + q f^T f
-
-``precision`` is the diagonal of P, 0 for a column without prior; ``weak`` is q, the prior
-precision of each nuisance term. The cost is the negative log of a posterior density without the
-usual halves: y holds the parts of complex numbers, whose variance :math:`\sigma^2`, ``noise``,
-is twice that of a number of y.
+A method says what its columns X are, and gives their :class:`Moments`. P is diagonal. Where prior
+and noise variance are known, :func:`solve` returns the posterior and its evidence, with gradients.
+Otherwise :data:`PRIORS` choose them by maximum evidence.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
+from scipy.linalg import lapack, pinvh
 
 from tvsysid.numerics import Array
 
-# relative change of the noise variance from which on another step, some 1e-4 of it, needs no new
-# factors
-STANDS = 1e-4
-ITERATIONS = 30  # noise variances tried at most
+Columns = NDArray[np.bool_] | NDArray[np.intp]
+
+# share of the output's power below which a residual is rounding
+SMALLEST_RESIDUAL = 1e-12
+JITTER = 1e-10  # share of its diagonal by which a system that is singular to rounding is raised
+TOLERANCE = 1e-7  # change of the log evidence per sample at which iterations stop
+TINY = float(np.finfo(np.float64).tiny)
 
 
-class Statistics(NamedTuple):
-    """What is needed of the data: products of X, y and T, the nuisance terms, which are orthogonal.
+class Moments(NamedTuple):
+    """Sums of products of columns X (sample, column) and an output y (sample,).
 
-    ``gram`` XᵀX, of which only the lower triangle counts, Fortran-ordered; ``cross`` Xᵀy;
-    ``square`` yᵀy; ``number``, the length of y, or what it is worth; ``mixed`` XᵀT; ``shared``
-    Tᵀy; ``powers``, the diagonal of TᵀT.
+    ``gram`` is XᵀX, of which only the lower triangle is read, ``cross`` Xᵀy and ``square`` yᵀy.
+    ``number`` is the effective number of independent samples.
     """
 
     gram: Array
     cross: Array
     square: float
     number: float
-    mixed: Array
-    shared: Array
-    powers: Array
+
+    @classmethod
+    def of(cls, products: Array, number: float) -> Moments:
+        """Split the products of columns and output, the output last."""
+        return cls(products[:-1, :-1], products[-1, :-1], float(products[-1, -1]), number)
+
+    def take(self, columns: Columns) -> Moments:
+        """Return the moments of some columns."""
+        return self._replace(gram=self.gram[np.ix_(columns, columns)], cross=self.cross[columns])
+
+    def scaled(self, scale: Array) -> Moments:
+        """Return the moments of columns divided by ``scale``."""
+        return self._replace(gram=self.gram / np.outer(scale, scale), cross=self.cross / scale)
+
+    def times(self, share: float) -> Moments:
+        """Return the moments of samples that count only as this share of independent ones."""
+        gram, cross, square, number = self
+        return Moments(share * gram, share * cross, share * square, share * number)
+
+    def without(self, part: Moments) -> Moments:
+        """Return the moments of the other samples."""
+        gram, cross, square, number = part
+        return Moments(
+            self.gram - gram, self.cross - cross, self.square - square, self.number - number
+        )
 
 
-class Fit(NamedTuple):
-    """Posterior ``mean`` of the weights; ``effective``, the parameters that the data determine.
+@attrs.frozen(eq=False)
+class Posterior:
+    r"""Posterior of the weights for a given prior and noise variance.
 
-    Their ``covariance`` takes about as long as the fit, and is worked out when it is asked for.
+    Parameters
+    ----------
+    mean
+        Posterior mean (column,).
+    inverse_factor
+        Inverse Cholesky factor W of the precision (column, column):
+        :math:`W^T W = (X^T X + \sigma^2 P)^{-1}`.
+    precision
+        Prior precision (column,); 0 for a flat prior.
+    noise_variance
+        Variance of each sample's noise.
+    left
+        Square of y that neither the weights nor their prior explain:
+        :math:`\|y - X m\|^2 + \sigma^2 m^T P m`.
+    number
+        Number of samples.
     """
 
     mean: Array
-    noise_variance: float
-    effective: float
-    iterations: int
     inverse_factor: Array
-    scale: Array
+    precision: Array
+    noise_variance: float
+    left: float
+    number: float
 
     @property
     def covariance(self) -> Array:
-        """Return the posterior covariance (column, column).
+        """Return the posterior covariance (column, column)."""
+        return self.noise_variance * (self.inverse_factor.T @ self.inverse_factor)
 
-        It follows from the inverse Cholesky factor of the precision of the scaled columns.
+    @property
+    def determined(self) -> Array:
+        """Return how much of each weight the data determine, from 0 (the prior alone) to 1."""
+        variances = np.einsum("ij,ij->j", self.inverse_factor, self.inverse_factor)
+        return np.asarray(1 - self.noise_variance * self.precision * variances)
+
+    @property
+    def effective(self) -> float:
+        """Return the effective number of parameters."""
+        return float(self.determined.sum())
+
+    @property
+    def residual(self) -> float:
+        """Return the squared length of y - X m."""
+        return self.left - self.noise_variance * float(self.precision @ self.mean**2)
+
+    @property
+    def log_determinant(self) -> float:
+        r"""Return :math:`\log|X^T X / \sigma^2 + P| - \log|P|`, flat priors left out of P."""
+        return (
+            -2 * float(np.sum(np.log(np.diag(self.inverse_factor))))
+            - len(self.mean) * math.log(self.noise_variance)
+            - float(np.sum(np.log(self.precision[self.precision > 0])))
+        )
+
+    @property
+    def log_evidence(self) -> float:
+        r"""Return the log marginal likelihood of y.
+
+        .. math:: -\tfrac12 \left[(N - f) \log 2\pi + N \log \sigma^2
+                  + \log\frac{|X^T X / \sigma^2 + P|}{|P|}
+                  + \frac{\|y - X m\|^2}{\sigma^2} + m^T P m \right]
+
+        The f weights with a flat prior are integrated out with unit density (restricted
+        likelihood).
         """
-        lower = lapack.dlauum(self.inverse_factor, lower=1)[0]
-        lower += np.tril(lower, -1).T
-        lower *= np.outer(0.5 * self.noise_variance * self.scale, self.scale)
-        return np.asarray(lower)
+        proper = self.number - np.count_nonzero(self.precision == 0)
+        return -0.5 * (
+            proper * math.log(2 * math.pi)
+            + self.number * math.log(self.noise_variance)
+            + self.log_determinant
+            + self.left / self.noise_variance
+        )
+
+    @property
+    def by_variances(self) -> Array:
+        """Return the derivatives of the log evidence by the logs of the prior variances."""
+        slopes = 0.5 * (self.precision * self.mean**2 - self.determined)
+        return np.where(self.precision > 0, slopes, 0.0)
+
+    @property
+    def by_noise(self) -> float:
+        """Return the derivative of the log evidence by the log noise variance."""
+        return 0.5 * (self.residual / self.noise_variance - (self.number - self.effective))
 
 
-def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
-    r"""Weights and the noise variance that they leave.
+def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Posterior:
+    """Return the posterior of the weights under a prior ``precision`` (column,); 0 is flat.
 
-    .. math:: S = T^T T + \sigma^2 q, \qquad
-              (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w
-              = X^T y - X^T T S^{-1} T^T y, \qquad
-              \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
-
-    a fixed point, found by secants in the logarithm of the noise variance.
+    Examples
+    --------
+    >>> columns, output = np.array([[1.0], [1.0], [1.0]]), np.array([2.0, 3.0, 4.0])
+    >>> moments = Moments(columns.T @ columns, columns.T @ output, output @ output, 3)
+    >>> solve(moments, precision=np.zeros(1)).mean
+    array([3.])
     """
-    scaled, scale = _scaled(statistics)
-    precision, floor = precision * scale**2, _floor(statistics)
-    noise, slope, before = max(0.02 * statistics.square / statistics.number, floor), -1.0, None
-    for iteration in range(1, ITERATIONS + 1):
-        solution = _solve(scaled, precision, weak, noise)
-        freedom = max(statistics.number - solution.effective, 1.0)
-        wanted = max(2 * max(solution.residual, 0.0) / freedom, floor)
-        place, gap = math.log(noise), math.log(wanted / noise)
-        if abs(gap) <= STANDS:
-            break
-        if before is not None and place != before[0]:
-            slope = (gap - before[1]) / (place - before[0])
-        # Where the secant is no help, the plain step.
-        step = -gap / slope if slope < -0.1 else gap
-        before = place, gap
-        noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
-    return Fit(
-        solution.mean * scale, noise, solution.effective, iteration, solution.inverse_factor, scale
-    )
+    scale = 1 / np.sqrt(_powers(moments.gram))
+    system = np.multiply(moments.gram, np.outer(scale, scale), order="F")
+    system[np.diag_indices_from(system)] += noise_variance * precision * scale**2
+    factor, failed = lapack.dpotrf(system, lower=1)
+    if failed:  # columns that are collinear to rounding
+        raised = system + JITTER * np.diag(np.diag(system))
+        factor, failed = lapack.dpotrf(raised, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError("the posterior precision is not positive definite")
+    mean = scale * lapack.dpotrs(factor, moments.cross * scale, lower=1)[0]
+    inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0] * scale
+    left = moments.square - float(mean @ moments.cross)
+    return Posterior(mean, inverse_factor, precision, noise_variance, left, moments.number)
 
 
-class InstrumentalFit(NamedTuple):
-    r"""As :class:`Fit`.
+class Regression(NamedTuple):
+    """Posterior of the weights after prior and noise variance were chosen.
 
-    The ``covariance`` is :math:`\tfrac12\sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}`.
+    ``effective`` is the effective number of parameters. ``log_evidence`` is NaN without a prior.
     """
 
     mean: Array
+    covariance: Array
     noise_variance: float
     effective: float
+    log_evidence: float
     iterations: int
-    covariance: Array
+    converged: bool
 
 
-def instrumental(both: Statistics, precision: Array, weak: float) -> InstrumentalFit:
-    r"""Estimate weights of regressors X that noise moves, too, by instruments Z.
+def least_squares(moments: Moments) -> Regression:
+    """Fit without a prior. The weights have minimum norm where the columns are collinear."""
+    gram, cross, square, number = moments
+    scale = np.sqrt(_powers(gram) / number)
+    inverse, rank = pinvh(gram / np.outer(scale, scale), return_rank=True)
+    covariance = inverse / np.outer(scale, scale)
+    mean = covariance @ cross
+    residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
+    noise = max(residual, SMALLEST_RESIDUAL * square) / max(number - rank, 1)
+    return Regression(mean, covariance * noise, noise, float(rank), math.nan, 1, True)
 
-    The instruments take the place of X in the left factor:
 
-    .. math:: A\, \hat w = Z^T y - Z^T T S^{-1} T^T y, \qquad
-              A = Z^T X - Z^T T S^{-1} T^T X + \sigma^2 P
+def ridge(moments: Moments) -> Regression:
+    r"""Choose one prior precision for all weights by maximum evidence.
 
-    with S as in :func:`fit`, and the noise variance of the residual y - X w. The columns of
-    ``both`` are those of X, then as many of Z.
+    .. math:: \gamma = \sum_k \frac{\beta s_k}{\alpha + \beta s_k}, \quad
+              \alpha \leftarrow \frac{\gamma}{m^T m}, \quad
+              \beta \leftarrow \frac{N - \gamma}{\|y - X m\|^2}
+
+    This is MacKay's fixed point (Bishop 2006, section 3.5) for :math:`P = \alpha I` and
+    :math:`\sigma^2 = 1 / \beta`, with s the eigenvalues of XᵀX. The columns must have one unit, or
+    be scaled so that one prior suits them all.
     """
-    count, (both, scale) = len(precision), _scaled(both)
-    of_x, of_z = scale[:count], scale[count:]
-    gram = np.tril(both.gram) + np.tril(both.gram, -1).T
-    noise, system = max(0.02 * both.square / both.number, _floor(both)), precision * of_x * of_z
-    for iteration in range(1, ITERATIONS + 1):
-        shrink = 1 / (both.powers + noise * weak)
-        left = (
-            gram[count:] - (both.mixed[count:] * shrink) @ both.mixed.T
-        )  # of Z with X and Z, less the nuisance
-        inverse = np.linalg.inv(left[:, :count] + np.diag(noise * system))
-        mean = inverse @ (both.cross[count:] - both.mixed[count:] @ (shrink * both.shared))
-        unshared = both.shared - mean @ both.mixed[:count]
-        residual = (
-            both.square
-            - 2 * float(mean @ both.cross[:count])
-            + float(mean @ gram[:count, :count] @ mean)
+    gram, cross, square, number = moments
+    values, vectors = np.linalg.eigh(gram)
+    values = np.maximum(values, 0.0)
+    projections = vectors.T @ cross
+    floor = max(SMALLEST_RESIDUAL * square, TINY)
+    rounding = len(values) * np.finfo(float).eps * values[-1]
+    start = np.where(values > rounding, projections / np.maximum(values, TINY), 0.0)
+    alpha = len(values) / max(float(start @ start), TINY)
+    beta = number / max(square - float(start @ projections), floor)
+    evidence = -math.inf
+    for iteration in range(1, 501):
+        precision = alpha + beta * values
+        mean = beta * projections / precision
+        norm = max(float(mean @ mean), TINY)
+        gamma = float(np.sum(beta * values / precision))
+        residual = max(square - 2 * float(mean @ projections) + float(values @ mean**2), floor)
+        before = evidence
+        evidence = 0.5 * (
+            len(values) * math.log(alpha)
+            + number * math.log(beta / (2 * math.pi))
+            - beta * residual
+            - alpha * norm
+            - float(np.sum(np.log(precision)))
         )
-        residual += float(np.sum(shrink * unshared**2 * (both.powers * shrink - 2)))
-        effective = (
-            count - noise * float(system @ np.diag(inverse)) + float(np.sum(both.powers * shrink))
-        )
-        before, noise = noise, max(2 * residual / max(both.number - effective, 1.0), _floor(both))
-        if abs(noise / before - 1) <= STANDS:
+        # An iteration costs next to nothing here, so it goes on until the last digits stand.
+        if converged := abs(evidence - before) <= 1e-14 * abs(evidence):
             break
-    spread = left[:, count:] + np.diag(noise * precision * of_z**2)
-    covariance = 0.5 * noise * np.outer(of_x, of_x) * (inverse @ spread @ inverse.T)
-    return InstrumentalFit(mean * of_x, noise, effective, iteration, covariance)
+        alpha, beta = gamma / norm, max(number - gamma, 1.0) / residual
+    covariance = (vectors / precision) @ vectors.T
+    return Regression(vectors @ mean, covariance, 1 / beta, gamma, evidence, iteration, converged)
 
 
-class LogDensity(NamedTuple):
-    """Log density of the data, and its derivatives.
+def relevance(moments: Moments) -> Regression:
+    r"""Choose a prior precision for each weight by maximum evidence. Most become zero.
 
-    ``by_variances`` (column,) are those by the log prior variances, ``by_noise`` is that by the
-    log noise variance.
+    .. math:: \gamma_i = 1 - \alpha_i C_{ii}, \quad
+              \alpha_i \leftarrow \frac{\gamma_i}{m_i^2}, \quad
+              \sigma^2 \leftarrow \frac{\|y - X m\|^2}{N - \sum_i \gamma_i}
+
+    This is the relevance vector machine: P is the diagonal matrix of :math:`\alpha`, C the
+    posterior covariance (Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section
+    7.2). It starts from least squares, so that it is deterministic. The units of the columns have
+    no effect.
     """
-
-    value: float
-    by_variances: Array
-    by_noise: float
-
-
-def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: float) -> LogDensity:
-    r"""Log marginal likelihood of the data for given prior and noise variances.
-
-    .. math:: y \sim N\left(F b,\ \tfrac12 D\right), \qquad
-              D = \sigma^2 I + Z W Z^T + T T^T / q
-
-    with Z the columns that have a prior, W their prior variances, and F the f columns that have
-    none, whose weights b are integrated out with unit density (restricted likelihood). With Q,
-    :math:`D^{-1}` projected on what they leave,
-
-    .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D|
-              - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
-
-    Where the derivative by the noise vanishes, :func:`fit` stands still.
-    """
-    scaled, scale = _scaled(statistics)
-    scaled_precision = precision * scale**2
-    solution = _solve(scaled, scaled_precision, weak, noise)
-    fixed = precision == 0
-    terms = len(statistics.powers)
-    determinant = (
-        (statistics.number - len(precision) - terms) * math.log(noise)
-        - float(np.sum(np.log(precision[~fixed])))
-        - terms * math.log(weak)
-        + float(np.sum(np.log(statistics.powers + noise * weak)))
-        - 2 * float(np.sum(np.log(np.diag(solution.inverse_factor))))
-        - 2 * float(np.sum(np.log(scale)))
-    )
-    shrink = 1 / (statistics.powers + noise * weak)
-    right = scaled.cross - scaled.mixed @ (shrink * statistics.shared)
-    quadratic = (
-        statistics.square
-        - float(np.sum(shrink * statistics.shared**2))
-        - float(right @ solution.mean)
-    )
-    left = statistics.number - int(fixed.sum())
-    known = 1 - noise * scaled_precision * solution.variances
-    return LogDensity(
-        -0.5 * (left * math.log(math.pi) + determinant) - quadratic / noise,
-        np.where(fixed, 0.0, scaled_precision * solution.mean**2 - 0.5 * known),
-        solution.residual / noise - 0.5 * (statistics.number - solution.effective),
-    )
+    square, number = moments.square, moments.number
+    powers = _powers(moments.gram)
+    start = solve(moments, 1e-12 * powers)  # least squares, of small norm if columns are collinear
+    precision = 1 / np.maximum(start.mean**2, 1e-12 * square / powers)
+    noise = max(start.residual, SMALLEST_RESIDUAL * square) / number
+    active, evidence = np.arange(len(powers)), -math.inf
+    for iteration in range(1, 1001):
+        found = solve(moments.take(active), precision, noise)
+        before, evidence = evidence, found.log_evidence
+        determined = np.clip(found.determined, 1e-12, 1.0)
+        freedom = max(number - float(determined.sum()), 1.0)
+        noise = max(found.residual, SMALLEST_RESIDUAL * square) / freedom
+        if converged := abs(evidence - before) <= TOLERANCE * number:
+            break
+        precision = determined / np.maximum(found.mean**2, TINY)
+        # A weight whose prior is this much narrower than the noise on it stays zero.
+        kept = precision < 1e4 * powers[active] / noise
+        if not kept.any():
+            none = np.zeros(len(powers)), np.zeros_like(moments.gram)
+            return Regression(*none, square / number, 0.0, evidence, iteration, True)
+        active, precision = active[kept], precision[kept]
+    mean, covariance = np.zeros(len(powers)), np.zeros_like(moments.gram)
+    mean[active], covariance[np.ix_(active, active)] = found.mean, found.covariance
+    effective = float(determined.sum())
+    return Regression(mean, covariance, noise, effective, evidence, iteration, converged)
 
 
-def unit_information(statistics: Statistics, noise: float) -> float:
-    r"""Return the log density of a unit-information prior of columns F at its mean.
-
-    The mean is the estimate from the data.
-
-    A restricted likelihood, in which the weights of F have unit density, is measured in their
-    units, and cannot be compared with one of other columns. Under a prior that tells as much of b
-    as one of the N numbers does under white noise of the variance :math:`\sigma_0^2`, one for all
-    models that are compared, it can:
-
-    .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F, \qquad
-              \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
-
-    As it is nearly flat where the likelihood is not small, the likelihood under it is the
-    restricted one times this density, to about f / (2 N) where columns with a prior cannot take
-    the place of F. What it costs to fit a constant is then half log N, as in Schwarz's criterion
-    (Kass & Wasserman 1995). There are no nuisance terms.
-    """
-    gram = np.tril(statistics.gram) + np.tril(statistics.gram, -1).T
-    power = math.log(math.pi * statistics.number * noise)
-    return 0.5 * (float(np.linalg.slogdet(gram)[1]) - len(gram) * power)
+PRIORS: dict[str, Callable[[Moments], Regression]] = {
+    "ard": relevance,
+    "ridge": ridge,
+    "none": least_squares,
+}
 
 
-def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
-    """Statistics of some of the columns of X."""
-    return statistics._replace(
-        gram=np.asfortranarray(statistics.gram[np.ix_(chosen, chosen)]),
-        cross=statistics.cross[chosen],
-        mixed=statistics.mixed[chosen],
-    )
-
-
-def of_share(statistics: Statistics, share: float) -> Statistics:
-    """What a share of the numbers would tell, alike: for numbers that are not independent.
-
-    Without nuisance terms.
-    """
-    gram, cross, square, number, *nuisance = statistics
-    return Statistics(share * gram, share * cross, share * square, share * number, *nuisance)
-
-
-def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
-    r"""Return statistics without the nuisance terms, for noise variances near :math:`\sigma_0^2`.
-
-    The terms are eliminated once for all these variances. Their prior variance is taken to be
-    :math:`\sigma^2 / (q \sigma_0^2)`, so that what they leave of the data does not depend on the
-    noise variance. That is little, as a rule: what the terms can explain is then lost whatever the
-    noise. The log evidence is less than that of the whole by the log of a constant.
-    """
-    gram, cross, square, number, mixed, shared, powers = statistics
-    shrink = 1 / (powers + noise * weak)
-    gram = blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1)
-    square -= float(np.sum(shrink * shared**2))
-    cross = cross - mixed @ (shrink * shared)
-    return Statistics(
-        gram, cross, square, number, np.zeros((len(cross), 0)), np.zeros(0), np.zeros(0)
-    )
-
-
-class _Solution(NamedTuple):
-    """Weights; the inverse of the system's Cholesky factor, and its columns' squares.
-
-    What is left, and determined.
-    """
-
-    mean: Array
-    inverse_factor: Array
-    variances: Array
-    residual: float
-    effective: float
-
-
-def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
-    """Statistics of columns of unit length, and what each was multiplied by."""
-    diagonal = np.diag(statistics.gram)
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    scaled = statistics._replace(
-        gram=statistics.gram
-        * np.outer(scale, scale).T,  # Fortran-ordered, as BLAS takes it without a copy
-        cross=statistics.cross * scale,
-        mixed=statistics.mixed * scale[:, None],
-    )
-    return scaled, scale
-
-
-def _floor(statistics: Statistics) -> float:
-    return 2e-14 * statistics.square / statistics.number
-
-
-def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) -> _Solution:
-    gram, cross, square, _, mixed, shared, powers = statistics
-    shrink = 1 / (powers + noise * weak)
-    explained = mixed * np.sqrt(shrink)
-    right = cross - mixed @ (shrink * shared)
-    system = (
-        blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1)
-        if len(powers)
-        else gram.copy(order="F")
-    )
-    system.ravel(order="A")[:: len(system) + 1] += noise * precision
-    factor, failed = lapack.dpotrf(system, lower=1)
-    if failed:  # columns without power, or alike to rounding
-        factor, _ = lapack.dpotrf(system + 1e-11 * np.eye(len(system)), lower=1)
-    mean = lapack.dpotrs(factor, right, lower=1)[0]
-    inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
-    variances = np.einsum("ij,ij->j", inverse_factor, inverse_factor)
-    effective = len(mean) - noise * float(precision @ variances)
-    left = shared - mean @ mixed
-    terms = shrink * left
-    # The quadratic form in the Gram matrix, by what the system does to the mean.
-    quadratic = (
-        float(mean @ right)
-        - noise * float(precision @ mean**2)
-        + float(np.sum((mean @ explained) ** 2))
-    )
-    residual = (
-        square
-        - 2 * float(mean @ cross)
-        + quadratic
-        + float(np.sum(terms * (powers * terms - 2 * left)))
-    )
-    spread = float(np.sum(shrink))
-    if len(powers):
-        spread += float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
-    return _Solution(
-        mean, inverse_factor, variances, residual, effective + len(powers) - noise * weak * spread
-    )
+def _powers(gram: Array) -> Array:
+    """Return the square of each column; 1 for a column of zeros."""
+    powers = np.diag(gram)
+    return np.where(powers > 0, powers, 1.0)

@@ -16,7 +16,7 @@ from scipy.linalg import solve
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.bayes import ridge
+from tvsysid.numerics.gaussian import Moments, ridge
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
 EARLY, LATE = 0.04, 0.30  # s that the reference may come after the angle, and before it
@@ -75,7 +75,7 @@ def predicted(
         )
     gram, right = (np.sum([each[place] for each in of_groups], axis=0) for place in (1, 2))
     square = float(np.vdot(angle[:, core], angle[:, core]))
-    found = ridge(gram, right, square, angle[:, core].size)
+    found = ridge(Moments(gram, right, square, angle[:, core].size))
     weight = (
         found.noise_variance
         * found.effective

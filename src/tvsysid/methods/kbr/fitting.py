@@ -8,14 +8,12 @@ from functools import partial
 import attrs
 import numpy as np
 
+from tvsysid.methods.kbr.external import Fit, fit, instrumental
 from tvsysid.methods.kbr.kernel import VISIBLE, Kernel, harmonic_features
 from tvsysid.methods.kbr.record import WHITE, Chosen, NoiseSpectrum, Record, clocks_of
 from tvsysid.methods.shared.residuals import PosteriorErrors
 from tvsysid.models import StandardError
-from tvsysid.numerics.gaussian import Fit, InstrumentalFit, fit, instrumental
 from tvsysid.signals import Array, Ensemble
-
-Fitted = Fit | InstrumentalFit
 
 GUESS = (
     1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
@@ -34,7 +32,7 @@ class KernelPosterior:
     known: its ``variances`` (coefficient,).
     """
 
-    fit: Fitted
+    fit: Fit
     kept: Chosen
     kernel: Kernel
     variances: Array
@@ -90,9 +88,9 @@ def _fit_visible(
         kept = kernel.visible(powers, VISIBLE * noise)
         lower = np.zeros((3 - order, kernel.columns), dtype=bool)
         chosen = np.concatenate([kept, lower, kept]) if instrumented else kept
-        statistics = record.statistics(kernel, chosen, spectrum)
+        sums = record.sums(kernel, chosen, spectrum)
         precision = np.outer(1 / variances, kernel.precision)[kept]
-        found = (instrumental if instrumented else fit)(statistics, precision, record.weak_prior)
+        found = (instrumental if instrumented else fit)(sums, precision)
         if found.noise_variance >= noise or kept.all():
             return KernelPosterior(found, kept, kernel, variances)
         noise = 0.5 * found.noise_variance

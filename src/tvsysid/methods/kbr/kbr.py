@@ -13,7 +13,7 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import base, shared, tuning
-from tvsysid.methods.kbr import fitting, record, search
+from tvsysid.methods.kbr import external, fitting, record, search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics
@@ -274,7 +274,7 @@ class KernelRegression(shared.ByReference):
         return ensemble.duration if self.period is None else self.period
 
     def _errors(
-        self, ensemble: Ensemble, left: Array, filters: Array, found: fitting.Fitted, missing: int
+        self, ensemble: Ensemble, left: Array, filters: Array, found: external.Fit, missing: int
     ) -> partial[shared.PosteriorErrors]:
         """Return the standard errors of the coefficients' sums, without features and covariance.
 

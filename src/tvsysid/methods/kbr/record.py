@@ -15,9 +15,10 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
+from tvsysid.methods.kbr.external import Sums, fit
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, harmonic_features
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.gaussian import Statistics, fit
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Array, Ensemble
@@ -291,9 +292,7 @@ class Record:
         perturbation or the noise. A joint without stiffness also has a modulus at 1 Hz.
         """
         constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
-        found = fit(
-            self.statistics(constant, np.ones((3, 1), dtype=bool)), np.zeros(3), self.weak_prior
-        )
+        found = fit(self.sums(constant, np.ones((3, 1), dtype=bool)), np.zeros(3))
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
         least = 1e-6 * math.sqrt(
             self.power / self.powers[0]
@@ -322,9 +321,7 @@ class Record:
         """Return the prior precision of the external terms: one over the torque's mean square."""
         return self.size / (self.power or 1.0)
 
-    def statistics(
-        self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE
-    ) -> Statistics:
+    def sums(self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE) -> Sums:
         """Return weighted sums over the band's frequencies, of the chosen features.
 
         Real and imaginary parts count separately. Each run has its own external terms. They are
@@ -350,15 +347,8 @@ class Record:
             powers.append(np.tile(np.maximum(power, 0.0), len(runs.torque)))
             number += 2 * runs.output.size
         nuisance = np.concatenate(mixed, axis=1)
-        return Statistics(
-            np.asfortranarray(gram[:-1, :-1]),
-            gram[-1, :-1],
-            float(gram[-1, -1]),
-            number,
-            nuisance[:-1],
-            nuisance[-1],
-            np.concatenate(powers),
-        )
+        moments = Moments(np.asfortranarray(gram[:-1, :-1]), *Moments.of(gram, number)[1:])
+        return Sums(moments, nuisance[:-1], nuisance[-1], np.concatenate(powers), self.weak_prior)
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

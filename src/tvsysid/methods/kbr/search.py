@@ -13,17 +13,11 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.methods.kbr.external import posterior_at
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Chosen, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
-from tvsysid.numerics.gaussian import (
-    Statistics,
-    log_evidence,
-    of_columns,
-    of_share,
-    unit_information,
-    without_nuisance,
-)
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.signals import Array, Ensemble
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
@@ -98,18 +92,17 @@ class Likelihood:
 
     .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
 
-    The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the
-    second makes it that under a unit-information prior on the constants
-    (:func:`tvsysid.numerics.gaussian.unit_information`); the third is a penalty for the settings
+    The first is the restricted likelihood; the second makes it that under a unit-information prior
+    on the constants (:func:`unit_information`); the third is a penalty for the settings
     that are fitted by maximum and not common to all models: M + 1 gammas, and a lag (L = 1) unless
     it is 0. Within an order and lag, the last two terms are constant.
 
-    ``statistics`` are those of N samples. The external terms are eliminated for about the ``noise``
-    variance, which also scales the prior of the constants. ``coefficient`` and ``harmonic`` are
-    those of each column. The ``fixed`` columns have no prior.
+    The ``moments`` are those of N samples. The external terms are integrated out for about the
+    ``noise`` variance, which also scales the prior of the constants. ``coefficient`` and
+    ``harmonic`` are those of each column. The ``fixed`` columns have no prior.
     """
 
-    statistics: Statistics
+    moments: Moments
     coefficient: NDArray[np.int64]
     harmonic: NDArray[np.int64]
     fixed: Chosen
@@ -133,9 +126,9 @@ class Likelihood:
         ``share`` is the effective fraction of independent samples.
         """
         coefficient, column = np.nonzero(kept)
-        statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
+        moments = record.sums(kernel, kept).marginal(noise).times(share)
         return cls(
-            of_share(statistics, share),
+            moments,
             coefficient,
             kernel.harmonic[column],
             column == 0,
@@ -148,7 +141,7 @@ class Likelihood:
         """Return the likelihood of the model without the higher derivatives."""
         mask = self.coefficient <= order
         columns = {name: getattr(self, name)[mask] for name in ("coefficient", "harmonic", "fixed")}
-        return attrs.evolve(self, statistics=of_columns(self.statistics, mask), **columns)
+        return attrs.evolve(self, moments=self.moments.take(mask), **columns)
 
     @property
     def order(self) -> int:
@@ -160,13 +153,13 @@ class Likelihood:
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
         variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
         with np.errstate(divide="ignore"):
-            strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
+            strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
         seen = self.fixed | (strength > math.log(FAINT))
         precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
+        found = posterior_at(self.moments.take(seen), precision, math.exp(theta[4]))
         by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
-        return found.value, np.array([by_length, *by_gamma, found.by_noise])
+        return found.log_evidence, np.array([by_length, *by_gamma, found.by_noise])
 
     def at(self, theta: Array, line: str) -> Tried:
         """Return these settings with the noise variance that suits them best."""
@@ -174,7 +167,7 @@ class Likelihood:
         for _ in range(NOISES):
             value, slope = self(place)
             # The curvature of the likelihood in a log variance is half the number of samples.
-            step = slope[4] / (0.5 * self.statistics.number)
+            step = slope[4] / (0.5 * self.moments.number)
             if abs(step) < 1e-4:
                 break
             place[4] = np.clip(place[4] + step, theta[4] - FAR, theta[4] + FAR)
@@ -195,7 +188,7 @@ class Likelihood:
         low[0], high[0] = lengths
         # Likelihood of white noise: subtracting it keeps the stopping rule independent of the
         # torque's unit.
-        usual = -0.5 * self.statistics.number * math.log(self.noise)
+        usual = -0.5 * self.moments.number * math.log(self.noise)
 
         def descent(place: Array) -> tuple[float, Array]:
             value, slope = self(place)
@@ -216,9 +209,32 @@ class Likelihood:
 
     def tried(self, theta: Array, value: float, line: str) -> Tried:
         """Return settings and their likelihood, made comparable across orders and lags."""
-        price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.statistics.number)
-        comparable = unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
+        price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.moments.number)
+        comparable = unit_information(self.moments.take(self.fixed), self.noise) - price
         return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)
+
+
+def unit_information(moments: Moments, noise: float) -> float:
+    r"""Return the log density of a unit-information prior of columns F at its mean.
+
+    The mean is the estimate from the data.
+
+    A restricted likelihood, in which the weights of F have unit density, is measured in their
+    units, and cannot be compared with one of other columns. Under a prior that tells as much of b
+    as one of the N numbers does under white noise of the variance :math:`\sigma_0^2`, one for all
+    models that are compared, it can:
+
+    .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F, \qquad
+              \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
+
+    As it is nearly flat where the likelihood is not small, the likelihood under it is the
+    restricted one times this density, to about f / (2 N) where columns with a prior cannot take
+    the place of F. What it costs to fit a constant is then half log N, as in Schwarz's criterion
+    (Kass & Wasserman 1995).
+    """
+    gram = np.tril(moments.gram) + np.tril(moments.gram, -1).T
+    power = math.log(math.pi * moments.number * noise)
+    return 0.5 * (float(np.linalg.slogdet(gram)[1]) - len(gram) * power)
 
 
 @attrs.frozen(eq=False)

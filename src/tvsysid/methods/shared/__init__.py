@@ -33,8 +33,8 @@ from tvsysid.methods.shared.residuals import (
 )
 from tvsysid.methods.shared.two_stage import truncated_at_threshold
 from tvsysid.models import IMPEDANCE, StandardError
-from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.gaussian import PRIORS, Moments, Regression
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.noise import autocovariance

@@ -1,0 +1,87 @@
+"""Fits beside a smooth external term, by the regressors or by instruments."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.numerics.test_gaussian import log_density, moments_of, proper_problem
+
+from tvsysid.methods.kbr.external import Sums, fit, instrumental, posterior_at
+
+
+def sums_of(columns, terms, output, prior):
+    powers = np.sum(terms**2, axis=0)
+    moments = moments_of(columns, output)
+    moments = moments._replace(gram=np.asfortranarray(np.tril(moments.gram)))
+    return Sums(moments, columns.T @ terms, terms.T @ output, powers, prior)
+
+
+def problem_with_terms(seed):
+    columns, output, precision = proper_problem(seed)
+    random = np.random.default_rng(seed)
+    orthonormal = np.linalg.qr(random.normal(size=(len(output), 3)))[0]
+    terms = orthonormal * random.uniform(0.5, 5, 3)
+    return columns, terms, output + terms @ random.normal(size=3), precision
+
+
+@given(seed=st.integers(0, 10**6), prior=st.floats(1e-3, 10.0))
+def test_the_fit_is_the_joint_one_at_the_noise_variance_of_its_residual(seed, prior):
+    columns, terms, output, precision = problem_with_terms(seed)
+    found = fit(sums_of(columns, terms, output, prior), precision)
+    noise, count = found.noise_variance, len(precision)
+    both = np.concatenate([columns, terms], axis=1)
+    inverse = np.linalg.inv(both.T @ both + noise * np.diag([*precision, *[prior] * 3]))
+    mean, covariance = inverse @ (both.T @ output), 0.5 * noise * inverse
+    residual, effective = output - both @ mean, np.trace(inverse @ both.T @ both)
+    spread = np.sqrt(np.diag(covariance))[:count]
+    assert np.abs((found.mean - mean[:count]) / spread).max() < 1e-4
+    np.testing.assert_allclose(
+        found.covariance / np.outer(spread, spread),
+        covariance[:count, :count] / np.outer(spread, spread),
+        atol=0.01,
+    )
+    assert found.effective == pytest.approx(effective, rel=2e-3)
+    shown = 2 * residual @ residual / (len(output) - effective)
+    assert noise == pytest.approx(shown, rel=1e-4)
+
+
+def test_the_marginal_evidence_is_that_of_terms_whose_prior_scales_with_the_noise():
+    columns, terms, output, precision = problem_with_terms(4)
+    prior, near = 0.6, 0.8
+    once = sums_of(columns, terms, output, prior).marginal(near)
+    constant = np.sum(np.log1p(np.sum(terms**2, axis=0) / (near * prior)))
+    both = np.concatenate([columns, terms], axis=1)
+    for noise in (0.5, near, 2.0):
+        precisions = 2 * np.append(precision, [prior * near / noise] * 3)
+        expected = log_density(both, output, precisions, 0.5 * noise)
+        found = posterior_at(once, precision, noise).log_evidence
+        assert found - 0.5 * constant == pytest.approx(expected, rel=1e-7)
+
+
+def test_noiseless_output_is_reproduced():
+    columns, terms, _, precision = problem_with_terms(5)
+    weights = np.arange(1.0, 8.0)
+    found = fit(sums_of(columns, terms, columns @ weights, 1.0), 0 * precision)
+    np.testing.assert_allclose(found.mean, weights, rtol=1e-5)
+
+
+def test_the_instrumental_fit_equals_its_equations(random):
+    x, noise = random.standard_normal((400, 3)) * [1, 100, 0.01], random.standard_normal(400)
+    z = x + 0.3 * random.standard_normal((400, 3)) * [1, 100, 0.01]
+    terms, _ = np.linalg.qr(random.standard_normal((400, 2)))
+    y = x @ [2, 0.03, 150] + terms @ [3, -1] + noise
+    precision, prior = np.array([0.0, 1e3, 1e-3]), 1e-2
+    found = instrumental(sums_of(np.hstack([x, z]), terms, y, prior), precision)
+    p, s = np.diag(precision), found.noise_variance
+    project = np.eye(400) - terms @ terms.T / (1 + s * prior)
+    inverse = np.linalg.inv(z.T @ project @ x + s * p)
+    np.testing.assert_allclose(found.mean, inverse @ z.T @ project @ y, rtol=1e-3)
+    left = y - x @ found.mean
+    left -= terms @ (terms.T @ left) / (1 + s * prior)
+    assert s == pytest.approx(2 * left @ left / (400 - found.effective), rel=3e-3)
+    covariance = 0.5 * s * inverse @ (z.T @ project @ z + s * p) @ inverse.T
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-2)
+    plain = fit(sums_of(x, terms, y, prior), precision)
+    same = instrumental(sums_of(np.hstack([x, x]), terms, y, prior), precision)
+    np.testing.assert_allclose(same.mean, plain.mean, rtol=1e-4)
+    np.testing.assert_allclose(same.covariance, plain.covariance, rtol=5e-3, atol=1e-9)

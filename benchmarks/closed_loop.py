@@ -170,8 +170,7 @@ def table(scenario: Scenario, duration: float, trials: int, methods: list[str]) 
     )
     shown = Table(
         title=f"{scenario.profile} on {load}, noise below {scenario.noise_hz:g} Hz at "
-        f"{scenario.snr_db:g} dB, "
-        f"{duration:g} s, {trials} trials"
+        f"{scenario.snr_db:g} dB, {duration:g} s, {trials} trials"
     )
     shown.add_column("method")
     for column in (

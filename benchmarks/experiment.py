@@ -67,8 +67,7 @@ def main() -> None:
     console.print(table)
     console.print(
         f"{seconds:.1f} s from start to end, {preparing:.1f} s of them for the recordings; peak "
-        "memory "
-        f"{peak[0] / 2**20:,.0f} MiB\n",
+        f"memory {peak[0] / 2**20:,.0f} MiB\n",
         highlight=False,
     )
     console.print(moments_table(prepared[0].ensemble))

@@ -90,8 +90,7 @@ def main() -> None:
             inside = np.count_nonzero(np.abs(values) <= 15)
             console.print(
                 f"{name}: {inside} of {values.size} within 15 %, the largest "
-                f"{np.abs(values).max():.0f} %, "
-                f"in the mean {values.mean():+.1f} %"
+                f"{np.abs(values).max():.0f} %, in the mean {values.mean():+.1f} %"
             )
 
 

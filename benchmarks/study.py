@@ -41,9 +41,8 @@ def main() -> None:
         simulated = float(results.duration_s.sum()) * study.trials
         console.print(
             f"{seconds:.1f} s, {simulated / seconds:,.0f} simulated seconds per second, "
-            f"{first / seconds:.2f} x as "
-            f"fast as with {chosen.workers[0]} process(es); peak memory {memory / 2**20:,.0f} "
-            f"MiB\n",
+            f"{first / seconds:.2f} x as fast as with {chosen.workers[0]} process(es); peak memory "
+            f"{memory / 2**20:,.0f} MiB\n",
             highlight=False,
         )
 

@@ -359,8 +359,8 @@ class Model:
         return (
             f"{type(self).__name__}({self.method}: stiffness {span} over "
             f"{len(self.time) / self.sampling_rate:g} s, identified at {known.size} of "
-            f"{len(self.time)} samples, {self.diagnostics.parameters:.3g} effective parameters)"
-            f"{warned}"
+            f"{len(self.time)} samples, {self.diagnostics.parameters:.3g} effective "
+            f"parameters){warned}"
         )
 
     def plot(self, title: str = "") -> Figure:

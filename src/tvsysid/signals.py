@@ -297,8 +297,8 @@ class Ensemble(Signals):
         plural = "s" * (len(self) != 1)
         return (
             f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at "
-            f"{self.sampling_rate:g} Hz, context {self.context / self.sampling_rate:g} s"
-            f"{left_out}; {self._magnitudes()})"
+            f"{self.sampling_rate:g} Hz, context {self.context / self.sampling_rate:g} "
+            f"s{left_out}; {self._magnitudes()})"
         )
 
     @property

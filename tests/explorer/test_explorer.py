@@ -189,9 +189,8 @@ def test_a_command_has_what_differs_from_the_defaults():
         angle="1", torque="2", sampling_rate=500, header=False, start=-0.5, channels={"emg": "3"}
     )
     assert command(Settings(SourceFile("a.csv", reading), Cutting(period=1.5))) == (
-        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 "
-        "--no-header --start -0.5 --period 1.5 "
-        "--method adaptive"
+        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 --no-header "
+        "--start -0.5 --period 1.5 --method adaptive"
     )
 
 

@@ -30,7 +30,7 @@ def test_descriptions_hold_the_main_figures(results, summary):
     text = study_figures(results, summary)["comparison-square-prbs"].description
     assert (
         f"bias error {values.bias_error:.3g} N·m/rad, random error {values.random_error:.3g} "
-        f"N·m/rad" in text
+        "N·m/rad" in text
     )
     assert f"rise time {values.rise_time:.3g} s" in text
     assert "mean and two standard deviations over 6 trials" in text

@@ -75,9 +75,8 @@ def test_a_paragraph_is_ready_to_paste(elements, identified):
     assert f"version {tv.__version__}" in told
     assert (
         "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 "
-        "Hz, were cut into 60 "
-        "realizations of 2 s with 0.5 s of context on either side; 2 realizations too near the ends"
-        in told
+        "Hz, were cut into 60 realizations of 2 s with 0.5 s of context on either side; 2 "
+        "realizations too near the ends" in told
     )
     assert (
         "short data segments (sds: max_lag=0.12, window=0.1; Ludvig and Perreault, 2012; van de "
@@ -152,8 +151,8 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
         "by "
     )
     assert (
-        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of "
-        "stiffness cancel out" in told
+        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness "
+        "cancel out" in told
     )
     tv.report.write_identification(tmp_path / "report.html", account)
     page = Elements((tmp_path / "report.html").read_text())

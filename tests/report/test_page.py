@@ -152,7 +152,7 @@ def test_outcome_says_who_is_best_and_how_surely(study):
     first, second, third = outcome(results, summary, claims())
     assert (
         f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} "
-        f"N·m/rad)" in first
+        "N·m/rad)" in first
     )
     assert second.startswith("Lowest total error: ")
     assert (

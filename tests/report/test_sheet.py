@@ -21,7 +21,7 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
         mean = f"{model.stiffness.mean():.1f} ± {(upper - lower).mean() / 2:.1f}"
         assert (
             f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} "
-            f"at " in told
+            "at " in told
         )
     # The held-out VAF is unknown, and the data have no fault
     assert told.endswith("–none none")

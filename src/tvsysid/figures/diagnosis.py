@@ -61,23 +61,20 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
     ]
     sentences = [
         "Power of the angle over frequency, 95 % of it below "
-        f"{measures['bandwidth of the angle']}, and the band from "
-        f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}.",
+        f"{measures['bandwidth of the angle']}, and the band from {LOWEST:g} Hz to the joint's "
+        f"natural frequency of {measures['natural frequency']}.",
         "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they "
-        "explain "
-        f"{measures['explained torque']}.",
+        f"explain {measures['explained torque']}.",
         "Coherence of torque and angle over time and frequency, median "
-        f"{float(np.median(inside)):.2f} up to "
-        f"{SHOWN:g} Hz.",
+        f"{float(np.median(inside)):.2f} up to {SHOWN:g} Hz.",
         f"Stiffness over time in the first half of the experiment and in the second ({drift}).",
         f"Stiffness of each realization over what is usual, from {curves.stiffness.min():.2f} to "
         f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to "
         f"{curves.noise.max():.2f}.",
         f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the "
-        "speed, largest "
-        f"{farthest[1]}; by chance 95 % of them lie below {float(curves.chance):.2f}, the grey "
-        "band. What is beyond it "
-        "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
+        f"speed, largest {farthest[1]}; by chance 95 % of them lie below "
+        f"{float(curves.chance):.2f}, the grey band. What is beyond it at positive lags is a "
+        "reflex, a slow answer or a delay, at negative ones feedback.",
     ]
     return Illustration(
         partial(diagnosis_panels, diagnosis, name), f"What was seen in {name}", " ".join(sentences)

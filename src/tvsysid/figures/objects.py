@@ -66,8 +66,7 @@ def plot(shown: Any, title: str = "") -> Figure:
         )
     raise InputError(
         "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, "
-        "evidence, plan or results of "
-        f"a study, got {type(shown).__name__}"
+        f"evidence, plan or results of a study, got {type(shown).__name__}"
     )
 
 

@@ -124,8 +124,8 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     perturbations = unique(chosen.perturbation.values)
     if not perturbations:
         raise InputError(
-            f"participant_in_detail: there is no participant {participant!r}; "
-            f"there are {', '.join(unique(results.participant.values))}"
+            f"participant_in_detail: there is no participant {participant!r}; there are "
+            f"{', '.join(unique(results.participant.values))}"
         )
     labels = {
         (_words(perturbation) if len(perturbations) > 1 else ""): str(

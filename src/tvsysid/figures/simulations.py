@@ -58,8 +58,7 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     if len(several) > 1:
         raise InputError(
             "error_against_amount: durations and signal-to-noise ratios both vary; give the rows "
-            "of one duration or "
-            "of one ratio"
+            "of one duration or of one ratio"
         )
     amount = several[0] if several else "duration_s"
     rows = summary[np.isfinite(summary[amount])]

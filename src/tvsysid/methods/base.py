@@ -257,8 +257,8 @@ def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
     if both := [item.name for item in every if item.kind == "scheduling" and item.name in found]:
         raise InputError(
             f"channel {both[0]!r} keeps its mean for one method (scheduling variable) and loses it "
-            "for another (input or reference); use one method at a time, or read the channel "
-            "under two names"
+            "for another (input or reference); use one method at a time, or read the channel under "
+            "two names"
         )
     return tuple(found)
 
@@ -267,15 +267,15 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
     """Raise for anything but an ensemble with signals that the method can identify."""
     if not isinstance(ensemble, Ensemble):
         raise InputError(
-            f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
-            "cut a Recording with tvsysid.preprocess.segment"
+            f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
+            "tvsysid.preprocess.segment"
         )
     for name in ("angle", "torque"):
         values = np.abs(ensemble.signal(name))
         if values[:, ensemble.core].max() <= ROUNDING * values.max():
             raise InputError(
-                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, "
-                "or is this the right channel?"
+                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, or "
+                "is this the right channel?"
             )
     if reason := reason_to_skip(method, ensemble):
         raise SkippedError(f"{type(method).__name__}: {reason}")
@@ -286,8 +286,8 @@ def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
     name = type(method).__name__
     if not isinstance(model, Model):
         raise InputError(
-            f"{name}: fit returned an object of type {type(model).__name__}; "
-            "return tvsysid.Model.of(ensemble, stiffness, viscosity, inertia)"
+            f"{name}: fit returned an object of type {type(model).__name__}; return "
+            "tvsysid.Model.of(ensemble, stiffness, viscosity, inertia)"
         )
     lengths = {"realization": len(ensemble), "time": ensemble.samples}
     lengths |= {axis: len(values) for axis, values in model.coordinates.items()}
@@ -357,8 +357,8 @@ def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[
     if agreement + CERTAIN * error < MIN_AGREEMENT:
         yield (
             f"inertia, viscosity and stiffness explain only {agreement:.0f} % of the torque that "
-            "depends on the angle: the joint is not of second order, so viscosity and inertia "
-            "mean nothing; look at the impulse response (eirf, sds; in models.nc, in Python "
+            "depends on the angle: the joint is not of second order, so viscosity and inertia mean "
+            "nothing; look at the impulse response (eirf, sds; in models.nc, in Python "
             "model.impulse_response)"
         )
     if method.time_invariant and changes(ensemble):

@@ -100,10 +100,9 @@ class SkirtDecomposition(base.Method):
             share = 1 - float(np.sum((angle - waves.real.sum(axis=0)) ** 2) / np.sum(angle**2))
         if share < LINES:
             return (
-                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of "
-                "it, and "
-                f"{100 * LINES:g} % are needed; perturb with some sines of fixed frequencies and "
-                "impose the angle"
+                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of it, "
+                f"and {100 * LINES:g} % are needed; perturb with some sines of fixed frequencies "
+                "and impose the angle"
             )
         if lines.size < 2:
             return (
@@ -112,10 +111,8 @@ class SkirtDecomposition(base.Method):
         if (self.harmonics or 0) > _most_harmonics(lines, ensemble):
             return (
                 f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a "
-                "change of "
-                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice "
-                "as far apart or "
-                "further; give fewer harmonics"
+                f"change of {self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs "
+                "lines twice as far apart or further; give fewer harmonics"
             )
         return None
 
@@ -149,9 +146,8 @@ class SkirtDecomposition(base.Method):
             )
             warned = (
                 f"the torque has {found}, where the impedance that is fitted changes by {chosen} "
-                "harmonics, which no "
-                "band counts: it changes faster, or is not of second order; give more harmonics, "
-                "or use kbr",
+                "harmonics, which no band counts: it changes faster, or is not of second order; "
+                "give more harmonics, or use kbr",
             )
         count, covariance = features.shape[1], posterior.covariance
         expansions = (features, features, np.ones((ensemble.samples, 1)))

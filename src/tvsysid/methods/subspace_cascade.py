@@ -136,10 +136,8 @@ class SubspaceCascade(Method):
         if not (self.order or 1) < depth <= LARGEST_HORIZON:
             return (
                 f"its horizon of {self.horizon:g} s has {depth} samples at {rate:g} Hz; expected "
-                "more than the "
-                f"{self.order or 1} of the order and {LARGEST_HORIZON} at most; change the "
-                "horizon, or decimate to "
-                "some 100 Hz"
+                f"more than the {self.order or 1} of the order and {LARGEST_HORIZON} at most; "
+                "change the horizon, or decimate to some 100 Hz"
             )
         edges = 2 * missing_edge(whole_samples(self.delay, ensemble), ensemble)
         lengths = [len(run) * ensemble.samples - edges for run in ensemble.runs]
@@ -148,18 +146,16 @@ class SubspaceCascade(Method):
         if rows <= needed:
             return (
                 f"it needs stretches of record longer than two horizons ({2 * self.horizon:g} s), "
-                "with "
-                f"{needed / rate:.3g} s together beyond that; got {len(lengths)} of up to "
-                f"{max(lengths) / rate:.3g} s, "
-                f"with {rows / rate:.3g} s; give longer or more realizations, fewer terms or a "
-                "shorter horizon"
+                f"with {needed / rate:.3g} s together beyond that; got {len(lengths)} of up to "
+                f"{max(lengths) / rate:.3g} s, with {rows / rate:.3g} s; give longer or more "
+                "realizations, fewer terms or a shorter horizon"
             )
         held = len(ensemble) * whole_samples(self.window or ensemble.duration, ensemble)
         if held < self._fewest():
             return (
                 f"a window of {self.window:g} s holds {held} samples of {len(ensemble)} "
-                "realizations, it needs "
-                f"{self._fewest()}; give a longer window, more realizations or fewer terms"
+                f"realizations, it needs {self._fewest()}; give a longer window, more realizations "
+                "or fewer terms"
             )
         return None
 
@@ -270,9 +266,8 @@ class SubspaceCascade(Method):
         if not known:
             raise InputError(
                 "SubspaceCascade: in no window the velocity is known as long before as the reflex "
-                "lasts, some "
-                f"{MEMORY:g} s; give realizations that follow each other, more context, or "
-                "window=None"
+                f"lasts, some {MEMORY:g} s; give realizations that follow each other, more "
+                "context, or window=None"
             )
         lasts = max(
             lasting(fit.reflex.impulse_response(whole_samples(MEMORY, ensemble))) for fit in known

@@ -15,11 +15,9 @@ if TYPE_CHECKING:
 NOTABLE, CERTAIN = 5.0, 2.0
 REMEDY = (
     "The shift that fits the target best answers to the perturbation too, and takes a part of its "
-    "response away. With "
-    "reference = false under [preparation] in the study file (reference=None in Python) nothing "
-    "is shifted, nor "
-    "excluded for its shift; compare with that. kbr takes the time of the target, which the shift "
-    "does not touch."
+    "response away. With reference = false under [preparation] in the study file (reference=None "
+    "in Python) nothing is shifted, nor excluded for its shift; compare with that. kbr takes the "
+    "time of the target, which the shift does not touch."
 )
 
 
@@ -40,11 +38,9 @@ def sentence(table: pd.DataFrame) -> str:
     error = float(np.sqrt(np.sum(table.standard_error**2))) / len(table)
     several = f" in the mean of {len(table)} recordings" if len(table) > 1 else ""
     text = (
-        f"Aligning realizations to the target changes the stiffness by {aligned - unshifted:.1f} "
-        f"± {error:.1f} N·m/rad "
-        f"({100 * (aligned / unshifted - 1):.0f} %){several}: {aligned:.1f} instead of "
-        f"{unshifted:.1f}, by sds from "
-        "all that were kept."
+        f"Aligning realizations to the target changes the stiffness by {aligned - unshifted:.1f} ± "
+        f"{error:.1f} N·m/rad ({100 * (aligned / unshifted - 1):.0f} %){several}: {aligned:.1f} "
+        f"instead of {unshifted:.1f}, by sds from all that were kept."
     )
     return text.replace("-", "−")
 
@@ -53,8 +49,8 @@ def alignment_table(table: pd.DataFrame) -> page.Table:
     """Return a table of the effect of the alignment on each recording."""
     caption = (
         "Mean stiffness over time of the realizations that were kept, identified by sds with the "
-        "shifts that align "
-        f"them to the target and as they were recorded; after ± stands one standard error. {REMEDY}"
+        "shifts that align them to the target and as they were recorded; after ± stands one "
+        f"standard error. {REMEDY}"
     )
     unit = "N·m/rad"
     columns = [

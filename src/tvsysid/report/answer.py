@@ -113,8 +113,7 @@ def answer(account: Account) -> list[str]:
     )
     lines.append(
         f"{'over time:' if lines else f'{stated}: stiffness'} {known.min():.1f} to "
-        f"{known.max():.1f} N·m/rad, "
-        f"{known.mean():.1f} on average, "
+        f"{known.max():.1f} N·m/rad, {known.mean():.1f} on average, "
         f"{f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
     )
     return [*lines, *trust.reasons, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
@@ -182,8 +181,7 @@ def why_leading(account: Account) -> str:
         if isinstance(found.models[label], AdaptiveModel):
             why = (
                 "it has no settings that could be chosen wrongly, and its band counts how unsure "
-                "it is of how fast "
-                "stiffness changes, and of when it switches"
+                "it is of how fast stiffness changes, and of when it switches"
             )
         else:
             why = found.recommendation.why
@@ -197,8 +195,8 @@ def why_leading(account: Account) -> str:
     if len(found.models) == 1:
         return f"{''.join(reasons)}{label} is the only method that was used."
     return (
-        f"{''.join(reasons)}{label} comes first among the methods that were asked for; the "
-        "data did not choose it."
+        f"{''.join(reasons)}{label} comes first among the methods that were asked for; the data "
+        "did not choose it."
     )
 
 

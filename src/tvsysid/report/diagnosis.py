@@ -16,13 +16,10 @@ from tvsysid.report import page
 
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 HOW = (
-    "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to "
-    "the deviations from the "
-    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals "
-    "feedback and lost "
-    "signals; how both vary over realizations reveals drift and misalignment. Models with and "
-    "without one, judged by "
-    "what they predict, reveal reflexes."
+    "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to the "
+    "deviations from the mean over realizations. The fit reveals wrong units, signs and rates; its "
+    "residual reveals feedback and lost signals; how both vary over realizations reveals drift and "
+    "misalignment. Models with and without one, judged by what they predict, reveal reflexes."
 )
 FOUND = page.columns(
     {
@@ -146,8 +143,8 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         "significant (p < 0.00001)."
     )
     values = (
-        f"Useful values about {name}; its impedance is taken as constant over time, and "
-        "fitted by least squares."
+        f"Useful values about {name}; its impedance is taken as constant over time, and fitted by "
+        "least squares."
     )
     return [
         page.Heading(name, anchor),

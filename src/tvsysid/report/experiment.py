@@ -44,9 +44,8 @@ COUNTS = {
     "survivors": "kept",
 }
 CLAIMS = (
-    "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show "
-    "it. Estimate and limits "
-    "(95 %) are those of the value that decides."
+    "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show it. "
+    "Estimate and limits (95 %) are those of the value that decides."
 )
 KNOWN = {
     "all": "The participants are virtual: their true stiffness is known.",
@@ -92,8 +91,7 @@ def write_experiment_report(
     done = (
         f"{recorded} of {participants}; {methods} with one or more amounts of data, "
         f"{count(results.sizes['bootstrap'], 'bootstrap')} each; "
-        f"{count(draws.size, 'identification')} in all, "
-        f"of which {failed or 'none'} failed."
+        f"{count(draws.size, 'identification')} in all, of which {failed or 'none'} failed."
     )
     shown = {stem: each for stem, each in pictures.items() if stem not in DETAILS}
     details = {stem: each for stem, each in pictures.items() if stem in DETAILS}
@@ -142,8 +140,8 @@ def write_experiment_report(
             command,
             f'results.estimate.sel(quantity="stiffness", recording="{first}", '
             f'analysis="{smallest}")  # N·m/rad',
-            same="The same files, settings and version give the same numbers, except for "
-            "computing times.",
+            same="The same files, settings and version give the same numbers, except for computing "
+            "times.",
         ),
     ]
     title = f"Time-varying joint stiffness of {participants}"
@@ -155,8 +153,7 @@ def _definitions(known: bool, several: bool) -> str:
     """Explain the numbers."""
     bias = (
         " Bias is the mean estimate over bootstraps minus the true stiffness: bias error is its "
-        "root mean square over "
-        "time, mean bias its mean over time."
+        "root mean square over time, mean bias its mean over time."
     )
     return (
         "A bootstrap draws realizations with replacement from those that were kept. Random error "
@@ -274,12 +271,10 @@ def recordings(
             paper.append(page.Row([f"the paper’s, {name}", "10", "", *theirs, ""], total=True))
     caption = (
         "What became of the realizations of each recording. Excluded are those whose alignment to "
-        "the torque to be "
-        "followed takes too large a shift, and those whose component at the task’s frequency or "
-        "whose low-passed "
-        "residual differs too much from the others’. Shifts are those of the realizations kept, "
-        "mean ± standard "
-        "deviation, positive where the torque came late."
+        "the torque to be followed takes too large a shift, and those whose component at the "
+        "task’s frequency or whose low-passed residual differs too much from the others’. Shifts "
+        "are those of the realizations kept, mean ± standard deviation, positive where the torque "
+        "came late."
     )
     headings = ("trials", "trials left out", *COUNTS.values())
     columns = [
@@ -335,8 +330,8 @@ def outcome(
             else ""
         )
         sentences.append(
-            f"With {perturbation_name(perturbation)}, {kept} of {of} realizations were kept{paper}."
-            f"{_extremes(summary[summary.perturbation == perturbation])}"
+            f"With {perturbation_name(perturbation)}, {kept} of {of} realizations were "
+            f"kept{paper}.{_extremes(summary[summary.perturbation == perturbation])}"
         )
     return [*sentences, *sections.verdicts(claims)]
 

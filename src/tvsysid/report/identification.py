@@ -40,27 +40,21 @@ from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, se
 
 BAND = (
     "At each time, the true value should lie in the band with a probability of 95 %. The band "
-    "counts noise, and "
-    "nothing that the method smooths away."
+    "counts noise, and nothing that the method smooths away."
 )
 ADAPTIVE_BAND = (
     "At each time, the true value should lie in the band with a probability of 95 %. The band "
-    "counts noise, and how "
-    "unsure the method is of how fast stiffness changes and of when it switches."
+    "counts noise, and how unsure the method is of how fast stiffness changes and of when it "
+    "switches."
 )
 VAF = (
-    "VAF is the share of the torque’s variance that a model predicts; a prediction worse than "
-    "none counts as 0. In "
-    "sample, it is that of the data that the model was identified from, and rises with every "
-    "parameter, whatever it "
-    "means. Held out, it is that of realizations that the model was not identified from: compare "
-    "methods by this one. "
-    "For this, adaptive keeps the smooth part and the number of switches that it found in all "
-    "realizations, and fits "
-    "their amplitudes and places anew. "
-    "Noise of the torque, which nothing predicts, keeps both below 100 %. A high VAF does not "
-    "make a stiffness right: "
-    "a reflex that is taken for stiffness is predicted too."
+    "VAF is the share of the torque’s variance that a model predicts; a prediction worse than none "
+    "counts as 0. In sample, it is that of the data that the model was identified from, and rises "
+    "with every parameter, whatever it means. Held out, it is that of realizations that the model "
+    "was not identified from: compare methods by this one. For this, adaptive keeps the smooth "
+    "part and the number of switches that it found in all realizations, and fits their amplitudes "
+    "and places anew. Noise of the torque, which nothing predicts, keeps both below 100 %. A high "
+    "VAF does not make a stiffness right: a reflex that is taken for stiffness is predicted too."
 )
 
 
@@ -136,8 +130,8 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     if not variable or withdrawn:
         return drawn
     text = (
-        f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was "
-        "near each of its values."
+        f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near "
+        "each of its values."
     )
     picture = partial(scheduled_estimates, found.models, found.ensemble, variable)
     return {
@@ -226,8 +220,8 @@ def _quantities(account: Account) -> list[page.Block]:
             page.Row((name.replace("_", " "), unit, page.number(mean_of(values)), half, *ends))
         )
     caption = (
-        f"By {label}: mean over time, half width of the pointwise 95 % band (also its "
-        "mean), and both extremes."
+        f"By {label}: mean over time, half width of the pointwise 95 % band (also its mean), and "
+        "both extremes."
     )
     columns = [page.Column("quantity"), page.Column("unit")]
     columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±")]
@@ -328,8 +322,7 @@ def _diagnosed(account: Account) -> page.Section:
     )
     blocks.append(
         f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the "
-        "recorded rate, where "
-        "clipped and lost signals show better, and draws what it sees."
+        "recorded rate, where clipped and lost signals show better, and draws what it sees."
     )
     return page.Section("diagnosis", title, blocks, contents="Diagnosis")
 
@@ -349,8 +342,8 @@ def _suited(account: Account) -> page.Section:
     ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
     caption = (
-        "What was measured in the data; nothing where it is not shown, or cannot be told "
-        "from these data."
+        "What was measured in the data; nothing where it is not shown, or cannot be told from "
+        "these data."
     )
     lines = [sentence(each) for each in (*suited.objections, *suited.caveats)]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
@@ -489,8 +482,7 @@ def _paragraph(account: Account) -> list[page.Section]:
         return []
     blocks: list[page.Block] = [
         "For the methods section of a paper. Numbers and settings are those of this "
-        "identification; say yourself who "
-        "was measured, with which apparatus, doing what.",
+        "identification; say yourself who was measured, with which apparatus, doing what.",
         page.Box([methods_paragraph(account)]),
         "The publications cited, as BibTeX:",
         page.Code("BibTeX", methods_bibliography(account)),
@@ -512,9 +504,8 @@ def _again(command: str) -> page.Section:
         'xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
     )
     blocks += [
-        "All estimates with their standard errors and bands are in models.nc beside this page, "
-        "and over time in "
-        "stiffness.csv. To read them in Python:",
+        "All estimates with their standard errors and bands are in models.nc beside this page, and "
+        "over time in stiffness.csv. To read them in Python:",
         page.Code("Reading the results", reading),
     ]
     return page.Section("again", "How to repeat it", blocks)

@@ -30,8 +30,8 @@ def methods_paragraph(account: Account) -> str:
     )
     sentences = [
         "Joint impedance was identified from a perturbation experiment with the software tvsysid, "
-        "version "
-        f"{__version__} (the tvsysid developers; see {cited(['vanderuit2021']).strip('()')}).",
+        f"version {__version__} (the tvsysid developers; see "
+        f"{cited(['vanderuit2021']).strip('()')}).",
         *_data(found.ensemble),
         *([f"When the file was read, {' and '.join(account.turned)}."] if account.turned else []),
         *_perturbation(account),
@@ -87,14 +87,12 @@ def _data(ensemble: Ensemble) -> list[str]:
     lowered = f", low-pass filtered and decimated to {rate:g} Hz" if ratio > 1 else ""
     cut = (
         f"Angle and torque, recorded at {rate * ratio:g} Hz in {count(trials, 'trial')}{lowered}, "
-        "were cut into "
-        f"{count(len(ensemble), 'realization')} of {ensemble.duration:g} s with "
-        f"{ensemble.context / rate:g} s of "
-        "context on either side"
+        f"were cut into {count(len(ensemble), 'realization')} of {ensemble.duration:g} s with "
+        f"{ensemble.context / rate:g} s of context on either side"
     )
     lost = (
-        f"; {count(ensemble.left_out, 'realization')} too near the ends of a trial for the "
-        "context were left out"
+        f"; {count(ensemble.left_out, 'realization')} too near the ends of a trial for the context "
+        "were left out"
     )
     sentences = [f"{cut}{lost if ensemble.left_out else ''}."]
     if ensemble.delay_removed:
@@ -117,8 +115,7 @@ def _perturbation(account: Account) -> list[str]:
     )
     return [
         f"What remained of the angle, the perturbation, had {rms:.3g} rad RMS and 95 % of its "
-        f"power below {width:.3g} "
-        "Hz."
+        f"power below {width:.3g} Hz."
     ]
 
 
@@ -141,9 +138,8 @@ def _pathways(account: Account, label: str) -> list[str]:
         share = negative_reflex(account.found.models[label])
         intrinsic = (
             "A stretch reflex was modelled beside this stiffness, but its gain was negative over "
-            f"{share}, as no "
-            "stretch reflex's is: the difference from methods with one pathway is an uncertainty "
-            "of this estimate."
+            f"{share}, as no stretch reflex's is: the difference from methods with one pathway is "
+            "an uncertainty of this estimate."
             if share
             else "This stiffness is the intrinsic one: a stretch reflex was estimated beside it."
         )
@@ -174,8 +170,7 @@ def _results(account: Account, label: str) -> list[str]:
     band = mean_of(upper - lower) / 2
     sentences = [
         f"By {label}, stiffness was {known.mean():.1f} N·m/rad on average over time, from "
-        f"{known.min():.1f} to "
-        f"{known.max():.1f}"
+        f"{known.min():.1f} to {known.max():.1f}"
         + (
             f" (half width of the pointwise 95 % band {band:.1f} on average)."
             if np.isfinite(band)
@@ -188,12 +183,12 @@ def _results(account: Account, label: str) -> list[str]:
         folds = f" ({count_of} folds of consecutive realizations)" if count_of > 1 else ""
         sentences.append(
             f"It accounted for {held_out:.1f} % of the variance of the torque in "
-            f"{account.where_held_out} that it was "
-            f"not identified from{folds}, and for {inside:.1f} % in what it was."
+            f"{account.where_held_out} that it was not identified from{folds}, and for "
+            f"{inside:.1f} % in what it was."
         )
     elif np.isfinite(inside):
         sentences.append(
-            f"It accounted for {inside:.1f} % of the variance of the torque that it was "
-            "identified from."
+            f"It accounted for {inside:.1f} % of the variance of the torque that it was identified "
+            "from."
         )
     return sentences

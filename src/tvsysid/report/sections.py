@@ -223,8 +223,8 @@ def again_section(command: str, selection: str, toml: str = "", same: str = "") 
         blocks += ["This command made the page:", Code("Command", command)]
     if toml:
         again = (
-            "The study as TOML. The same settings and version give the same numbers, except "
-            "for computing times:"
+            "The study as TOML. The same settings and version give the same numbers, except for "
+            "computing times:"
         )
         blocks += [again, Code("Study as TOML", toml)]
     if same:

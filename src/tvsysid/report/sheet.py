@@ -29,11 +29,10 @@ BY_HAND = (
     "____________________"
 )
 NOTE = (
-    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up "
-    "or told to hold the "
-    "joint. No test was made of whether visits differ. VAF is the share of the torque’s variance "
-    "that is predicted in "
-    "realizations held out. Of the faults, report.html beside each result says what they do."
+    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up or "
+    "told to hold the joint. No test was made of whether visits differ. VAF is the share of the "
+    "torque’s variance that is predicted in realizations held out. Of the faults, report.html "
+    "beside each result says what they do."
 )
 
 

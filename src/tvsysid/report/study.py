@@ -69,25 +69,19 @@ TRAIT_COLUMNS = {
 USUAL = {"profile": "square", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
 METRICS = (
     "Bias is the error of the mean estimate over trials, random error the spread about that mean, "
-    "and total error both "
-    "together. The mean of a finite number of trials still varies; the claims compare the bias "
-    "without that part. Rise "
-    "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the "
-    "share of the "
-    "noiseless torque that the identified model predicts. “In 95 % band” is the share of times "
-    "and trials at which the "
+    "and total error both together. The mean of a finite number of trials still varies; the claims "
+    "compare the bias without that part. Rise time is the time from 10 to 90 % of a step in "
+    "stiffness. VAF (variance accounted for) is the share of the noiseless torque that the "
+    "identified model predicts. “In 95 % band” is the share of times and trials at which the "
     "method’s own band holds the true stiffness: a band covers noise, not what a method smooths "
-    "away, so it misses the "
-    "truth near a switch. “Error of reflex gain” is its total error; the VAF of a pathway is that "
-    "of its own torque. "
-    "The value after ± is one standard error of the Monte-Carlo estimate."
+    "away, so it misses the truth near a switch. “Error of reflex gain” is its total error; the "
+    "VAF of a pathway is that of its own torque. The value after ± is one standard error of the "
+    "Monte-Carlo estimate."
 )
 CLAIMS = (
     "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 "
-    "%) are those of the "
-    "comparison that decides: a difference above 0 or a ratio above 1 speaks for the claim. For "
-    "“does not hold” the "
-    "confidence is 95 % for all comparisons together."
+    "%) are those of the comparison that decides: a difference above 0 or a ratio above 1 speaks "
+    "for the claim. For “does not hold” the confidence is 95 % for all comparisons together."
 )
 
 
@@ -130,8 +124,8 @@ def write_report(
     )
     done = (
         f"{methods} identified the same simulated data: {scenarios} with "
-        f"{count(sizes['trial'], 'trial')} each, "
-        f"{count(tried, 'identification')} in all, of which {failed or 'none'} failed."
+        f"{count(sizes['trial'], 'trial')} each, {count(tried, 'identification')} in all, of which "
+        f"{failed or 'none'} failed."
     )
     # A system of one's own may have a stiffness that nobody can set.
     unused = [name for name in ("profile", "viscosity") if (results[name] == OWN).all()]
@@ -161,8 +155,8 @@ def write_report(
     ]
     title = "Comparison of time-varying identification methods"
     subtitle = (
-        f"How well {methods} found the stiffness of a simulated joint, whose true "
-        "stiffness is known."
+        f"How well {methods} found the stiffness of a simulated joint, whose true stiffness is "
+        "known."
     )
     page.write_page(path, page.Page(title, subtitle, parts, sections.version_of(results)))
 
@@ -213,8 +207,7 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
     shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
     caption = (
         "Metrics of each method, value ± standard error; the lowest total error comes first in "
-        "each scenario. Click a "
-        f"heading to sort.{f' The same in all: {shared}.' if shared else ''}"
+        f"each scenario. Click a heading to sort.{f' The same in all: {shared}.' if shared else ''}"
     )
     columns = [
         page.Column("method", kind="label"),

@@ -118,8 +118,8 @@ def fitted(
     if samples < FEWEST * lowest:
         raise InputError(
             f"{samples} samples, at which all lags and the reflex's memory were recorded, are too "
-            f"few for {lowest} "
-            "coefficients; give a longer record, more context, a lower order or a shorter memory"
+            f"few for {lowest} coefficients; give a longer record, more context, a lower order or "
+            "a shorter memory"
         )
     moments, tried = _moments(rows), dict[tuple[int, int], Array]()
 

@@ -80,8 +80,8 @@ class Scheduled(base.Method):
         values = ensemble.signal(self.variable)[:, ensemble.core]
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             return (
-                f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only "
-                "follow what changes"
+                f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow "
+                "what changes"
             )
         before = base.whole_samples(self.delay, ensemble) + base.whole_samples(
             self.memory, ensemble
@@ -93,8 +93,8 @@ class Scheduled(base.Method):
         ):
             return (
                 f"less than half of the samples have {self.delay + self.memory:g} s recorded "
-                "before them, as long as "
-                "the reflex's response; cut with more context (--context), or shorten memory"
+                "before them, as long as the reflex's response; cut with more context (--context), "
+                "or shorten memory"
             )
         return None
 
@@ -361,27 +361,25 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
             if share > ALONE and beyond.max() > FAR * (high - low):
                 yield (
                     f"{name} is {words} {limit:.3g} in the {ORDINALS[number]} of {FOLDS} parts of "
-                    "the record only, for "
-                    f"{100 * share:.0f} % of it: nothing else says how the joint is there"
+                    f"the record only, for {100 * share:.0f} % of it: nothing else says how the "
+                    "joint is there"
                 )
     if details["vaf"] - details["vaf_folds"] > LOST:
         yield (
             f"of the torque {details['vaf']:.1f} % is explained, but only "
-            f"{details['vaf_folds']:.1f} % of folds of "
-            "consecutive time that were not fitted to: the order is too high for this record; use "
-            "a lower one"
+            f"{details['vaf_folds']:.1f} % of folds of consecutive time that were not fitted to: "
+            "the order is too high for this record; use a lower one"
         )
     elif details["vaf_folds"] < POOR:
         yield (
-            f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were "
-            "not fitted to"
+            f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not "
+            "fitted to"
         )
     order, orders = fit.structure.orders[0], {each for each, _ in fit.tried}
     if len(orders) > 1 and order >= max(orders) - 1:
         yield (
             f"the orders tried end at {max(orders)}, and {order} predicts best: the joint may "
-            "change faster with "
-            f"{name} than polynomials follow, and the bands do not count that"
+            f"change faster with {name} than polynomials follow, and the bands do not count that"
         )
 
 
@@ -409,10 +407,8 @@ def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> 
         side = "higher" if change[most] > 0 else "lower"
         yield (
             f"at {fit.structure.variable} {grid[most]:.3g}, stiffness would be "
-            f"{abs(change[most]):.1f} N·m/rad {side} "
-            f"({errors:.1f} standard errors) if the torque at rest followed the variable, which "
-            "predicts folds as well "
-            f"({gained:.1f} against {fit.held_out.mean():.1f} %): use rest_order={degrees - 1}, "
-            "unless you know that "
-            "the torque at rest is constant"
+            f"{abs(change[most]):.1f} N·m/rad {side} ({errors:.1f} standard errors) if the torque "
+            f"at rest followed the variable, which predicts folds as well ({gained:.1f} against "
+            f"{fit.held_out.mean():.1f} %): use rest_order={degrees - 1}, unless you know that the "
+            "torque at rest is constant"
         )

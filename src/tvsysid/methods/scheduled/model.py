@@ -107,9 +107,7 @@ def _warn_beyond(structure: Structure, ensemble: Ensemble) -> None:
     if share > BEYOND:
         text = (
             f"{structure.variable} is beyond the {low:.3g} to {high:.3g} that the model was "
-            "identified from at "
-            f"{100 * share:.2g} % of the samples ({values.min():.3g} to {values.max():.3g}): "
-            "there, the joint is taken "
-            "as it is at the nearer limit"
+            f"identified from at {100 * share:.2g} % of the samples ({values.min():.3g} to "
+            f"{values.max():.3g}): there, the joint is taken as it is at the nearer limit"
         )
         warnings.warn(text, DataQualityWarning, stacklevel=4)

@@ -154,6 +154,8 @@ def test_held_out_vaf_is_that_of_the_raw_data_less_means_of_the_other_realizatio
     assert calls == [(number, 12) for number in range(12)]
     for label, method in found.methods.items():
         np.testing.assert_allclose(held_out[label], by_hand(raw, method, 4), atol=1e-8)
+    for label, values in found.held_out_vaf(4, jobs=2).items():  # in copies of this process
+        np.testing.assert_array_equal(values, held_out[label])
     # In sample, the method with the most parameters is the best. It predicts the least of others.
     assert found.vaf["eirf"].mean() > found.vaf["sds"].mean() + 2
     assert held_out["eirf"].mean() < held_out["sds"].mean() - 3

@@ -170,6 +170,7 @@ def identify(
             method=method[0],
             align_channels=align_channels,
             remove_mains=remove_mains,
+            jobs=-1,
         )
         for note in prepared.notes:
             say(note)
@@ -203,7 +204,7 @@ def _account(
     from tvsysid.report import Account
 
     with shown_warnings(), progress("predicting realizations held out") as advance:
-        held_out = found.held_out_vaf(progress=advance)
+        held_out = found.held_out_vaf(jobs=-1, progress=advance)
     source = {
         "file": file.name,
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",

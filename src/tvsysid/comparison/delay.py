@@ -19,7 +19,7 @@ SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than an
 
 
 def delay_to_correct(
-    cut: Callable[[float], Ensemble], judged: Ensemble, method: str
+    cut: Callable[[float], Ensemble], judged: Ensemble, method: str, jobs: int = 1
 ) -> tuple[float, str]:
     """Choose how much of a delay of the torque to correct: all of it, half of it or none.
 
@@ -36,6 +36,8 @@ def delay_to_correct(
         Ensemble in which the delay is looked for: as recorded, or pieces of it.
     method
         Method for a single realization, which ``adaptive`` cannot identify.
+    jobs
+        As of :meth:`tvsysid.Comparison.held_out_vaf`.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def delay_to_correct(
     delays = shares * faults["delay"].value / 1000
     try:
         ensembles = [cut(delay) for delay in delays]
-        method, predicted = _predicted(ensembles, method)
+        method, predicted = _predicted(ensembles, method, jobs)
     except InputError as error:
         return 0.0, f"{found}; none of it is corrected: {error}"
     means = [each.mean() for each in predicted]
@@ -72,7 +74,7 @@ def delay_to_correct(
     )
 
 
-def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Array]]:
+def _predicted(ensembles: Sequence[Ensemble], method: str, jobs: int) -> tuple[str, list[Array]]:
     """Return the method that predicts, and its held-out VAF of each candidate.
 
     ``adaptive`` identifies the first candidate, and starts from this model for the others.
@@ -85,5 +87,6 @@ def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Ar
             return method, [np.array([each.get("vaf_folds", np.nan)]) for each in details]
         found = compare(ensembles[0], ["adaptive"])
         return "adaptive", [
-            attrs.evolve(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles
+            attrs.evolve(found, ensemble=each).held_out_vaf(2, jobs=jobs)["adaptive"]
+            for each in ensembles
         ]

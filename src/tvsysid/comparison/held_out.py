@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -15,7 +22,7 @@ from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
-from tvsysid.progress import Progress, no_progress
+from tvsysid.progress import Progress
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
 
@@ -25,7 +32,8 @@ def held_out_vaf(
     methods: Mapping[str, Method],
     models: Mapping[str, Model],
     folds: int,
-    progress: Progress = no_progress,
+    jobs: int,
+    progress: Progress,
 ) -> dict[str, Array]:
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
     at_least(2).check("held_out_vaf", "folds", folds)
@@ -33,19 +41,59 @@ def held_out_vaf(
     if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
         return found  # one realization less its mean is nothing
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
-    jobs = [(label, part) for part in parts for label in models]
+    places = [(label, part) for part in parts for label in models]
+    folded = [Fold(ensemble, part, methods[label], models[label]) for label, part in places]
     failed: dict[str, str] = {}
-    with single_thread():
-        for number, (label, part) in enumerate(jobs):
-            progress(number, len(jobs))
-            try:
-                found[label][part] = _vaf_of(ensemble, part, methods[label], models[label])
-            except Exception as error:  # a user's method may raise anything; the others go on
-                failed.setdefault(label, describe_error(error))
+    with single_thread(), _results(folded, jobs) as results:
+        for number, ((label, part), result) in enumerate(zip(places, results, strict=True)):
+            progress(number, len(places))
+            if isinstance(result, str):
+                failed.setdefault(label, result)
+            else:
+                found[label][part] = result
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where a fold of the realizations cannot be left out"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
     return found
+
+
+class Fold(NamedTuple):
+    """Realizations ``left`` out, and a method with its model of all realizations."""
+
+    ensemble: Ensemble
+    left: NDArray[np.int64]
+    method: Method
+    model: Model
+
+    def result(self) -> Array | str:
+        """Return the VAF of the realizations left out, or why there is none."""
+        try:
+            return _vaf_of(*self)
+        except Exception as error:  # a user's method may raise anything; the others go on
+            return describe_error(error)
+
+
+@contextmanager
+def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Iterator[Array | str]]:
+    """Compute results in copies of this process. Only Linux copies processes safely."""
+    if jobs == 1 or sys.platform != "linux":
+        yield map(Fold.result, folds)
+        return
+    workers = min(len(folds), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
+    with ProcessPoolExecutor(workers, get_context("fork"), _start_worker, (folds,)) as pool:
+        yield pool.map(_result_of, range(len(folds)))
+
+
+_inherited: list[Fold] = []  # folds in a worker; they need not be pickled
+
+
+def _start_worker(folds: Sequence[Fold]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its workers
+    _inherited[:] = folds
+
+
+def _result_of(number: int) -> Array | str:
+    return _inherited[number].result()
 
 
 def _vaf_of(ensemble: Ensemble, left: NDArray[np.int64], method: Method, model: Model) -> Array:

@@ -57,6 +57,7 @@ def prepare_recording(
     method: str = "adaptive",
     align_channels: bool = True,
     remove_mains: bool = True,
+    jobs: int = 1,
 ) -> PreparedRecording:
     """Leave out gaps, subtract mains hum, correct a delay, decimate, and cut into realizations.
 
@@ -76,6 +77,8 @@ def prepare_recording(
         predicted better without.
     remove_mains
         Whether to subtract mains hum that shows in the angle.
+    jobs
+        As of :meth:`tvsysid.Comparison.held_out_vaf`.
     """
     period, context = segmentation.period, segmentation.context
     names = tuple(name for name in deviating if name in recording.channels)
@@ -115,7 +118,7 @@ def prepare_recording(
             notes.append(f"{found.what}; {corrections[-1]}")
     delay = 0.0
     if align_channels:
-        delay, note = delay_to_correct(ensemble, diagnosed(0.0), method)
+        delay, note = delay_to_correct(ensemble, diagnosed(0.0), method, jobs)
         notes += [note] if note else []
     return PreparedRecording(
         ensemble(delay),

@@ -83,7 +83,7 @@ def test_any_quantity_and_any_pathway_comes_through():
     ("methods", "message"),
     [
         ([Level()], "needs the channel 'emg' .scheduling, V., the ensemble has no further channel"),
-        ([Unused()], r"method Unused: ZeroDivisionError: by zero \(test_comparison.py, line"),
+        ([Unused()], r"^Unused: ZeroDivisionError: by zero \(test_comparison.py, line"),
         ([Unskippable()], r"Unskippable: KeyError: 'reason' \(test_comparison.py, line"),
         ([Unused(), Unused()], "two methods have the name Unused"),
         ([], "expected at least one method, got none"),

@@ -118,7 +118,7 @@ ensemble = tv.Ensemble(x, x + 1, 100.0)
 repr(tv.diagnose(ensemble))
 print("diagnosis", heavy & set(sys.modules) or "light")
 found = tv.compare(ensemble, ["birf"])
-found.held_out_vaf(2), found.rows(), found.rows_over_time()
+found.held_out_vaf(2), found.vaf, found.bands
 print("comparison", heavy & set(sys.modules) or "light")
 """
     command = [sys.executable, "-W", "ignore", "-c", program]

@@ -88,10 +88,8 @@ def test_models_are_read_back(tmp_path, ensemble_of):
 
 
 def test_a_table_has_nothing_where_a_row_has_no_number(tmp_path):
-    write_table(
-        tmp_path / "table.csv",
-        [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}],
-    )
+    rows = [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}]
+    write_table(tmp_path / "table.csv", pd.DataFrame(rows))
     assert (tmp_path / "table.csv").read_text() == 'method,value,gain\n"a,b",0.333333,\nsds,,\n'
 
 

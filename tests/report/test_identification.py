@@ -249,7 +249,7 @@ def test_a_single_realization_has_a_page_too(tmp_path):
     assert "kbr is the only method that was used" in section(told, "outcome")
     assert "Not diagnosed: one realization." in section(told, "diagnosis")
     assert np.isnan(account.held_out_mean("kbr"))
-    assert found.vaf_over_time() == {}  # and no axes for it
+    assert found.time_varying_vaf == {}  # and no axes for it
 
 
 @pytest.mark.slow

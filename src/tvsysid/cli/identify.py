@@ -252,7 +252,10 @@ def _show_impedance(account: Account) -> None:
         "VAF": "{VAF (%):.1f}",
         "VAF\nheld\nout": "{held_out:.1f}",
     }
-    records = [{**row, "held_out": account.held_out_mean(row["method"])} for row in found.rows()]
+    records = [
+        {**row, "held_out": account.held_out_mean(row["method"])}
+        for row in found.summary().to_dict("records")
+    ]
     show_records(title if is_valid else f"not valid: {title}", records, columns)
 
 
@@ -262,9 +265,9 @@ def _show_over_variables(found: Comparison) -> None:
 
     from tvsysid.figures.words import unit_name
 
-    if not found.rows_over_variables():
-        return
     table = found.over_variables()
+    if table.empty:
+        return
     bands = ((table.upper - table.lower) / 2).map(" ± {:.2g}".format).replace(" ± nan", "")
     table["text"] = table.estimate.map("{:.3g}".format) + bands
     names = table.quantity.str.removeprefix("scheduled_").str.replace("_", " ")

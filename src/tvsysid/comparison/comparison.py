@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +12,11 @@ import attrs
 import numpy as np
 
 from tvsysid.comparison.held_out import held_out_vaf
-from tvsysid.errors import DataQualityWarning, InputError, describe_error
-from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
+from tvsysid.methods import Evidence, Method
 from tvsysid.methods.adaptive.model import AdaptiveModel
-from tvsysid.methods.base import SkippedError
 from tvsysid.metrics import time_varying_vaf, vaf
-from tvsysid.models import IMPEDANCE, Estimate, Model
+from tvsysid.models import IMPEDANCE, Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
 from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
@@ -77,18 +73,19 @@ class Comparison:
         The torque is that of the data that were identified. A method with many parameters has a
         high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
         """
-        torque = self.ensemble.torque[:, self.ensemble.core]
-        return {label: vaf(torque, values) for label, values in self.predicted.items()}
+        return self._explained(vaf)
 
     @cached_property
     def time_varying_vaf(self) -> dict[str, Array]:
-        """Variance accounted for at each time over realizations in %, by label, shape (time,)."""
-        torque = self.ensemble.torque[:, self.ensemble.core]
-        return {label: time_varying_vaf(torque, each) for label, each in self.predicted.items()}
+        """Variance accounted for at each time over realizations in %, by label, shape (time,).
 
-    def vaf_over_time(self) -> dict[str, Array]:
-        """Return ``time_varying_vaf`` for figures. A single realization has none."""
-        return self.time_varying_vaf if len(self.ensemble) > 1 else {}
+        A single realization has none.
+        """
+        return self._explained(time_varying_vaf) if len(self.ensemble) > 1 else {}
+
+    def _explained(self, metric: Callable[[Array, Array], Array]) -> dict[str, Array]:
+        torque = self.ensemble.torque[:, self.ensemble.core]
+        return {label: metric(torque, values) for label, values in self.predicted.items()}
 
     @cached_property
     def recommendation(self) -> Recommendation:
@@ -96,12 +93,8 @@ class Comparison:
         inputs = {
             item.kind: item.name for label in self.models for item in self.methods[label].inputs
         }
-        return recommend(
-            self.ensemble,
-            inputs.get("reference"),
-            inputs.get("scheduling"),
-            model=self.models[self._default],
-        )
+        model, reference = self.models[self._default], inputs.get("reference")
+        return recommend(self.ensemble, reference, inputs.get("scheduling"), model=model)
 
     @cached_property
     def suited(self) -> list[str]:
@@ -115,9 +108,10 @@ class Comparison:
         return next(iter(self.suited if len(self.models) > 1 else []), self._default)
 
     @property
-    def is_suited(self) -> bool:
-        """Whether the ``leading`` method suits the data."""
-        return self.leading in self.suited
+    def is_recommended(self) -> bool:
+        """Whether the ``leading`` method is ``adaptive``, or the one of several that suits."""
+        suits = len(self.models) > 1 and self.leading in self.suited
+        return suits or isinstance(self.models[self.leading], AdaptiveModel)
 
     @property
     def _default(self) -> str:
@@ -148,7 +142,8 @@ class Comparison:
             diagnosis=diagnosis or best.diagnosis,
             unnamed_references=(*unnamed_references, *best.unnamed_references),
         )
-        return trust_in(self.models[label], self.methods[label], best, self.is_suited, held_out_vaf)
+        is_suited = label in self.suited
+        return trust_in(self.models[label], self.methods[label], best, is_suited, held_out_vaf)
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
@@ -161,10 +156,11 @@ class Comparison:
         return plot(self, title)
 
     def _repr_html_(self) -> str:
-        trust = self.trust()
-        notes = [f"No stiffness is stated. {' '.join(trust.reasons)}"] * (trust.level == "none")
-        notes += [f"{label}: {why}" for label, why in {**self.skipped, **self.failed}.items()]
-        text = "".join(f"<p>{html.escape(line)}</p>" for line in (repr(self), *notes))
+        level, reasons = self.trust()
+        withdrawn = " ".join(["No stiffness is stated.", *reasons])
+        lines = [repr(self), *([withdrawn] if level == "none" else [])]
+        lines += map(": ".join, {**self.skipped, **self.failed}.items())
+        text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
         return text + self.summary().to_html(index=False)
 
     def summary(self) -> pd.DataFrame:
@@ -173,10 +169,6 @@ class Comparison:
         It has means over time, extremes of the stiffness with their times, and the VAF. Units are
         in the names. ``half_band`` is the mean half width of the stiffness's 95 % band.
         """
-        return _table(self.rows())
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the rows of :meth:`summary`."""
         rows = []
         for label, model in self.models.items():
             stiffness, (lower, upper) = model.stiffness, self.bands[label]["stiffness"]
@@ -184,7 +176,7 @@ class Comparison:
             highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
             rows.append(
                 {
-                    "method": label,
+                    "method": [label],
                     "stiffness (N·m/rad)": mean_of(stiffness),
                     "half_band (N·m/rad)": mean_of((upper - lower) / 2),
                     "lowest (N·m/rad)": stiffness[lowest],
@@ -196,57 +188,43 @@ class Comparison:
                     "VAF (%)": mean_of(self.vaf[label]),
                 }
             )
-        return rows
+        return _joined(rows)
 
     def over_time(self) -> pd.DataFrame:
         """Return a table with a row for each method and time.
 
         It has every quantity over time with its 95 % band, and the time-varying VAF.
         """
-        return _table(self.rows_over_time())
-
-    def rows_over_time(self) -> list[dict[str, Any]]:
-        """Return the rows of :meth:`over_time`."""
-        rows: list[dict[str, Any]] = []
+        tables: list[dict[str, Any]] = []
         for label, model in self.models.items():
-            columns = {"time_s": model.time, "method": [label] * len(model.time)}
+            columns: dict[str, Any] = {"time_s": model.time, "method": label}
             for name, (lower, upper) in self.bands[label].items():
                 columns[name] = model.over_time(name)
                 columns |= {f"{name}_lower": lower, f"{name}_upper": upper}
-            columns["time_varying_vaf"] = self.time_varying_vaf[label]
-            rows += [
-                dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-            ]
-        return rows
+            vaf_over_time = self.time_varying_vaf.get(label, np.nan)
+            tables.append(columns | {"time_varying_vaf": vaf_over_time})
+        return _joined(tables)
 
     def over_variables(self) -> pd.DataFrame:
         """Return a table with a row for each method, quantity and value of a measured variable.
 
         It has the estimates over such variables with their 95 % bands.
         """
-        return _table(self.rows_over_variables())
-
-    def rows_over_variables(self) -> list[dict[str, Any]]:
-        """Return the rows of :meth:`over_variables`."""
-        return [
+        return _joined(
             {
                 "method": label,
                 "variable": variable,
-                "value": value,
+                "value": coordinates,
                 "quantity": name,
                 "unit": estimate.unit,
-                "estimate": each,
-                "lower": lower,
-                "upper": upper,
+                "estimate": estimate.values,
+                **dict(zip(("lower", "upper"), estimate.limits(), strict=True)),
             }
             for label, model in self.models.items()
+            for variable, coordinates in model.coordinates.items()
             for name, estimate in model.estimates.items()
-            for variable in estimate.axes
-            if len(estimate.axes) == 1 and variable in model.coordinates
-            for value, each, lower, upper in zip(
-                model.coordinates[variable], estimate.values, *_band(estimate), strict=True
-            )
-        ]
+            if estimate.axes == (variable,)
+        )
 
     def held_out_vaf(
         self, folds: int = FOLDS, *, jobs: int = 1, progress: Progress = no_progress
@@ -315,107 +293,11 @@ class Comparison:
         return held_out_vaf(self.ensemble, self.methods, self.models, folds, jobs, progress)
 
 
-def compare(
-    ensemble: Ensemble,
-    methods: Iterable[str | Method] = DEFAULT_METHODS,
-    *,
-    tune: bool = False,
-    progress: Progress = no_progress,
-) -> Comparison:
-    """Identify one ensemble by several methods, as ``tvsysid identify`` does.
-
-    A method that cannot serve the ensemble is skipped. One that raises an error has failed, and
-    the others finish.
-
-    Parameters
-    ----------
-    ensemble
-        Realizations, mean subtracted.
-    methods
-        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with
-        ``identify``. The default is ``adaptive``, which is recommended, and the paper's five.
-    tune
-        Whether each method's settings are chosen from the data first.
-    progress
-        Function that is called before each method with the number of methods done and of all.
-
-    Raises
-    ------
-    InputError
-        For an unknown method, or if every method failed or was skipped; says why.
-
-    Warns
-    -----
-    DataQualityWarning
-        For warnings of the methods, and for a method that states standard errors but has no band.
-
-    Examples
-    --------
-    >>> import tvsysid as tv
-    >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-    ...     40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
-    >>> ensemble = tv.preprocess.segment(
-    ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
-    >>> tv.compare(ensemble, ["sds", "birf"]).summary()[["method", "stiffness (N·m/rad)"]].round(1)
-      method  stiffness (N·m/rad)
-    0    sds                 ...
-    1   birf                 ...
-    """
-    chosen = _by_label([methods] if isinstance(methods, str) else methods)
-    models: dict[str, Model] = {}
-    predicted: dict[str, Array] = {}
-    evidence: dict[str, Evidence] = {}
-    skipped: dict[str, str] = {}
-    failed: dict[str, str] = {}
-    with single_thread():
-        for number, label in enumerate(chosen):
-            progress(number, len(chosen))
-            method = chosen[label]
-            try:
-                if isinstance(method, Tuned) or (tune and method.can_be_tuned):
-                    method, evidence[label] = method.tuned(ensemble)
-                model = method.identify(ensemble)
-                predicted[label] = model.predict(ensemble)
-            except SkippedError as error:
-                skipped[label] = error.reason
-            except Exception as error:  # a user's method may raise anything; the others go on
-                failed[label] = describe_error(error)
-            else:
-                chosen[label], models[label] = method, model
-                _warn_without_band(label, model)
-    if not models:
-        reasons = [f"{label}: {why}" for label, why in skipped.items()]
-        reasons += [f"method {label}: {why}" for label, why in failed.items()]
-        raise InputError("; ".join(reasons))
-    return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
-
-
-def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:
+def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
+    """Return a table of these tables, each given by its columns, one below the other."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    return pd.DataFrame(rows)
-
-
-def _by_label(methods: Iterable[str | Method]) -> dict[str, Method]:
-    """Return methods by their label in results. The same label may not name two methods."""
-    given: dict[str, str | Method] = {}
-    for item in methods:
-        if given.setdefault(label := label_of(item), item) != item:
-            raise InputError(
-                f"compare: two methods have the name {label}. Settings that are fields of the "
-                "class tell them apart"
-            )
-    if not given:
-        raise InputError("compare: expected at least one method, got none")
-    return {label: parse(item) if isinstance(item, str) else item for label, item in given.items()}
-
-
-def _warn_without_band(label: str, model: Model) -> None:
-    """Warn if a method states standard errors but has none for this stiffness."""
-    stiffness = model.estimates.get("stiffness")
-    error = None if stiffness is None else stiffness.standard_error
-    if error is not None and error.absent:
-        warnings.warn(f"{label}: no band: {error.absent}", DataQualityWarning, stacklevel=3)
+    return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
 
 def _bands(model: Model) -> dict[str, Array]:
@@ -424,14 +306,7 @@ def _bands(model: Model) -> dict[str, Array]:
     bands = dict.fromkeys(IMPEDANCE, none)
     for name, estimate in model.estimates.items():
         if estimate.axes in OVER_TIME:
-            band = np.reshape(_band(estimate), (2, -1))
+            band = np.reshape(estimate.limits(), (2, -1))
             # The mean of several realizations has no band.
             bands[name] = band if band.shape == none.shape else none
     return bands
-
-
-def _band(estimate: Estimate) -> tuple[Array, Array]:
-    """Return the 95 % band; all NaN, without a warning, if there is none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
-        return estimate.band()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import attrs
 import numpy as np
 
-from tvsysid.comparison.comparison import compare
+from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import diagnose

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from textwrap import fill
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.errors import DataQualityWarning
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name
 from tvsysid.methods import Evidence
@@ -170,9 +168,7 @@ def draw_quantity(
 def _band(estimate: Estimate, samples: int, simultaneous: bool) -> list[Array] | None:
     if estimate.values.size != samples:  # a mean over realizations
         return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
-        edges = [limit.ravel() for limit in estimate.band(simultaneous=simultaneous)]
+    edges = [limit.ravel() for limit in estimate.limits(simultaneous=simultaneous)]
     return edges if np.isfinite(edges[0]).any() else None
 
 

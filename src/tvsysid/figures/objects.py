@@ -93,7 +93,7 @@ def _model(model: Model, title: str = "") -> Figure:
 
 
 def _comparison(comparison: Comparison, title: str = "") -> Figure:
-    return identified_impedance(comparison.models, comparison.vaf_over_time(), title)
+    return identified_impedance(comparison.models, comparison.time_varying_vaf, title)
 
 
 def _evidence(evidence: Evidence, title: str = "") -> Figure:

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +23,7 @@ from tvsysid.recordings.formats import read_contents
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 MAX_NAME_LENGTH = 28  # of a variable; MAT files hold 31, with a number behind
@@ -89,12 +90,10 @@ def write_simulation(
             table.to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
-def write_table(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows to a CSV file, with six digits, and nothing where a number is NaN or missing."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
+def write_table(path: str | Path, table: pd.DataFrame) -> None:
+    """Write a table to a CSV file, with six digits, and nothing where a number is NaN."""
     with whole_file(path) as temporary:
-        pd.DataFrame(rows).to_csv(temporary, index=False, float_format="%.6g")
+        table.to_csv(temporary, index=False, float_format="%.6g")
 
 
 def write_models(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +10,6 @@ import attrs
 import numpy as np
 
 from tvsysid.comparison import Comparison
-from tvsysid.errors import DataQualityWarning
 from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 from tvsysid.methods.adaptive.words import changes
@@ -96,7 +94,7 @@ def answer(account: Account) -> list[str]:
         return [f"no stiffness is stated. {first}", *more]
     label, model = found.leading, found.models[found.leading]
     role = (
-        trust.level if trust.level == "doubtful" else "recommended" if is_recommended(found) else ""
+        trust.level if trust.level == "doubtful" else "recommended" if found.is_recommended else ""
     )
     stated = f"{role} ({label})" if role else label
     lines = _over_variable(found, label, stated)
@@ -119,21 +117,14 @@ def answer(account: Account) -> list[str]:
     return [*lines, *trust.reasons, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
 
 
-def is_recommended(found: Comparison) -> bool:
-    """Return whether the leading method is adaptive, or the one of several that suits the data."""
-    return isinstance(found.models[found.leading], AdaptiveModel) or (
-        len(found.models) > 1 and found.is_suited
-    )
-
-
 def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
     """Describe stiffness over a variable: at both ends and in the middle.
 
     Empty if there is none.
     """
-    if not found.rows_over_variables():
-        return []
     table = found.over_variables()
+    if table.empty:
+        return []
     if (own := table[(table.method == label) & (table.quantity == "scheduled_stiffness")]).empty:
         return []
     at = own.iloc[[0, len(own) // 2, -1]]
@@ -175,7 +166,7 @@ def others(found: Comparison) -> str:
 def why_leading(account: Account) -> str:
     """Return why this method leads; nothing of a recommended one whose stiffness is doubtful."""
     found, label = account.found, account.found.leading
-    if is_recommended(found):
+    if found.is_recommended:
         if account.trust.level == "doubtful":
             return ""
         if isinstance(found.models[label], AdaptiveModel):
@@ -213,12 +204,8 @@ def further(found: Comparison) -> Iterator[Further]:
         for name, estimate in model.estimates.items():
             if name in IMPEDANCE_UNITS and set(estimate.axes) <= {"realization", "time"}:
                 continue
-            half, error = float("nan"), estimate.standard_error
-            if error is not None and np.isfinite(error.values).any():
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
-                    lower, upper = estimate.band()
-                half = float(np.nanmean(upper - lower)) / 2
+            lower, upper = estimate.limits()
+            half = mean_of(upper - lower) / 2
             known = estimate.values[np.isfinite(estimate.values)]
             over = ", ".join(estimate.axes)
             yield Further(

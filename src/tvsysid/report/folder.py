@@ -13,7 +13,7 @@ from tvsysid.figures import (
     variable_of,
 )
 from tvsysid.figures.words import count
-from tvsysid.recordings import describe_models, whole_file, write_models, write_table
+from tvsysid.recordings import describe_models, write_models, write_table
 from tvsysid.report.answer import Account, taken
 from tvsysid.report.identification import write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
@@ -21,7 +21,7 @@ from tvsysid.report.sheet import facts, group_name, write_sheet
 
 def write_estimates(folder: Path, found: Comparison) -> None:
     """Write ``stiffness.csv`` and ``models.nc``."""
-    write_table(folder / "stiffness.csv", found.rows_over_time())
+    write_table(folder / "stiffness.csv", found.over_time())
     models = {group_name(label): model for label, model in found.models.items()}
     write_models(folder / "models.nc", models, found.ensemble)
 
@@ -56,10 +56,10 @@ def write_folder(
     names += ["models.nc", "stiffness.csv"]
     title, variable = _title(account), variable_of(found.models, found.ensemble)
     figures = {
-        "stiffness": identified_impedance(found.models, found.vaf_over_time(), title, variable)
+        "stiffness": identified_impedance(found.models, found.time_varying_vaf, title, variable)
     }
-    if rows := found.rows_over_variables():
-        write_table(folder / "scheduled.csv", rows)
+    if not (table := found.over_variables()).empty:
+        write_table(folder / "scheduled.csv", table)
         names.append("scheduled.csv")
         if variable:
             figures["scheduled"] = scheduled_estimates(
@@ -70,8 +70,7 @@ def write_folder(
 
         tried = {label: item.to_pandas() for label, item in found.evidence.items()}
         table = pd.concat(tried, names=["method"]).reset_index("method")
-        with whole_file(folder / "tuning.csv") as file:
-            table.to_csv(file, index=False, float_format="%.6g")
+        write_table(folder / "tuning.csv", table)
         names.append("tuning.csv")
         figures["tuning"] = tuning_curves(found.evidence)
     for stem, figure in figures.items():

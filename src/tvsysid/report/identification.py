@@ -118,7 +118,7 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
         "answer": f"Impedance over time by {label}",
         "methods": "Impedance over time by all methods",
     }
-    vaf, variable = found.vaf_over_time(), variable_of(found.models, found.ensemble)
+    vaf, variable = found.time_varying_vaf, variable_of(found.models, found.ensemble)
     below = ", and the time-varying VAF" if vaf else ""
     drawn = {}
     for stem, models in shown.items():
@@ -370,7 +370,7 @@ def _methods(account: Account, figures: list[page.Block]) -> page.Section:
                 page.number(account.held_out_mean(row["method"]), decimals=1),
             )
         )
-        for row in found.rows()
+        for row in found.summary().to_dict("records")
     ]
     unit = "N·m/rad"
     headings = {

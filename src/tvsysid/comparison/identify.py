@@ -1,0 +1,110 @@
+"""Identify one ensemble by several methods."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+
+from tvsysid.comparison.comparison import Comparison
+from tvsysid.errors import DataQualityWarning, InputError, describe_error
+from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
+from tvsysid.methods.base import SkippedError
+from tvsysid.models import Model
+from tvsysid.numerics.threads import single_thread
+from tvsysid.progress import Progress, no_progress
+from tvsysid.signals import Array, Ensemble
+
+
+def compare(
+    ensemble: Ensemble,
+    methods: Iterable[str | Method] = DEFAULT_METHODS,
+    *,
+    tune: bool = False,
+    progress: Progress = no_progress,
+) -> Comparison:
+    """Identify one ensemble by several methods, as ``tvsysid identify`` does.
+
+    A method that cannot serve the ensemble is skipped. One that raises an error has failed, and
+    the others finish.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations, mean subtracted.
+    methods
+        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with
+        ``identify``. The default is ``adaptive``, which is recommended, and the paper's five.
+    tune
+        Whether each method's settings are chosen from the data first.
+    progress
+        Function that is called before each method with the number of methods done and of all.
+
+    Raises
+    ------
+    InputError
+        For an unknown method, or if every method failed or was skipped; says why.
+
+    Warns
+    -----
+    DataQualityWarning
+        For warnings of the methods, and for a method that states standard errors but has no band.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+    ...     40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> ensemble = tv.preprocess.segment(
+    ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+    >>> tv.compare(ensemble, ["sds", "birf"]).summary()[["method", "stiffness (N·m/rad)"]].round(1)
+      method  stiffness (N·m/rad)
+    0    sds                 ...
+    1   birf                 ...
+    """
+    chosen = _by_label([methods] if isinstance(methods, str) else methods)
+    models: dict[str, Model] = {}
+    predicted: dict[str, Array] = {}
+    evidence: dict[str, Evidence] = {}
+    skipped: dict[str, str] = {}
+    failed: dict[str, str] = {}
+    with single_thread():
+        for number, label in enumerate(chosen):
+            progress(number, len(chosen))
+            method = chosen[label]
+            try:
+                if isinstance(method, Tuned) or (tune and method.can_be_tuned):
+                    method, evidence[label] = method.tuned(ensemble)
+                model = method.identify(ensemble)
+                predicted[label] = model.predict(ensemble)
+            except SkippedError as error:
+                skipped[label] = error.reason
+            except Exception as error:  # a user's method may raise anything; the others go on
+                failed[label] = describe_error(error)
+            else:
+                chosen[label], models[label] = method, model
+                _warn_without_band(label, model)
+    if not models:
+        raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
+    return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
+
+
+def _by_label(methods: Iterable[str | Method]) -> dict[str, Method]:
+    """Return methods by their label in results. The same label may not name two methods."""
+    given: dict[str, str | Method] = {}
+    for item in methods:
+        if given.setdefault(label := label_of(item), item) != item:
+            raise InputError(
+                f"compare: two methods have the name {label}. Settings that are fields of the "
+                "class tell them apart"
+            )
+    if not given:
+        raise InputError("compare: expected at least one method, got none")
+    return {label: parse(item) if isinstance(item, str) else item for label, item in given.items()}
+
+
+def _warn_without_band(label: str, model: Model) -> None:
+    """Warn if a method states standard errors but has none for this stiffness."""
+    stiffness = model.estimates.get("stiffness")
+    error = stiffness and stiffness.standard_error
+    if error and error.absent:
+        warnings.warn(f"{label}: no band: {error.absent}", DataQualityWarning, stacklevel=3)

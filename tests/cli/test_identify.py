@@ -33,7 +33,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert table.get_group("plainly:Mine").inertia.isna().all()
     code, _, err = tvsysid(f"identify joint.mat {IDENTIFY} --method plainly:Faulty")
     assert code == 2
-    assert "tvsysid: plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 7)" in err
+    assert "plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 7)" in err
     code, out, err = tvsysid(
         f"identify joint.mat {IDENTIFY} --method plainly:Faulty --method sds --out others"
     )

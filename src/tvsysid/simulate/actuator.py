@@ -10,7 +10,6 @@ import scipy
 
 from tvsysid.numerics import Array
 from tvsysid.simulate.conditions import BANDWIDTH, Conditions
-from tvsysid.simulate.perturbations import generate
 
 
 def actuate(drive: Array, rate: float) -> Array:
@@ -57,12 +56,10 @@ def impose(
     noise_bandwidth: float = BANDWIDTH,
 ) -> Imposed:
     """Impose the perturbation on a joint of this stiffness, viscosity and inertia over time."""
-    samples, recorded = len(conditions.whole_time), slice(conditions.second, None)
-    drive = generate(conditions.perturbation, samples, conditions.rate, generators[0])
-    motion = actuate(drive, conditions.rate)
-    angle, velocity, acceleration = motion[:, recorded]
+    motion = actuate(conditions.drive(generators[0]), conditions.rate)
+    angle, velocity, acceleration = motion[:, conditions.recorded]
     torque = impedance["inertia"] * acceleration + impedance["viscosity"] * velocity
     torque += impedance["stiffness"] * angle
     scale = conditions.angle_scale(angle)
-    noise = conditions.noise(generators[1], noise_bandwidth)[recorded]
+    noise = conditions.noise(generators[1], noise_bandwidth)[conditions.recorded]
     return Imposed(scale * angle, scale * motion[1], scale * torque, noise)

@@ -14,7 +14,6 @@ from tvsysid.simulate.actuator import actuate
 from tvsysid.simulate.conditions import BANDWIDTH, Conditions
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.motion import driven_motion
-from tvsysid.simulate.perturbations import generate
 from tvsysid.simulate.simulation import Simulation
 from tvsysid.validators import not_negative, one_of, optional, positive
 
@@ -82,8 +81,8 @@ class CompliantActuator(Joint):
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, rate = conditions.whole_time, conditions.rate
-        for_drive, for_noise = conditions.generators()
-        drive = generate(conditions.perturbation, len(time), rate, for_drive)
+        for_drive, for_noise, _ = conditions.generators()
+        drive = conditions.drive(for_drive)
         # The noise begins with an impulse, whose rest is some 1e-6 of the torque at 2 Hz. Results
         # of the closed-loop study depend on it.
         noise = conditions.noise(for_noise, self.noise_bandwidth, 1.0)
@@ -118,7 +117,7 @@ class CompliantActuator(Joint):
             force = np.einsum("qt,qt->t", load, reference)
             motion = move(self.actuator_stiffness * applied - share * force)
             motion[:, 0] += share * reference
-        recorded = slice(conditions.second, None)
+        recorded = conditions.recorded
         motion, joint, noise = (each[..., recorded] for each in (motion, joint, noise))
         scale = conditions.angle_scale(motion[0, 0])
         imposed = scale * np.einsum("qt,qt->t", joint, motion[:, 0])

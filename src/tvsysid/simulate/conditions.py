@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
-from tvsysid.simulate.perturbations import Perturbation, low_passed_noise
+from tvsysid.simulate.perturbations import Perturbation, generate, low_passed_noise
 from tvsysid.simulate.simulation import Seed, Simulation
 from tvsysid.validators import Validator, at_least, is_number, positive
 
@@ -77,9 +77,14 @@ class Conditions:
         return np.arange(-2 * self.second, self._duration + self.second) / self.rate
 
     @property
+    def recorded(self) -> slice:
+        """Simulated samples that are recorded."""
+        return slice(self.second, None)
+
+    @property
     def time(self) -> Array:
         """Time of each recorded sample in s."""
-        return self.whole_time[self.second :]
+        return self.whole_time[self.recorded]
 
     @property
     def _duration(self) -> int:
@@ -90,15 +95,17 @@ class Conditions:
         """Return recorded values from time 0 to the duration, over which sizes are measured."""
         return values[self.second : self.second + self._duration]
 
-    def generators(self, count: int = 2) -> list[np.random.Generator]:
-        """Return independent random generators, the first two for perturbation and noise."""
+    def generators(self) -> list[np.random.Generator]:
+        """Return random generators for perturbation, noise and the system's own channel."""
         seed = self.seed
         if isinstance(seed, np.random.SeedSequence):
             # Spawning counts in the sequence. A copy gives the same numbers each time.
-            seed = np.random.SeedSequence(
-                seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size
-            )
-        return np.random.default_rng(seed).spawn(count)
+            seed = np.random.SeedSequence(**seed.state | {"n_children_spawned": 0})
+        return np.random.default_rng(seed).spawn(3)
+
+    def drive(self, random: np.random.Generator) -> Array:
+        """Return the unscaled perturbation over the whole time."""
+        return generate(self.perturbation, len(self.whole_time), self.rate, random)
 
     def noise(self, random: np.random.Generator, bandwidth: float, state: float = 0.0) -> Array:
         """Return unscaled noise of the torque over the whole time."""

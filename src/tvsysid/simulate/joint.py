@@ -167,14 +167,14 @@ class ReflexJoint(Joint):
     noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        rate, generators = conditions.rate, conditions.generators(3)
+        rate, generators = conditions.rate, conditions.generators()
         impedance = self._impedance(conditions.time, rate)
         imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
         gain = self._over_time("reflex_gain", conditions.whole_time, rate)
         torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
         stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
         emg = np.abs(stretch * generators[2].standard_normal(len(gain))) / math.sqrt(2 / math.pi)
-        recorded = slice(conditions.second, None)
+        recorded = conditions.recorded
         return conditions.simulation(
             imposed.angle,
             imposed.noise,
@@ -251,7 +251,7 @@ class ScheduledJoint(Joint):
     noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        time, generators = conditions.time, conditions.generators(3)
+        time, generators = conditions.time, conditions.generators()
         impedance = self._impedance(time, conditions.rate)
         if self.schedule is None:
             variable = self._inverse_relation(impedance["stiffness"])

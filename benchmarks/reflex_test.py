@@ -25,7 +25,8 @@ from rich.table import Table
 from scipy.signal import butter, lfilter
 
 import tvsysid as tv
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.quality.resampling import lowered
 
 RELEASE = tv.simulate.StretchReflex(direction=-1)
 
@@ -93,7 +94,7 @@ def main() -> None:
     wrong, started = 0, time.process_time()
     for case in CASES:
         tests = [
-            FittedEnsemble.of(drawn(case, chosen.first + draw)).reflex
+            reflex_test_of(lowered(drawn(case, chosen.first + draw)))
             for draw in range(chosen.draws)
         ]
         shown = sum(test.shown and test.direction == case.direction for test in tests)
@@ -150,7 +151,7 @@ def print_real(console: Console, folder: Path) -> None:
         recording = tv.read_recording(
             folder / "tonic_ankle.mat", **names, sampling_rate=1000, torque_sign=-1
         )
-        console.print(f"{muscle}: {FittedEnsemble.of(prepared(recording)).reflex}", highlight=False)
+        console.print(f"{muscle}: {reflex_test_of(lowered(prepared(recording)))}", highlight=False)
 
 
 if __name__ == "__main__":

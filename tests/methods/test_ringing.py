@@ -8,8 +8,7 @@ import pytest
 from tests.independent import ensemble_of, impulses, noise, ringing, with_noise
 
 import tvsysid as tv
-from tvsysid.quality.scales import MAX_INFLATION
-from tvsysid.quality.statistics import angle_inflation
+from tvsysid.quality.amount import MAX_INFLATION, angle_inflation
 
 STIFFNESS, VISCOSITY, INERTIA = 60.0, 0.38, 0.06
 

@@ -9,7 +9,7 @@ from tests.virtual import prepared
 
 import tvsysid as tv
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.timing import lines
+from tvsysid.quality.repetition import lines
 
 # 40 to 300 s, 5 to 20 dB.
 SCENARIOS = [

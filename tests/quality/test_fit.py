@@ -3,7 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tvsysid.quality.fitted import fit_motion, fit_second_order, time_bins
+import tvsysid as tv
+from tvsysid.quality.fit import Regressors, time_bins
+from tvsysid.quality.fitted import FittedEnsemble
 
 
 def dense(motion, torque, bins):
@@ -21,7 +23,7 @@ def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
     random = np.random.default_rng(seed)
     motion = random.normal(size=(3, realizations, samples))
     torque = random.normal(size=(realizations, samples))
-    fit = fit_motion(motion, torque, 100.0, 0)
+    fit = Regressors(motion, 100.0).fit(torque)
     stiffness, viscosity, inertia = dense(motion, torque, fit.bins)
     np.testing.assert_allclose(fit.stiffness, stiffness, atol=1e-8)
     np.testing.assert_allclose(fit.viscosity, viscosity, atol=1e-8)
@@ -38,7 +40,7 @@ def test_a_joint_without_noise_is_found_exactly():
     angle = np.sin(frequency * time + phase)
     velocity, acceleration = frequency * np.cos(frequency * time + phase), -(frequency**2) * angle
     torque = (80 * angle + 1.5 * velocity + 0.03 * acceleration).sum(axis=1)
-    fit = fit_second_order(angle.sum(axis=1), torque, 100.0, 50)
+    fit = FittedEnsemble.of(tv.Ensemble(angle.sum(axis=1), torque, 100.0, context=50)).fit
     np.testing.assert_allclose(fit.stiffness, 80, rtol=2e-3)
     np.testing.assert_allclose(fit.viscosity, 1.5, rtol=2e-3)
     assert fit.inertia == pytest.approx(0.03, rel=2e-3)

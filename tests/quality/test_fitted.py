@@ -139,7 +139,7 @@ def test_a_synchronised_fit_is_that_of_the_record_without_delay():
         FittedEnsemble.of(cut(recording)),
         FittedEnsemble.of(cut(late(recording, 0.03))),
     )
-    mended = delayed.synchronised(3)
+    mended = delayed.advance(3)
     assert mended.ensemble.context == plain.ensemble.context - 3
     core = plain.ensemble.core
     np.testing.assert_allclose(

@@ -1,10 +1,9 @@
 """Check data for faults: a catalogue of faults with one limit each, and a diagnosis."""
 
-from tvsysid.quality.catalogue import FAULTS, Fault
+from tvsysid.quality.checks import FAULTS, Fault, Finding
 from tvsysid.quality.curves import Curves
 from tvsysid.quality.diagnosis import (
     Diagnosis,
-    Finding,
     diagnose,
     diagnose_recording,
     find_reference,

@@ -1,195 +1,190 @@
-"""Whether both channels are of one time."""
+"""Check whether angle and torque are recorded at the same time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import suppress
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
-from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.fitted import (
-    ANSWERED,
-    NO_ANSWER,
-    SMOOTH,
-    FittedEnsemble,
-    NotJudged,
-    SecondOrder,
-    Seen,
-    fit_motion,
-)
+from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
+from tvsysid.quality.fit import Regressors, SecondOrderFit
+from tvsysid.quality.fitted import LOW_PASS_SAMPLES, MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble
 from tvsysid.quality.statistics import SIGNIFICANT, p_value, p_value_of
-from tvsysid.quality.structure import feedback
 from tvsysid.signals import Array
 
-LONGEST_DELAY = 0.1  # in s, to either side
-CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
-# times as much, or as little, inertia behind a low-pass: noise in the angle hides some, a delay
-# does not
-HIDDEN = 1.25
-LARGE = 15.0  # ms: no noise in the angle looks like so large a delay
-SHIFTED = 0.3  # % of the torque that later movement predicts, in a loop, if the torque is shifted
-FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
-STEPS, LONGEST_STEP = 3, 1.5  # Gauss-Newton steps, and how many samples each may go
+MAX_DELAY_S = 0.1
+FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
+STEPS, MAX_STEP_SAMPLES = 3, 1.5  # of Gauss-Newton
 PARTS = 10  # of a realization, over which a delay must not scatter more than over realizations
-# the same from which on the steps start at the best shift, which is too far from none for them
-FAR = 1.05
-# share of a delay that the next step may be: what noise or a misfit looks like goes on and on
-SETTLED = 0.015
-MOST_TOLD = 200  # % of a value beyond which a change of it is not told as a share
+# Ratio of what fits leave without and with the best shift: above the first, the steps start at that
+# shift, which is too far away for them; above the second, the delay is clear.
+FAR, CLEAR = 1.05, 1.3
+MAX_LAST_STEP = 0.015  # share of a delay; what noise or a misfit looks like does not settle
+MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angle hides inertia
+LARGE_DELAY_MS = 15.0  # no noise in the angle looks like one
+MIN_LOOP_SHARE = 0.3  # % of the torque that later movement predicts in a loop, after a shift
+MAX_SHOWN_CHANGE = 200  # %
 
 
-def delay(data: FittedEnsemble) -> Seen:
-    r"""Delay of the torque with which a joint of second order leaves least of it.
+@check(
+    "delay",
+    "Angle and torque are not recorded at the same time",
+    "delay of the torque",
+    0.75,
+    "ms",
+    effect="a torque that is late by d takes viscosity times d from the inertia (a tenth of it for "
+    "1 ms at the ankle) and stiffness times d from the viscosity, and distorts the rest; an early "
+    "one adds as much",
+    remedy="find what delays a channel (a filter, a clock, a closed loop); correct it with "
+    "tv.preprocess.align_channels(recording, delay), as tvsysid identify does unless it predicts "
+    "worse",
+)
+def delay(data: FittedEnsemble) -> Measured:
+    r"""Return the delay of the torque with which a second-order joint leaves least of it.
 
     A delay by d adds the jerk to the regressors: :math:`y(t - d) \approx k\theta + (b - k
-    d)\dot\theta + (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`, which no stiffness,
-    viscosity or inertia answers; so it is known to some tenths of a millisecond even at 100 Hz.
-    It is as true as the model is: a joint that is not of second order, or a torque that moves
-    the angle, has such a part too. So a delay must also come out where other frequencies count
-    more, when the noise is not whitened, and an early torque in a closed loop is not judged.
+    d)\dot\theta + (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`. No stiffness, viscosity or
+    inertia explains that, so the delay is known to some tenths of a millisecond even at 100 Hz.
+    A joint that is not of second order, or a torque that moves the angle, has such a part too. So
+    the delay must also show where other frequencies count more, without whitening. An early torque
+    in a closed loop is not judged.
     """
     shift, best = _best_shift(data)
-    clear = data.fit.left >= CLEARER * best.left
-    samples = shift if data.fit.left > FAR * best.left else 0.0
+    gain = data.fit.left / best.left if best.left > 0 else math.inf
+    samples = shift if gain > FAR else 0.0
     for _ in range(STEPS):
-        step, _, _ = _remaining(data.synchronised(samples))
-        samples += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
-    timely = data.synchronised(samples)
-    step, error, apart = (1000 * each / data.rate for each in _remaining(timely))
-    late = 1000 * samples / data.rate
-    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > max(
-        abs(apart), abs(step) / SETTLED
-    )
-    if significant and (reason := _other_cause(data, timely, late, clear)):
-        raise NotJudged(reason)
+        step = _remaining_delay(data.advance(samples))[0]
+        samples += float(np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES))
+    aligned = data.advance(samples)
+    value = 1000 * samples / data.rate
+    step, error, change = (1000 * each / data.rate for each in _remaining_delay(aligned))
+    significant = p_value(value, error, len(data)) < SIGNIFICANT
+    significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)
+    if significant and (reason := _other_cause(data, aligned, value, gain >= CLEAR)):
+        raise NotApplicable(reason)
     edge = "at least " if abs(round(samples)) >= _reach(data) else ""
-    what = f"the torque is {edge}{abs(late):.3g} ± {error:.1g} ms {'late' if late > 0 else 'early'}"
-    if abs(apart) > max(error, FAULTS["delay"].limit):
-        what += f" ({late + apart:+.2g} ms where lower frequencies count more)"
-    return Seen(late, what + _cost(data, timely), significant)
+    side = "late" if value > 0 else "early"
+    what = f"the torque is {edge}{abs(value):.3g} ± {error:.1g} ms {side}"
+    if abs(change) > max(error, FAULTS["delay"].limit):
+        what += f" ({value + change:+.2g} ms where lower frequencies count more)"
+    changes = []
+    for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
+        old, new = (float(each.mean_impedance[0][place]) for each in (data, aligned))
+        share = 100 * (old - new) / abs(new) if new else math.inf
+        percent = f" ({share:+.0f} %)" if abs(share) < MAX_SHOWN_CHANGE else ""
+        changes.append(f"{name} {old:.3g} instead of {new:.3g} {unit}{percent}")
+    return Measured(value, f"{what}; that makes {' and '.join(changes)}", significant)
 
 
-def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
-    """Return the remaining delay in samples, its standard error, and the effect of whitening.
+def _remaining_delay(data: FittedEnsemble) -> tuple[float, float, float]:
+    """Return the remaining delay in samples, its standard error, and its change without whitening.
 
-    The effect is by how much the delay is longer if the noise is not whitened.
+    The misfit of a model is alike in all realizations and differs from time to time. So the error
+    is that over realizations or that over parts of the realization, whichever is larger.
     """
-    torque = data.fit.parts.sum(axis=0)
-    change = between(torque, -0.5) - between(torque, 0.5)
-
-    def fitted(signal: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Return the step at each sample times its weight, and the weight.
-
-        ``signal`` turns each signal into the one that is fitted, for example a whitened one.
-        """
-        parts, left, later = (
-            gaussian_filter1d(signal(each), SMOOTH, axis=-1)
-            for each in (data.fit.parts, data.fit.residual, change)
+    fit = data.fit
+    torque = fit.parts.sum(axis=0)
+    jerk = between(torque, -0.5) - between(torque, 0.5)
+    products = []
+    for through in (data.whitened, np.asarray):
+        parts, *targets = (
+            gaussian_filter1d(through(each), LOW_PASS_SAMPLES, axis=-1)
+            for each in (fit.parts, jerk, fit.residual)
         )
-        alone, left = (
-            fit_motion(parts, each, data.rate, 0).residual[:, SINC:-SINC] for each in (later, left)
-        )
-        return left * alone, alone**2
-
-    moments, weights = fitted(data.whitened)
-    plain, plain_weights = fitted(lambda values: values)
-    if weights.sum() <= 0 or plain_weights.sum() <= 0:
-        raise NotJudged(NO_ANSWER)
-    step = float(moments.sum() / weights.sum())
-    # A misfit is alike in all realizations, and differs from time to time.
-    apart = moments - step * weights
-    parts = np.array([each.sum() for each in np.array_split(apart, PARTS, axis=1)])
-    scatter = (
-        float(np.sum(each**2)) * len(each) / (len(each) - 1) for each in (apart.sum(axis=1), parts)
-    )
-    error = math.sqrt(max(scatter)) / float(weights.sum())
+        regressors = Regressors(parts, data.rate)
+        alone, left = (regressors.fit(each).residual[:, SINC:-SINC] for each in targets)
+        if np.sum(alone**2) <= 0:
+            raise NotApplicable(NO_RESPONSE)
+        products.append((left * alone, alone**2))
+    (whitened, weights), (plain, plain_weights) = products
+    step = float(whitened.sum() / weights.sum())
+    scores = whitened - step * weights
+    by_part = np.array([each.sum() for each in np.array_split(scores, PARTS, axis=1)])
+    variances = [
+        float(np.sum(each**2)) * len(each) / (len(each) - 1)
+        for each in (scores.sum(axis=1), by_part)
+    ]
+    error = math.sqrt(max(variances)) / float(weights.sum())
     return step, error, float(plain.sum() / plain_weights.sum()) - step
 
 
-def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clear: bool) -> str:
-    """Describe what else in these data looks like a delay of ``late`` ms.
-
-    ``clear`` is False for a delay that does not make the fit clearly better.
-    """
+def _other_cause(
+    data: FittedEnsemble, aligned: FittedEnsemble, value: float, is_clear: bool
+) -> str:
+    """Describe what else in these data looks like a delay in ms, or return an empty text."""
     inertia, smooth = (
-        float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance)
+        float(values[2]) for values, _ in (aligned.mean_impedance, aligned.smooth_impedance)
     )
-    if (abs(late) < LARGE or not clear) and not inertia / HIDDEN < smooth < HIDDEN * inertia:
+    is_noise = not inertia / MAX_INERTIA_RATIO < smooth < MAX_INERTIA_RATIO * inertia
+    if is_noise and (abs(value) < LARGE_DELAY_MS or not is_clear):
         return (
             "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like "
             "a delay"
         )
-    with suppress(NotJudged):
-        # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
-        if late < -FAULTS["delay"].limit and (
-            feedback(timely).value > SHIFTED
-            or (not clear and FAULTS["feedback"].beyond(feedback(data).value))
-        ):
-            return "torque noise moves the angle, which looks like an early torque"
-    return ""
+    # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
+    is_loop = value < -FAULTS["delay"].limit and (
+        aligned.finding("feedback").value > MIN_LOOP_SHARE
+        or (not is_clear and data.finding("feedback").beyond)
+    )
+    return "torque noise moves the angle, which looks like an early torque" if is_loop else ""
 
 
-def _cost(given: FittedEnsemble, timely: FittedEnsemble) -> str:
-    """What the delay does to inertia and viscosity, in words."""
-    texts = []
-    for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
-        as_given, corrected = (float(each.mean_impedance[0][place]) for each in (given, timely))
-        share = 100 * (as_given - corrected) / abs(corrected) if corrected else math.inf
-        told = f" ({share:+.0f} %)" if abs(share) < MOST_TOLD else ""
-        texts.append(f"{name} {as_given:.3g} instead of {corrected:.3g} {unit}{told}")
-    return f"; that makes {' and '.join(texts)}"
+@check(
+    "clock-skew",
+    "The channels' clocks run apart",
+    "delay of the torque in the second half of the experiment, minus that in the first",
+    8,
+    "ms",
+    effect="a delay that grows: viscosity is wrong by another amount at each time of the "
+    "experiment, and the rest is distorted",
+    remedy="record both channels by one clock, or stretch one of them before cutting",
+)
+def clock_skew(data: FittedEnsemble) -> Measured:
+    """Compare the best shift of the second half of the experiment with that of the first.
 
-
-def clock_skew(data: FittedEnsemble) -> Seen:
-    """Best shift of the second half of the experiment against that of the first."""
-    data.require(2 * MIN_TESTED_REALIZATIONS, answer=False)
-    (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
-    # What each half leaves with the other's shift, against what it leaves with its own.
-    trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
-    worse = [
-        half.regressors.fit(_later(half, others)).squares - own.squares
-        for half, others, own in trades
-    ]
-    skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
+    The test is by what each half leaves with the other's shift.
+    """
+    data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
+    shifts, fits = zip(*map(_best_shift, data.halves), strict=True)
+    worse = []
+    for half, other, own in zip(data.halves, reversed(shifts), fits, strict=True):
+        swapped = half.regressors.fit(_later(half, other))
+        worse.append(np.sum(swapped.residual**2, axis=1) - np.sum(own.residual**2, axis=1))
+    skew = 1000 * shifts[1] / data.rate - 1000 * shifts[0] / data.rate
     what = (
         f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
     )
-    return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
+    return Measured(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
 
 
 def _reach(data: FittedEnsemble) -> int:
-    """Samples that are tried as a delay, to either side."""
-    reach = min(round(LONGEST_DELAY * data.rate), data.ensemble.context)
+    """Return the longest delay in samples that the context allows."""
+    reach = min(round(MAX_DELAY_S * data.rate), data.ensemble.context)
     if reach < 2:
-        raise NotJudged("the realizations have no context to shift them by")
+        raise NotApplicable("the realizations have no context to shift them by")
     return reach
 
 
 def _later(data: FittedEnsemble, samples: float) -> Array:
-    """Torque taken so many samples later, where it was fitted."""
-    fit, whole = data.fit, round(samples)
-    torque = between(data.torque, samples - whole)
-    late = np.clip(
-        np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1
-    )
-    return torque[:, late]
+    """Return the torque so many samples later, where it is fitted."""
+    whole, last = round(samples), data.torque.shape[1] - 1
+    fitted = np.arange(data.region.start, data.region.stop)
+    return between(data.torque, samples - whole)[:, np.clip(fitted + whole, 0, last)]
 
 
-def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrder]:
-    """Shift of the torque in samples that leaves least of it, and the fit with it."""
-    reach, regressors = _reach(data), data.regressors
+def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrderFit]:
+    """Return the shift of the torque in samples that leaves least of it, and its fit."""
+    reach = _reach(data)
 
-    def best_of(shifts: Array) -> float:
-        return float(min(shifts, key=lambda shift: regressors.left(_later(data, float(shift)))))
+    def best(shifts: Array) -> tuple[float, SecondOrderFit]:
+        fits = ((float(shift), data.regressors.fit(_later(data, shift))) for shift in shifts)
+        return min(fits, key=lambda pair: pair[1].left)
 
-    best = best_of(np.arange(-reach, reach + 1).astype(np.float64))
-    best = best_of(np.clip(best + FINER, -reach, reach))
-    fit = regressors.fit(_later(data, best))
-    if 1 - fit.left < ANSWERED:
-        raise NotJudged(NO_ANSWER)
-    return best, fit
+    whole, _ = best(np.arange(-reach, reach + 1.0))
+    shift, fit = best(np.clip(whole + FINE_SHIFTS, -reach, reach))
+    if 1 - fit.left < MIN_EXPLAINED:
+        raise NotApplicable(NO_RESPONSE)
+    return shift, fit

@@ -1,4 +1,4 @@
-"""An ensemble at some 100 Hz."""
+"""Lower the sampling rate of an ensemble to some 100 Hz."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ import math
 import attrs
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from tvsysid.numerics.decimation import decimation_weights
+from tvsysid.numerics.decimation import decimation_weights, keep_every
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.preprocess.trials import decimate, map_signals
-from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.preprocess.trials import map_signals
+from tvsysid.signals import Array, Ensemble
 
-LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
-SHORTEST = 30  # samples of a realization whose derivatives must be known
-# samples of the lower rate that a low-pass is long if the rate does not divide, as that to a tenth
-# is
-TAPS = 3
+MIN_RATE_HZ = 100.0
+MIN_KNOWN_SAMPLES = 30  # of a realization, with known derivatives
+LOW_PASS_SAMPLES = 3  # length of a low-pass in samples of the lower rate
 
 
 def known_region(samples: int, context: int) -> slice:
-    """Return the samples of an ensemble, context counted, whose derivatives are known.
+    """Return the samples, context counted, whose derivatives are known.
 
     These are all samples but those at the edges of a record.
     """
@@ -30,70 +29,51 @@ def known_region(samples: int, context: int) -> slice:
 
 
 def known_samples(samples: int, context: int) -> int:
-    """How many samples of a realization these are."""
+    """Return the number of samples of a realization whose derivatives are known."""
     region = known_region(samples, context)
     return int(region.stop - region.start)
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:
-    """Ensemble at some 100 Hz, at which a realization is a whole number of samples.
+    """Return an ensemble at some 100 Hz, with a whole number of samples per realization.
 
-    Where the samples of realization and context share a factor, that is the decimation of
-    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the
-    old ones.
+    Where the samples of realization and context share a factor, the ensemble is decimated as by
+    :func:`tvsysid.preprocess.decimate`. Where they do not, it passes the same low-pass and is
+    interpolated.
     """
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
-    factors = [
+    plain = attrs.evolve(ensemble, recorded_angle=None)
+    common = math.gcd(samples, context)
+    factor = max(
         factor
-        for factor in range(2, int(rate / LOWEST_RATE) + 1)
-        if math.gcd(samples, context) % factor == 0
-        and known_samples(samples // factor, context // factor) >= SHORTEST
-    ]
-    factor = factors[-1] if factors else 1
-    if rate / factor > 2 * LOWEST_RATE and (between_samples := _resampled(ensemble)) is not None:
-        return between_samples
+        for factor in range(1, max(1, int(rate / MIN_RATE_HZ)) + 1)
+        if factor == 1
+        or (
+            common % factor == 0
+            and known_samples(samples // factor, context // factor) >= MIN_KNOWN_SAMPLES
+        )
+    )
+    counts = range(math.ceil(samples * MIN_RATE_HZ / rate), samples // 2 + 1)
+    long_enough = (
+        n for n in counts if known_samples(n, context * n // samples) >= MIN_KNOWN_SAMPLES
+    )
+    if rate / factor > 2 * MIN_RATE_HZ and (count := next(long_enough, 0)):
+        step, margin = samples / count, context * count // samples
+        places = context + step * np.arange(-margin, count + margin)
+        signals = map_signals(plain, lambda values: _interpolated(values, step, places))
+        return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)
     if factor == 1:
         return ensemble
-    # Every realization is filtered by itself, as a trial is.
-    starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
-    recorded = None if ensemble.recorded_angle is None else np.concatenate(ensemble.recorded_angle)
-    channels = {name: values.ravel() for name, values in ensemble.channels.items()}
-    angle, torque = ensemble.angle.ravel(), ensemble.torque.ravel()
-    whole = Recording(
-        angle, torque, rate, channels=channels, trial_starts=starts, recorded_angle=recorded
-    )
-    low = decimate(whole, rate / factor)
-    assert low.recorded_angle is not None
-    lower = map_signals(
-        attrs.evolve(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1)
-    )
-    lower["recorded_angle"] = low.recorded_angle.reshape(*lower["angle"].shape, -1)
-    return attrs.evolve(ensemble, **lower, sampling_rate=rate / factor, context=context // factor)
+    signals = map_signals(plain, lambda values: keep_every(values, factor))
+    signals["recorded_angle"] = ensemble.angle_as_recorded.reshape(*signals["angle"].shape, -1)
+    return attrs.evolve(ensemble, **signals, context=context // factor, sampling_rate=rate / factor)
 
 
-def _resampled(ensemble: Ensemble) -> Ensemble | None:
-    """Ensemble at a lower rate that does not divide its own.
-
-    None if realizations are too short for that.
-    """
-    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
-    for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
-        margin = context * count // samples
-        if known_samples(count, margin) >= SHORTEST:
-            break
-    else:
-        return None
-    step = samples / count
-    places = context + step * np.arange(-margin, count + margin)
-    taps = decimation_weights(step, 2 * round(TAPS * step / 2) + 1)
+def _interpolated(values: Array, step: float, places: NDArray[np.floating]) -> Array:
+    """Return low-passed values (realization, time) at places between the samples."""
+    taps = decimation_weights(step, 2 * round(LOW_PASS_SAMPLES * step / 2) + 1)
     half = len(taps) // 2
-
-    def lower(values: Array) -> Array:
-        extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
-        smooth = scipy.signal.oaconvolve(extended, taps[None], mode="valid", axes=1)
-        return np.asarray(
-            scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places)
-        )
-
-    signals = map_signals(attrs.evolve(ensemble, recorded_angle=None), lower)
-    return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)
+    extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
+    smooth = scipy.signal.oaconvolve(extended, taps[None], mode="valid", axes=1)
+    time = np.arange(values.shape[1])
+    return np.asarray(scipy.interpolate.make_interp_spline(time, smooth, axis=1)(places))

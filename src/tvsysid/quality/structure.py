@@ -1,214 +1,248 @@
-"""Check for what a passive second-order joint does not do: feedback, reflexes, slow answers."""
+"""Check for what a passive second-order joint does not do: feedback, reflexes, slow responses."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.reflex_test import LATEST, MIN_TESTED_REALIZATIONS, SOONEST
+from tvsysid.methods.cascade.reflex_test import (
+    LATEST,
+    MIN_TESTED_REALIZATIONS,
+    SOONEST,
+    ReflexTest,
+    reflex_test_of,
+)
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
-from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
-from tvsysid.quality.statistics import (
-    SIGNIFICANT,
-    gained,
-    gains,
-    p_value_of,
-    without,
-)
+from tvsysid.quality.checks import Measured, NotApplicable, check
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.statistics import SIGNIFICANT, gained, gains, p_value_of, without
 from tvsysid.signals import Array
 
-# seconds ahead that the angle is predicted: within them derivatives' filters tell even of an
-# imposed one
-AHEAD = 0.03
-PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
-PAST_CAUSE = 0.15  # seconds of a channel that may add to it
-# Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the
-# angle of it at most.
-LEADS, FOLLOWS = 0.04, 0.02
-BESIDE = 6  # samples of the torque to either side from which it is explained
-SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
-LATEST_FUTURE = 0.27  # s: how much later the movement is of which the torque should not know
-SHORT = "realizations and their context are too short"
+STEP_S, MAX_LEAD_S, MAX_LAG_S = 0.03, 0.27, 0.3  # lags of later and of earlier movement
+# Of a channel that may have been applied: how far ahead it predicts the angle, as derivatives'
+# filters know nearer samples of an imposed one, and how much of the past of both counts.
+AHEAD_S, ANGLE_PAST_S, CAUSE_PAST_S = 0.03, 0.2, 0.15
+# Shares of unpredicted movement: of the angle by the channel at least, and the reverse at most.
+MIN_LEAD, MAX_FOLLOW = 0.04, 0.02
+TORQUE_LAGS = 6  # samples of the torque to either side that may explain a channel
+TOO_SHORT = "realizations and their context are too short"
 
 
-def feedback(data: FittedEnsemble) -> Seen:
+@check(
+    "feedback",
+    "Closed loop: torque noise moves the angle",
+    "share of the torque that later movement predicts, beyond earlier movement",
+    3,
+    "%",
+    effect="the methods here take the angle as imposed; if noise in the torque moves it, "
+    "stiffness, viscosity and inertia come out too low",
+    remedy="check that both channels pass the same filters; use a stiffer actuator, or identify "
+    "with the actuator's command as the reference (tvsysid identify … --channel command=… --method "
+    "kbr:reference=command,weighting=residual)",
+)
+def feedback(data: FittedEnsemble) -> Measured:
     """Return the share of the torque that later movement predicts (Sims, 1972).
 
-    Earlier movement and the joint's response are taken into account first. An imposed angle's
-    future tells nothing of the torque's noise, of which a joint that it moves tells; a reflex is
-    late. All is whitened by the noise, and judged by realizations that were not fitted to.
+    Earlier movement and the joint's response are taken into account first. The future of an
+    imposed angle says nothing about the torque's noise, that of an angle which it moves does. A
+    reflex is late. All signals are whitened, and the test is by held-out realizations.
     """
     data.require(MIN_TESTED_REALIZATIONS)
-    if FAULTS["coarse-angle"].beyond(data.angle_step):
-        raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
-    angle, residual, step = (
-        data.whitened(data.angle),
-        data.white_residual,
-        max(1, round(STEP * data.rate)),
-    )
-    lags = 1 + step * np.arange(1, 1 + round(LATEST_FUTURE / STEP))
-    start, stop = (
-        max(data.fit.first, lags[-1]),
-        min(data.fit.first + residual.shape[1], angle.shape[1] - lags[-1]),
-    )
+    if data.finding("coarse-angle").beyond:
+        raise NotApplicable(
+            "the angle is recorded in steps so coarse that the torque tells it better"
+        )
+    angle, residual, origin = data.whitened(data.angle), data.white_residual, data.region.start
+    step = max(1, round(STEP_S * data.rate))
+    lags = 1 + step * np.arange(1, 1 + round(MAX_LEAD_S / STEP_S))
+    start = max(origin, lags[-1])
+    stop = min(origin + residual.shape[1], angle.shape[1] - lags[-1])
     if stop - start < lags[-1]:
-        raise NotJudged(SHORT)
-    inside = slice(start - data.fit.first, stop - data.fit.first)
-    windows = sliding_window_view(angle, stop - start, axis=1).transpose(1, 0, 2)
-    own, later = windows[start + np.r_[-lags, -1:2]], windows[start + lags]
-    gain = gains(without(residual[:, inside], own), without(later, own))
-    share = float(
-        gain.sum() / np.sum((data.white_parts.sum(axis=0) + data.white_residual)[:, inside] ** 2)
+        raise NotApplicable(TOO_SHORT)
+    inside = slice(start - origin, stop - origin)
+    own, later = (
+        _shifted(angle, start + np.asarray(each), stop - start)
+        for each in (np.r_[-lags, -1:2], lags)
     )
+    gain = gains(without(residual[:, inside], own), without(later, own))
+    torque = (data.white_parts.sum(axis=0) + residual)[:, inside]
+    share = float(gain.sum() / np.sum(torque**2))
     first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
     what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
-    return Seen(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
+    return Measured(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
 
 
-def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
-    """Test whether the stiffness changes if the angle is replaced by its prediction.
+@check(
+    "loop-bias",
+    "Closed loop: the stiffness is another with the reference",
+    "mean stiffness of a fit in open loop over that with the reference as the instrument, less 1",
+    5,
+    "%",
+    effect="the methods that take the angle as imposed are biased by as much; no band shows it, "
+    "and no longer record mends it",
+    remedy="identify with the reference, as the finding says "
+    "(kbr:reference=NAME,weighting=residual)",
+)
+def loop_bias(data: FittedEnsemble, reference: str) -> Measured:
+    """Return by how much stiffness changes with the angle that the reference predicts.
 
-    The reference predicts the angle. By one step from the open-loop fit, whose residual is then no
-    answer to what the reference moves.
+    It is one step from the open-loop fit to one whose residual has no part in what the reference
+    moves.
     """
     data.require(MIN_TESTED_REALIZATIONS)
     ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
     assert ensemble.trials is not None
     assert ensemble.onsets is not None
     groups = realization_groups(ensemble.trials, ensemble.onsets)
-    moved = predicted(
-        np.pad(data.signal(reference), ((0, 0), (late, early))),
-        data.angle,
-        ensemble.core,
-        data.rate,
-        groups,
-    )
+    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
+    moved = predicted(command, data.angle, ensemble.core, data.rate, groups)
     core = data.core("angle")
     explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
     if not explained >= HARDLY_MOVED:
-        raise NotJudged(
+        raise NotApplicable(
             f"the disturbance {reference!r} hardly moves the angle: it predicts "
             f"{_percent(explained)} of it"
         )
-    first = fit.first - HALF_WIDTH
-    z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
-    # All times count alike: the angle moves farther where the joint gives way, and a sum of squares
+    first = data.region.start - HALF_WIDTH
+    instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
+    # All times count alike. The angle moves farther where the joint is soft, and a sum of squares
     # dwells there.
-    power = (
-        np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins]
-        / np.bincount(fit.bins)[fit.bins]
-    )
-    inverse = np.linalg.pinv(np.einsum("art,brt->ab", z / power, fit.motion))
-    # Of the stiffness, in each realization. The residual has no part in the whole movement, which
-    # is noise in each.
-    missing = np.einsum("a,art,rt->r", inverse[0], (z - fit.motion) / power, fit.residual)
-    biased = float(fit.stiffness[fit.bins].mean())
-    closed = biased + float(missing.sum())
+    power = np.bincount(fit.bins, np.mean(instrument[0] ** 2, axis=0)) / np.bincount(fit.bins)
+    power = power[fit.bins]
+    inverse = np.linalg.pinv(np.einsum("art,brt->ab", instrument / power, fit.motion))
+    # Change of stiffness by each realization. The residual has no part in the whole movement, so
+    # its products with that, which are noise, are left out.
+    change = (instrument - fit.motion) / power
+    missing = np.einsum("a,art,rt->r", inverse[0], change, fit.residual)
+    open_loop = float(fit.stiffness[fit.bins].mean())
+    closed = open_loop + float(missing.sum())
     what = (
-        f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with "
-        f"{reference!r} as the reference, "
-        f"which predicts {_percent(explained)} of the angle; identify by --method "
-        f"kbr:reference={reference},weighting=residual"
+        f"the mean stiffness is {open_loop:.3g} N·m/rad in open loop, {closed:.3g} with "
+        f"{reference!r} as the reference, which predicts {_percent(explained)} of the angle; "
+        f"identify by --method kbr:reference={reference},weighting=residual"
     )
-    return Seen(-100 * float(missing.sum()) / abs(closed), what, p_value_of(missing) < SIGNIFICANT)
+    value = -100 * float(missing.sum()) / abs(closed)
+    return Measured(value, what, p_value_of(missing) < SIGNIFICANT)
 
 
-def applied(data: FittedEnsemble, channel: str) -> Seen:
-    """Test what ``channel`` changes as a reference, if it is what was applied.
+def loop_bias_undeclared(data: FittedEnsemble, channel: str) -> Measured:
+    """Return the loop bias with a channel, if that was applied: it moves the angle.
 
-    It was applied if it moves the angle and the angle does not move it. EMG and further sensors of
-    the angle follow it, or hardly lead it; those of the torque are the torque and noise; and EMG
-    that makes the torque's noise gives a stiffness that is lower still, which is the load's.
+    EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
+    torque and noise, a command is the torque and a load. EMG that makes the torque's noise gives a
+    stiffness that is lower still, which is the load's.
     """
     data.require(MIN_TESTED_REALIZATIONS)
     values = data.signal(channel)
-    both = np.concatenate([data.torque, data.angle])
-    torques, angles = np.split(
-        sliding_window_view(both, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2), 2, 1
-    )
-    middle = values[:, BESIDE:-BESIDE]
+    width = values.shape[1] - 2 * TORQUE_LAGS
+    middle, places = values[:, TORQUE_LAGS:-TORQUE_LAGS], np.arange(2 * TORQUE_LAGS + 1)
+    torques, angles = (_shifted(each, places, width) for each in (data.torque, data.angle))
     by_angle = gained(without(middle, torques), without(angles, torques))[0]
-    if (
-        not by_angle > gained(middle, torques)[0]
-    ):  # a sensor is the torque and noise; a command, torque and load
-        raise NotJudged(f"{channel!r} is the torque")
-    leads, follows = (
-        _predicted(data.angle, values, data.rate),
-        _predicted(values, data.angle, data.rate),
-    )
-    if not leads > LEADS or follows > FOLLOWS:
-        raise NotJudged(f"{channel!r} does not move before the angle")
-    seen = loop_bias(data, channel)
-    return seen if seen.value < 0 else seen._replace(significant=False)
+    if not by_angle > gained(middle, torques)[0]:
+        raise NotApplicable(f"{channel!r} is the torque")
+    leads = _predicted(data.angle, values, data.rate)
+    follows = _predicted(values, data.angle, data.rate)
+    if not leads > MIN_LEAD or follows > MAX_FOLLOW:
+        raise NotApplicable(f"{channel!r} does not move before the angle")
+    measured = loop_bias(data, channel)
+    return measured._replace(significant=measured.significant and measured.value < 0)
 
 
-def _predicted(signal: Array, cause: Array, rate: float) -> float:
-    """Share of a signal's movement, unpredicted by its own past, that a cause's past predicts."""
-    ahead = max(1, round(AHEAD * rate))
-    own, lags = (
-        ahead + np.arange(round(PAST_ANGLE * rate)),
-        ahead + np.arange(0, round(PAST_CAUSE * rate), 2),
-    )
-    start, stop = own[-1], signal.shape[1]
-    if stop - start < lags[-1]:
-        raise NotJudged(SHORT)
-    past, causes = (
-        np.stack([values[:, start - lag : stop - lag] for lag in each])
-        for values, each in ((signal, own), (cause, lags))
-    )
-    return gained(without(signal[:, start:], past), without(causes, past))[0]
-
-
-def reflex(data: FittedEnsemble) -> Seen:
+@check(
+    "reflex",
+    "A reflex answers stretch",
+    "share of the residual torque that velocity of one direction 40 to 330 ms earlier predicts at "
+    "least (with 95 % certainty), beyond what both directions do alike",
+    0.1,
+    "%",
+    effect="methods with one pathway take the reflex's torque for the joint's own: stiffness and "
+    "inertia come out too high, viscosity too low, with short lags and with long ones; no band "
+    "shows it",
+    remedy="separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)",
+)
+def reflex(data: FittedEnsemble) -> Measured:
     """Test whether late velocity of one direction predicts torque as a stretch reflex does.
 
-    This torque is predicted neither by the joint nor by the other direction.
+    Neither the joint nor the other direction predicts this torque.
     """
-    data.require(MIN_TESTED_REALIZATIONS, answer=False)
-    try:
-        test = data.reflex
-    except InputError:
-        raise NotJudged(SHORT) from None
+    data.require(MIN_TESTED_REALIZATIONS, response=False)
+    test = _reflex_test(data)
+    if test is None:
+        raise NotApplicable(TOO_SHORT)
     data.require()
     one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{_percent(test.share)} of the "
-        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, which neither no "
-        "reflex does "
-        f"(p = {test.over_none:.1g}) nor one that is linear (p = {test.over_linear:.1g}); the "
-        "mean stiffness is "
+        f"{_percent(test.share)} of the residual torque {1000 * SOONEST:.0f} to "
+        f"{1000 * LATEST:.0f} ms later, which neither no reflex does (p = {test.over_none:.1g}) "
+        f"nor one that is linear (p = {test.over_linear:.1g}); the mean stiffness is "
         f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
     if two_paths > 0:
         what += f": {100 * (one_path / two_paths - 1):+.0f} % in these data"
-    return Seen(100 * max(0.0, test.share), what, test.shown)
+    return Measured(100 * max(0.0, test.share), what, test.shown)
 
 
-def slow_answer(data: FittedEnsemble) -> Seen:
-    """Share of the residual torque that late velocities predict, where no reflex does."""
+@check(
+    "slow-answer",
+    "More than stiffness, viscosity and inertia",
+    "share of the residual torque that movement 40 to 300 ms earlier predicts, where no reflex is "
+    "found",
+    10,
+    "%",
+    effect="a model of second order (birf, kbr) misses this part; impulse responses hold it as far "
+    "as their lags reach",
+    remedy="use lags as long as the answer (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), also "
+    "with --tune; look for a wrong sampling rate, a soft coupling, or a filter in one channel",
+)
+def slow_answer(data: FittedEnsemble) -> Measured:
+    """Return the share of the residual torque that late velocities predict without a reflex."""
     data.require(MIN_TESTED_REALIZATIONS)
-    with suppress(InputError):
-        if data.reflex.shown:
-            raise NotJudged("a reflex is found, whose answer is late; longer lags do not mend that")
-    lags = np.unique(np.round(np.arange(SOONEST, SLOWEST, STEP) * data.rate).astype(np.int64))
-    first, count = data.fit.first, data.fit.torque.shape[1]
-    # The samples of the fit before which all lags are known.
-    start, stop = max(first, int(lags.max())), first + count
+    test = _reflex_test(data)
+    if test is not None and test.shown:
+        raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
+    lags = np.round(np.arange(SOONEST, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
+    lags = np.unique(lags)
+    origin, stop = data.region.start, data.region.stop
+    start = max(origin, int(lags.max()))
     if stop - start < 2 * HALF_WIDTH:
-        raise NotJudged(SHORT)
+        raise NotApplicable(TOO_SHORT)
     velocity = np.gradient(data.angle, 1 / data.rate, axis=1)
-    windows = sliding_window_view(velocity, stop - start, axis=1)
-    causes = np.stack([windows[:, start - lag] for lag in lags])
-    share, probability = gained(data.fit.residual[:, start - first :], causes)
-    when = f"{1000 * SOONEST:.0f} to {1000 * SLOWEST:.0f} ms before"
-    what = f"the movement {when} predicts {_percent(share)} of the residual torque"
-    return Seen(100 * max(0.0, share), what, probability < SIGNIFICANT)
+    causes = _shifted(velocity, start - lags, stop - start)
+    share, chance = gained(data.fit.residual[:, start - origin :], causes)
+    what = (
+        f"the movement {1000 * SOONEST:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
+        f"{_percent(share)} of the residual torque"
+    )
+    return Measured(100 * max(0.0, share), what, chance < SIGNIFICANT)
+
+
+def _reflex_test(data: FittedEnsemble) -> ReflexTest | None:
+    """Return the test for a reflex, or None if realizations are too short for it."""
+    try:
+        return reflex_test_of(data.ensemble)
+    except InputError:
+        return None
+
+
+def _predicted(signal: Array, cause: Array, rate: float) -> float:
+    """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
+    ahead = max(1, round(AHEAD_S * rate))
+    own = ahead + np.arange(round(ANGLE_PAST_S * rate))
+    lags = ahead + np.arange(0, round(CAUSE_PAST_S * rate), 2)
+    start, count = own[-1], signal.shape[1] - own[-1]
+    if count < lags[-1]:
+        raise NotApplicable(TOO_SHORT)
+    past, causes = _shifted(signal, start - own, count), _shifted(cause, start - lags, count)
+    return gained(without(signal[:, start:], past), without(causes, past))[0]
+
+
+def _shifted(signal: Array, starts: NDArray[np.int64], count: int) -> Array:
+    """Return so many samples of a signal from each start, shape (start, realization, time)."""
+    return sliding_window_view(signal, count, axis=1).transpose(1, 0, 2)[starts]
 
 
 def _percent(share: float) -> str:

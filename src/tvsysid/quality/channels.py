@@ -1,0 +1,136 @@
+"""Check whether channels, signs, units and sampling rate can be right."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
+from tvsysid.quality.fitted import NOT_IDENTIFIABLE, FittedEnsemble
+from tvsysid.recordings.plausible import MAX_ANGLE_RMS_RAD
+from tvsysid.signals import Array
+
+SURE = 5.0  # standard errors from which on a value's sign is sure
+MIDDLE_FREQUENCY_HZ, MIN_FREQUENCY_HZ = math.sqrt(40), 1.0  # natural frequencies of joints
+MAX_INERTIA = 1.0  # kg·m², more than that of an arm or a lower leg
+
+
+@check(
+    "same-channel",
+    "Angle and torque are one signal",
+    "correlation of angle and torque, without its sign",
+    99.99,
+    "%",
+    effect="the result is the factor between the two signals, and no impedance",
+    remedy="check which channels were named as angle and as torque (--angle, --torque)",
+)
+def same_channel(data: FittedEnsemble) -> Measured:
+    """Return the correlation of angle and torque.
+
+    Noise, viscosity and inertia keep that of a joint below 100 %.
+    """
+    angle, torque = data.angle, data.torque
+    size = math.sqrt(float(np.sum(angle**2)) * float(np.sum(torque**2)))
+    if size == 0:
+        raise NotApplicable("a channel does not move")
+    value = 100 * abs(float(np.sum(angle * torque))) / size
+    return Measured(value, f"the correlation of angle and torque is {value:.4g} %")
+
+
+def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
+    """Return mean impedance and its standard errors, where they are identifiable."""
+    data.require()
+    if not np.isfinite(data.mean_impedance[0]).all():
+        raise NotApplicable(NOT_IDENTIFIABLE)
+    return data.mean_impedance
+
+
+@check(
+    "reversed-torque",
+    "The torque has the opposite sign",
+    "mean stiffness",
+    0,
+    "N·m/rad",
+    effect="stiffness, viscosity and inertia all come out negative",
+    remedy="read the file with torque_sign=-1 (--torque-sign -1)",
+    wrong="below",
+)
+def reversed_torque(data: FittedEnsemble) -> Measured:
+    """Return the mean stiffness."""
+    (value, *_), (error, *_) = _impedance(data)
+    what = f"the mean stiffness is {value:.3g} ± {error:.2g} N·m/rad"
+    return Measured(value, what, value < -SURE * error)
+
+
+@check(
+    "angle-unit",
+    "The angle is too large for radians",
+    "RMS of the angle about its mean over realizations",
+    MAX_ANGLE_RMS_RAD,
+    "rad",
+    effect="degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if "
+    "they are radians, no joint is linear over such a wide movement",
+    remedy="if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this "
+    "is the torque, name the channels the other way round",
+)
+def angle_unit(data: FittedEnsemble) -> Measured:
+    """Return the size of the movement."""
+    size = float(np.sqrt(np.mean(data.core("angle") ** 2)))
+    return Measured(
+        size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
+    )
+
+
+@check(
+    "torque-unit",
+    "Stiffer or softer than any joint",
+    "mean stiffness, without its sign",
+    1500,
+    "N·m/rad",
+    effect="stiffness, viscosity and inertia are wrong by the same factor",
+    remedy="convert the torque to N·m if it is in mN·m, N·cm or kN·m, do not read radians as "
+    "degrees, and do not swap the channels",
+    lowest=0.2,
+)
+def torque_unit(data: FittedEnsemble) -> Measured:
+    """Return the size of the mean stiffness."""
+    (value, *_), (error, *_) = _impedance(data)
+    size = abs(float(value))
+    return Measured(size, f"the mean stiffness is {value:.4g} N·m/rad", size > SURE * error)
+
+
+@check(
+    "sampling-rate",
+    "Too slow or too fast for a joint",
+    "natural frequency, in octaves from the middle of the range of joints (1 to 40 Hz; inertia up "
+    "to 1 kg·m²)",
+    2.66,
+    "octaves",
+    effect="a rate that is stated too high by a factor makes viscosity too small by that factor, "
+    "and inertia by its square",
+    remedy="check at what rate the file was sampled; the inertia of foot and footplate is 0.01 to "
+    "0.04 kg·m²",
+)
+def sampling_rate(data: FittedEnsemble) -> Measured:
+    """Compare natural frequency and inertia with those of joints.
+
+    A wrong rate changes neither the damping ratio nor the stiffness. The fit is low-passed,
+    because noise in the angle hides the inertia.
+    """
+    _impedance(data)
+    values, errors = data.smooth_impedance
+    stiffness, _, inertia = map(float, values)
+    if np.any(np.abs(values) < SURE * errors, where=[True, False, True]) or stiffness * inertia < 0:
+        raise NotApplicable("stiffness and inertia are not determined well enough")
+    frequency, inertia = math.sqrt(stiffness / inertia) / (2 * math.pi), abs(inertia)
+    octaves = math.log2(frequency / MIDDLE_FREQUENCY_HZ)
+    if inertia > MAX_INERTIA and not FAULTS["torque-unit"].beyond(stiffness):
+        # No frequency is too low for a heavy limb, but no joint moves one that is so heavy.
+        slow = math.log2(MIN_FREQUENCY_HZ / MIDDLE_FREQUENCY_HZ * MAX_INERTIA / inertia)
+        octaves = min(octaves, slow)
+    what = (
+        f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of {inertia:.2g} "
+        "kg·m²"
+    )
+    return Measured(abs(octaves), what)

@@ -1,0 +1,197 @@
+"""Define a check: a fault with its limit, and the function that measures it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeVar
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.numerics.threads import single_thread
+
+
+class Fault(NamedTuple):
+    """One fault that data can have, and its limit.
+
+    Parameters
+    ----------
+    title, measure
+        Name of the fault in words, and description of the value that is measured.
+    limit, unit
+        Last value that is in order, and its unit.
+    effect, remedy
+        Effect of the fault on the result, and what to do about it.
+    wrong
+        Side of the limit on which a value is wrong. With ``"above"``, the sign does not count.
+    lowest
+        Value below which it is wrong too, for a fault with two sides.
+    """
+
+    title: str
+    measure: str
+    limit: float
+    unit: str
+    effect: str
+    remedy: str
+    wrong: Literal["above", "below"] = "above"
+    lowest: float = 0.0
+
+    def beyond(self, value: float) -> bool:
+        """Whether a value is on the wrong side of the limit."""
+        if self.wrong == "below":
+            return value < self.limit
+        return abs(value) > self.limit or abs(value) < self.lowest
+
+
+class Measured(NamedTuple):
+    """Result of a check's function.
+
+    ``value`` is compared with the limit, and ``what`` describes it in words. ``significant`` is
+    False where noise may explain the value. ``realizations`` are those concerned.
+    """
+
+    value: float
+    what: str
+    significant: bool = True
+    realizations: tuple[int, ...] = ()
+
+
+# Not an error: these data do not allow a check.
+class NotApplicable(Exception):  # noqa: N818
+    """Raised by a check's function with the reason why these data do not allow the check."""
+
+
+Function = TypeVar("Function", bound=Callable[..., Measured])
+
+FAULTS: dict[str, Fault] = {}
+"""Faults by name, in the order in which they are reported."""
+
+_FUNCTIONS: dict[str, Callable[..., Measured]] = {}
+
+
+def check(
+    name: str, *fault: Any, which: str | None = None, **words: Any
+) -> Callable[[Function], Function]:
+    """Register the function that measures a fault.
+
+    Parameters
+    ----------
+    name
+        Name of the fault.
+    fault, words
+        Parameters of :class:`Fault`.
+    which
+        Signal that the function takes as its second argument.
+    """
+
+    def register(function: Function) -> Function:
+        FAULTS[name] = Fault(*fault, **words)
+        _FUNCTIONS[name] = partial(function, which=which) if which else function
+        return function
+
+    return register
+
+
+@attrs.frozen
+class Finding:
+    """Result of one check.
+
+    Parameters
+    ----------
+    name
+        Name of the fault, such as ``"drift"``.
+    value, significant
+        Measured value in the unit of the fault, and whether it is more than noise explains. NaN
+        where the data do not allow the check.
+    what
+        Description of the value in words, or the reason why the data do not allow the check.
+    realizations
+        Indices of the realizations concerned, for a fault of single ones.
+    """
+
+    name: str
+    value: float
+    significant: bool
+    what: str
+    realizations: tuple[int, ...] = ()
+
+    @property
+    def fault(self) -> Fault:
+        """Description of the fault: title, measure, unit, limit, effect and remedy."""
+        return FAULTS[self.name]
+
+    @property
+    def judged(self) -> bool:
+        """Whether the data allow the check."""
+        return not math.isnan(self.value)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the value is on the wrong side of its limit, significant or not."""
+        return self.fault.beyond(self.value)
+
+    @property
+    def found(self) -> bool:
+        """Whether the value is beyond its limit and significant."""
+        return self.beyond and self.significant
+
+    @property
+    def state(self) -> str:
+        """Return ``"found"``, ``"in order"``, ``"uncertain"`` or ``"not judged"``.
+
+        Uncertain is a value beyond the limit that is not significant.
+        """
+        if self.beyond:
+            return "found" if self.significant else "uncertain"
+        return "in order" if self.judged else "not judged"
+
+    @property
+    def strength(self) -> str:
+        """Value against limit, in words.
+
+        Examples
+        --------
+        >>> Finding("drift", 24.3, True, "").strength
+        '24.3 %, at most 10 is in order'
+        """
+        if not self.judged:
+            return "–"
+        fault, size = self.fault, abs(self.value)
+        value = "0" if size < 1e-9 else f"{self.value:.3g}" if size < 1e4 else f"{self.value:.2g}"
+        unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
+        if fault.wrong == "below" or size < fault.lowest:
+            allowed = f"at least {fault.lowest or fault.limit:g}"
+        else:
+            allowed = f"at most {'±' if self.value < 0 else ''}{fault.limit:g}"
+        caveat = ", but not significant" if self.state == "uncertain" else ""
+        return f"{value} {unit}, {allowed} is in order{caveat}"
+
+    def __repr__(self) -> str:
+        return f"Finding({self.name}: {self.state}; {self.what})"
+
+
+def not_judged(name: str, reason: object) -> Finding:
+    """Return the finding of a check that the data do not allow."""
+    return Finding(name, math.nan, False, str(reason))
+
+
+@single_thread()
+def judge(
+    name: str, *arguments: object, function: Callable[..., Measured] | None = None
+) -> Finding:
+    """Check for one fault by its registered function of these arguments, or by another one."""
+    try:
+        measured = (function or _FUNCTIONS[name])(*arguments)
+    except NotApplicable as reason:
+        return not_judged(name, reason)
+    value, what, significant, realizations = measured
+    return Finding(name, float(value), bool(significant), what, realizations)
+
+
+def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
+    """Return the indices of the realizations concerned."""
+    return tuple(np.flatnonzero(concerned).tolist())

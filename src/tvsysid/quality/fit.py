@@ -1,0 +1,129 @@
+"""Fit a second-order joint whose stiffness and viscosity vary over time in bins."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.numerics.second_order import second_order_fit
+from tvsysid.signals import Array
+
+MIN_BIN_SAMPLES = 100  # samples of all realizations together
+MIN_BIN_S = 0.05
+MIN_LONG_BINS = 10  # bins are not lengthened beyond the realization's length over this
+
+
+@attrs.frozen(eq=False)
+class SecondOrderFit:
+    r"""Least-squares fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta`.
+
+    Stiffness k and viscosity b have one value in each bin of time, shape (bin,). ``motion`` is
+    angle, velocity and acceleration, shape (3, realization, time), ``torque`` is y in N·m, shape
+    (realization, time), and ``bins`` is the bin of each sample. ``left`` is the share of the
+    torque's power that the fit does not explain, 1 for a torque of zero.
+    """
+
+    motion: Array
+    torque: Array
+    rate: float
+    bins: NDArray[np.int64]
+    stiffness: Array
+    viscosity: Array
+    inertia: float
+    left: float
+
+    @property
+    def impedance(self) -> Array:
+        """Stiffness, viscosity and inertia at each sample, shape (3, time)."""
+        inertia = np.full(len(self.bins), self.inertia)
+        return np.stack([self.stiffness[self.bins], self.viscosity[self.bins], inertia])
+
+    @cached_property
+    def parts(self) -> Array:
+        """Torque of stiffness, viscosity and inertia in N·m, shape (3, realization, time)."""
+        return self.motion * self.impedance[:, None]
+
+    @cached_property
+    def residual(self) -> Array:
+        """Torque that the fit does not explain in N·m, shape (realization, time)."""
+        return np.asarray(self.torque - self.parts.sum(axis=0))
+
+    def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
+        """Return the fit to some of the realizations."""
+        return Regressors(self.motion[:, realizations], self.rate).fit(self.torque[realizations])
+
+
+class Regressors:
+    """Angle, velocity and acceleration (3, realization, time), as regressors of any torque.
+
+    The least-squares problem is partitioned. Stiffness and viscosity belong to one bin each, and
+    only the inertia is common to all. So what the angle and velocity of a bin explain of
+    acceleration and torque is removed from both, and the inertia is fitted to the rest.
+    """
+
+    def __init__(self, motion: Array, rate: float) -> None:
+        self._motion, self._rate = motion, rate
+        self._bins = time_bins(motion.shape[2], motion.shape[1], rate)
+        self._edges = np.flatnonzero(np.diff(self._bins, prepend=-1))
+        self._gram = np.stack([self._moments(each) for each in motion], axis=2)
+        inner = self._gram[:, :2, :2]
+        ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
+        self._ridged = inner + ridge * np.eye(2)
+        self._by_motion = self._solve(self._gram[:, :, 2])
+        self._free = self._unexplained(self._gram[:, :, 2], self._by_motion)
+
+    def _moments(self, signal: Array) -> Array:
+        """Return sums of motion times a signal in each bin, shape (bin, 3)."""
+        products = np.stack([np.einsum("rt,rt->t", each, signal) for each in self._motion])
+        return np.add.reduceat(products, self._edges, axis=1).T
+
+    def _solve(self, moments: Array) -> Array:
+        """Return weights of angle and velocity in each bin, shape (bin, 2)."""
+        return np.asarray(np.linalg.solve(self._ridged, moments[:, :2, None])[..., 0])
+
+    def _unexplained(self, moments: Array, weights: Array) -> float:
+        """Return the product of acceleration with what is left of a signal after these weights."""
+        return float(np.sum(moments[:, 2]) - np.sum(self._gram[:, :2, 2] * weights))
+
+    def fit(self, torque: Array) -> SecondOrderFit:
+        """Fit to a torque, shape (realization, time)."""
+        moments, total = self._moments(torque), float(np.sum(torque**2))
+        by_torque = self._solve(moments)
+        common = self._unexplained(moments, by_torque)
+        inertia = common / self._free if self._free > 0 else 0.0
+        weights = by_torque - inertia * self._by_motion
+        weights = np.pad(weights, ((0, 0), (0, 1)), constant_values=inertia)
+        fitted = (self._gram @ weights[..., None])[..., 0]
+        explained = float(np.sum(weights * (2 * moments - fitted)))
+        left = 1 - explained / total if total > 0 else 1.0
+        stiffness, viscosity, _ = weights.T
+        return SecondOrderFit(
+            self._motion, torque, self._rate, self._bins, stiffness, viscosity, inertia, left
+        )
+
+
+def time_bins(samples: int, realizations: int, rate: float) -> NDArray[np.int64]:
+    """Return the bin of each sample, shape (time,), as short as the realizations allow."""
+    shortest = max(1, round(MIN_BIN_S * rate))
+    enough = math.ceil(MIN_BIN_SAMPLES / realizations)
+    length = max(shortest, min(enough, max(samples // MIN_LONG_BINS, 1)))
+    return np.minimum(np.arange(samples) // length, max(1, samples // length) - 1)
+
+
+def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
+    """Fit constant stiffness, viscosity and inertia; return values and standard errors, (3,) each.
+
+    The errors come from the scatter over realizations, so the noise may have any colour. NaN where
+    the three are not separately identifiable.
+    """
+    count = len(torque)
+    grams = np.einsum("art,brt->rab", motion, motion)
+    cross = np.einsum("art,rt->ra", motion, torque)
+    fit = second_order_fit(grams.sum(axis=0)[None], cross.sum(axis=0)[None])
+    values = fit.impedance[0]
+    influence = (cross - grams @ values) @ fit.inverse[0]
+    return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))

@@ -12,7 +12,7 @@ from tvsysid.quality import FAULTS, Finding
 from tvsysid.recommendation import Recommendation, trust_in
 from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG
 
-SUITS = Recommendation(("adaptive",), "the behaviour repeats", {}, {})
+SUITS = Recommendation(("adaptive",), "the behaviour repeats", {})
 NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak. Perturb more")
 SLOW = attrs.evolve(SUITS, measured={"slow noise": (12.0, "dB")})
 BIASED = attrs.evolve(SLOW, measured={**SLOW.measured, "noise bias": (26.0, "%")})

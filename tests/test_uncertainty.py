@@ -34,7 +34,7 @@ def test_the_standard_error_of_a_mean():
     np.testing.assert_allclose(upper - lower, width, rtol=1e-6)
     with pytest.raises(tv.InputError, match="there is no 'inertia'; the quantities are stiffness"):
         found.band("inertia")
-    assert len(pickle.loads(cloudpickle.dumps(found))) == 400
+    assert pickle.loads(cloudpickle.dumps(found)).count == 400
 
 
 def test_draws_repeat_and_more_only_add():
@@ -156,15 +156,12 @@ class Scheduled(tv.Method):
 
 def test_estimates_over_a_measured_variable_are_drawn():
     ensemble = ensemble_of()
-    with pytest.warns(tv.DataQualityWarning, match="no band of offset"):
-        found = bootstrap(Scheduled(), ensemble, 5, seed=1)
+    found = bootstrap(Scheduled(), ensemble, 5, seed=1)
     shapes = {name: draws.shape for name, draws in found.draws.items()}
     assert shapes == {"stiffness": (5, 3), "gain": (5, 200)}
     assert re.search("5 draws.*: stiffness ±.*, gain ±.* N m/V", repr(found))
     lower, upper = found.band("stiffness", simultaneous=True)
     assert (lower < found.model.estimates["stiffness"].values).all()
     assert (upper > lower).all()
-    with pytest.warns(tv.DataQualityWarning, match="no band of stiffness"):
-        moving = bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
-    assert (len(moving), moving.draws) == (5, {})
-    assert "no quantity" in repr(moving)
+    moving = bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
+    assert np.isnan(moving.draws["stiffness"]).all()

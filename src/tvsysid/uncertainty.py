@@ -35,8 +35,8 @@ class Bootstrap:
         Number of realizations in the ensemble.
     draws
         Estimates of each draw by quantity, shape (draw, time) or (draw, value of a measured
-        variable). NaN where not identified. Means over realizations where the method has an
-        estimate for each of them.
+        variable). NaN where not identified, or identified at other values of the variable. Means
+        over realizations where the method has an estimate for each of them.
     failed, count
         Number of draws that failed, and of all draws. ``draws`` of the former are NaN.
     """
@@ -47,17 +47,13 @@ class Bootstrap:
     failed: int
     count: int
 
-    def __len__(self) -> int:
-        return self.count
-
     def __repr__(self) -> str:
         failed = f" ({self.failed} failed)" if self.failed else ""
-        sizes = (
+        found = [
             f"{name} ±{mean_of(mean_and_spread(each)[1]):.2g} {self.model.estimates[name].unit}"
             for name, each in self.draws.items()
-        )
-        found = ", ".join(sizes) or "no quantity"
-        return f"Bootstrap({self.count} draws{failed} of {self.model.method}: {found})"
+        ]
+        return f"Bootstrap({self.count} draws{failed} of {self.model.method}: {', '.join(found)})"
 
     def band(
         self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False
@@ -102,10 +98,10 @@ class Bootstrap:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distances = (np.abs(draws - mean) / deviation).reshape(self.count, -1)
             largest = np.nan_to_num(distances, posinf=0.0).max(axis=1)
-            largest = largest[largest > 0]  # of draws that were identified
-            if largest.size:
+            identified = largest[largest > 0]
+            if identified.size:
                 at_one_time = float(critical_value(level, np.array(np.inf)))
-                width *= max(1.0, float(np.quantile(largest, level)) / at_one_time)
+                width *= max(1.0, float(np.quantile(identified, level)) / at_one_time)
         estimate = _values(self.model, self.model)[quantity]
         return estimate - width, estimate + width
 
@@ -185,10 +181,9 @@ def bootstrap(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                found = _values(method.identify(drawn), model)
-            draws = {name: values for name, values in draws.items() if name in found}
-            for name, values in draws.items():
-                values[number] = found[name]
+                found = method.identify(drawn)
+            for name, values in _values(found, model).items():
+                draws[name][number] = values
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
         progress(number + 1, count)
@@ -200,17 +195,11 @@ def bootstrap(
         if count - len(reasons) < MIN_DRAWS:
             raise InputError(f"{failed}; at least {MIN_DRAWS} are needed")
         warnings.warn(f"{failed}; they are left out", DataQualityWarning, stacklevel=2)
-    if missing := ", ".join(name for name in model.estimates if name not in draws):
-        text = f"bootstrap: no band of {missing}: a draw has estimates at other values of its axis"
-        warnings.warn(text, DataQualityWarning, stacklevel=2)
     return Bootstrap(model, len(ensemble), draws, len(reasons), count)
 
 
 def _values(model: Model, whole: Model) -> dict[str, Array]:
-    """Return a draw's estimates over time, and over the same values of variables as the whole's.
-
-    Means over realizations where there is an estimate for each.
-    """
+    """Return estimates over time, and those over variables with the same values as the whole's."""
     return {
         name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values
         for name, estimate in whole.estimates.items()

@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
+from typing import Any
 
 import attrs
 import numpy as np
@@ -66,8 +67,8 @@ class Recommendation:
     measured
         Value and unit of properties of the data by name. NaN where a property is not shown or the
         data do not tell it.
-    against
-        Reasons against the other usual methods, by key.
+    objections
+        Reasons against the other usual methods, each with all methods that it applies to.
     diagnosis
         Diagnosis of the ensemble. None for a single realization.
     unnamed_references
@@ -77,7 +78,7 @@ class Recommendation:
     suited: tuple[str, ...]
     why: str
     measured: Measured
-    against: Mapping[str, str]
+    objections: tuple[str, ...] = ()
     diagnosis: Diagnosis | None = None
     unnamed_references: tuple[str, ...] = ()
 
@@ -108,16 +109,6 @@ class Recommendation:
         return f"{self.suited[0] if self.suited else 'no method is right'}: {self.why}"
 
     @property
-    def objections(self) -> list[str]:
-        """Reasons against other methods, each with all methods that it applies to."""
-        found = []
-        for reason in dict.fromkeys(self.against.values()):
-            keys = [key for key, each in self.against.items() if each == reason]
-            text = re.sub("^It ", "it " if len(keys) == 1 else "each ", reason)
-            found.append(f"not {', '.join(keys)}: {text}")
-        return found
-
-    @property
     def possible_loop(self) -> bool:
         """Whether a compliant actuator may bias the stiffness, and no reference can show it."""
         loud = any(holds(each, self.measured) for each in (SLOW_NOISE, STRONG_NOISE))
@@ -144,8 +135,8 @@ class Recommendation:
             if not math.isnan(value)
         )
         caveats = [f"caveat: {each}" for each in self.caveats]
-        first = [f"Recommendation: {self.sentence}", f"measured: {measured}"]
-        return "\n".join([*first, *self.objections, *caveats])
+        lines = [f"Recommendation: {self.sentence}", f"measured: {measured}"]
+        return "\n".join([*lines, *self.objections, *caveats])
 
 
 def recommend(
@@ -197,8 +188,7 @@ def recommend(
         raise InputError(
             f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first"
         )
-    named = [name for name in (reference, scheduling) if name is not None]
-    for name in named:
+    for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises if there is no such channel
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
@@ -206,20 +196,16 @@ def recommend(
             diagnosis = diagnosis or diagnose(ensemble, reference)
         measured = measure(ensemble, diagnosis, reference, scheduling, model)
     rule = rule_of(measured)
-    values: dict[str, object] = {name: value for name, (value, _) in measured.items()}
+    values: dict[str, Any] = {name: value for name, (value, _) in measured.items()}
     values |= {"reference": reference, "scheduling": scheduling}
-    suited = [text.format(**values) for text in rule.methods]
-    suited = [text for text in suited if not reason_to_skip(parse(text), ensemble)]
-    others = [name for name in ensemble.channels if name not in named]
+    typed = (text.format(**values) for text in rule.methods)
+    suited = tuple(text for text in typed if not reason_to_skip(parse(text), ensemble))
+    others = [name for name in ensemble.channels if name not in (reference, scheduling)]
     return Recommendation(
-        tuple(suited),
+        suited,
         rule.why.format(**values),
         measured,
-        {
-            key: _objection(key, ensemble, measured).format(**values)
-            for key in DEFAULT_METHODS
-            if suited and key != key_of(suited[0])
-        },
+        tuple(_objections(key_of(suited[0]), ensemble, measured, values) if suited else ()),
         diagnosis,
         tuple(find_unnamed_references(ensemble, others)),
     )
@@ -236,15 +222,24 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
             )
 
 
-def _objection(key: str, ensemble: Ensemble, measured: Measured) -> str:
-    """Return why another usual method is not recommended."""
-    reasons = (
-        each.reason
-        for each in OBJECTIONS
-        if key in each.methods and holds(each.condition, measured)
-    )
-    method = parse(key)
-    return reason_to_skip(method, ensemble) or next(reasons, method.differs)
+def _objections(
+    recommended: str, ensemble: Ensemble, measured: Measured, values: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield why the other usual methods are not recommended."""
+    keys: dict[str, list[str]] = {}
+    for key in DEFAULT_METHODS:
+        method = parse(key)
+        reasons = (
+            each.reason
+            for each in OBJECTIONS
+            if key in each.methods and holds(each.condition, measured)
+        )
+        reason = reason_to_skip(method, ensemble) or next(reasons, method.differs)
+        if key != recommended:
+            keys.setdefault(reason.format(**values), []).append(key)
+    for reason, alike in keys.items():
+        subject = "it " if len(alike) == 1 else "each "
+        yield f"not {', '.join(alike)}: {re.sub('^It ', subject, reason)}"
 
 
 def _agrees(method: Method, wanted: Method) -> bool:

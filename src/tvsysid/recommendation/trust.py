@@ -16,7 +16,7 @@ from tvsysid.quality import Finding
 from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
 from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 
-MAX_NEGATIVE_SHARE = 0.025  # of the time: a band of 95 % lies below its truth so often by chance
+MAX_NEGATIVE = 2.5  # % of the time: a 95 % band lies below its truth so often by chance
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -101,8 +101,8 @@ def trust_in(
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed = () if has_reference else recommendation.unnamed_references
-    wrong = list(_errors(model, faults, unnamed))
-    loop = [] if has_reference else list(_described(LOOP, faults))
+    loop = [] if has_reference else _described(LOOP, faults)
+    wrong = [*_errors(model, faults, unnamed)]
     if not is_suited and not recommendation.unnamed_references:
         wrong += loop
     # In a closed loop, the right impedance may predict none of the torque. A weak torque is weak
@@ -114,16 +114,14 @@ def trust_in(
             wrong = [UNPREDICTED]
     if wrong:
         return Trust("none", tuple(wrong))
-    doubts = [*loop, *_doubts(model, method, faults)]
-    is_biased = not (is_suited or has_reference) and all(
-        holds(each, measured) for each in (SLOW_NOISE, NOISE_BIAS)
-    )
-    if is_biased:
+    doubts, cautions = [*loop, *_doubts(model, method, faults)], []
+    is_biased = holds(SLOW_NOISE, measured) and holds(NOISE_BIAS, measured)
+    if is_biased and not (is_suited or has_reference):
         first = recommendation.suited[0]
         doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
-    is_caution_due = recommendation.possible_loop and not (is_biased or has_reference)
-    reasons = (*doubts, *[sentence(POSSIBLE_LOOP)] * is_caution_due)
-    return Trust("doubtful" if doubts else "good", reasons)
+    elif recommendation.possible_loop and not has_reference:
+        cautions.append(sentence(POSSIBLE_LOOP))
+    return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
 
 
 def _errors(
@@ -140,12 +138,12 @@ def _errors(
         yield REVERSED
 
 
-def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> Iterator[str]:
-    """Yield the texts for the faults that were found."""
-    return (text.format(what=faults[name].what) for name, text in texts.items() if name in faults)
+def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:
+    """Return the texts for the faults that were found."""
+    return [text.format(what=faults[name].what) for name, text in texts.items() if name in faults]
 
 
-def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iterator[str]:
+def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
     """Yield what may make the stiffness wrong, and what to do."""
     if share := negative_reflex(model):
         yield (
@@ -166,12 +164,9 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
 
 
-def has_one_pathway(method: object, model: Model) -> bool:
+def has_one_pathway(method: Method, model: Model) -> bool:
     """Return whether a model's stiffness includes a reflex, if there is one."""
-    return (
-        "reflex" not in getattr(method, "pathway_names", ())
-        and "reflex_gain" not in model.estimates
-    )
+    return "reflex" not in method.pathway_names and "reflex_gain" not in model.estimates
 
 
 def reflex_shown(model: Model) -> bool:
@@ -182,13 +177,8 @@ def reflex_shown(model: Model) -> bool:
 def negative_reflex(model: Model) -> str:
     """Return over how much of the time a model's reflex gain is negative. Empty if it is not."""
     gain = model.estimates.get("reflex_gain")
-    if gain is None or gain.unit != UNITS["reflex_gain"]:
+    if gain is None or gain.unit != UNITS["reflex_gain"] or not reflex_shown(model):
         return ""
-    error = gain.standard_error
-    if error is None or not np.isfinite(error.values).any():
-        return ""
-    upper = gain.band()[1]
-    share = float(np.mean(upper[np.isfinite(upper)] < 0))
-    if share <= MAX_NEGATIVE_SHARE or not reflex_shown(model):
-        return ""
-    return f"{100 * share:.0f} % of the time, with its whole 95 % band"
+    upper = gain.limits()[1]
+    share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
+    return f"{share:.0f} % of the time, with its whole 95 % band" if share > MAX_NEGATIVE else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import attrs
@@ -109,6 +109,16 @@ class Signals:
                 f"read it as a channel (--channel {name}=…)"
             )
         return signals[name]
+
+    def mapped(self, change: Callable[[Array], Array]) -> dict[str, Any]:
+        """Return all signals by field after the same change."""
+        recorded = self.recorded_angle
+        return {
+            "angle": change(self.angle),
+            "torque": change(self.torque),
+            "channels": {name: change(values) for name, values in self.channels.items()},
+            "recorded_angle": None if recorded is None else change(recorded),
+        }
 
     def plot(self, title: str = "") -> Figure:
         """Draw the signals."""
@@ -360,16 +370,8 @@ class Ensemble(Signals):
             raise InputError(
                 f"select: expected the indices of some realizations, got shape {index.shape}"
             )
-        recorded = self.recorded_angle
-        return attrs.evolve(
-            self,
-            angle=self.angle[index],
-            torque=self.torque[index],
-            onsets=self.onsets[index],
-            trials=self.trials[index],
-            channels={name: values[index] for name, values in self.channels.items()},
-            recorded_angle=None if recorded is None else recorded[index],
-        )
+        fields = self.mapped(lambda values: values[index])
+        return attrs.evolve(self, **fields, onsets=self.onsets[index], trials=self.trials[index])
 
     def to_xarray(self) -> xr.Dataset:
         """Return the signals as an xarray.Dataset over realization and time, with their units."""
@@ -382,11 +384,8 @@ class Ensemble(Signals):
             **{name: (dims, values) for name, values in self.channels.items()},
         }
         if self.recorded_angle is not None:
-            variables["recorded_angle"] = (
-                (*dims, "sample"),
-                self.recorded_angle,
-                {"units": "rad"},
-            )
+            recorded = ((*dims, "sample"), self.recorded_angle, {"units": "rad"})
+            variables["recorded_angle"] = recorded
         time = (np.arange(self.angle.shape[1]) - self.context) / self.sampling_rate
         coordinates = {
             "time": ("time", time, {"units": "s"}),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.preprocess.faults import find_gaps
 from tvsysid.preprocess.mean import subtract_mean
-from tvsysid.preprocess.trials import decimate, map_signals, segment, trim
+from tvsysid.preprocess.trials import decimate, segment, trim
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.validators import between, positive
 
@@ -100,7 +100,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     shifts = np.argmin(errors, axis=0) - reach
     inner = np.arange(reach, ensemble.angle.shape[1] - reach)
     rows, index = np.arange(len(ensemble))[:, None], inner + shifts[:, None]
-    signals = map_signals(ensemble, lambda values: values[rows, index])
+    signals = ensemble.mapped(lambda values: values[rows, index])
     signals["channels"][reference] = goal[:, inner]
     aligned = attrs.evolve(
         ensemble,

@@ -29,20 +29,6 @@ class Gap(NamedTuple):
     stop: float
 
 
-def map_signals(signals: Recording | Ensemble, change: Callable[[Array], Array]) -> dict[str, Any]:
-    """Return angle, torque, channels and recorded angle after the same change.
-
-    The recorded angle has one axis more than the others.
-    """
-    recorded = signals.recorded_angle
-    return {
-        "angle": change(signals.angle),
-        "torque": change(signals.torque),
-        "channels": {name: change(values) for name, values in signals.channels.items()},
-        "recorded_angle": None if recorded is None else change(recorded),
-    }
-
-
 def map_trials(
     recording: Recording, change: Callable[[Array], Array], **attributes: Any
 ) -> Recording:
@@ -67,7 +53,7 @@ def map_trials(
         lengths[:] = map(len, changed)
         return np.concatenate(changed)
 
-    signals = map_signals(recording, change_all)
+    signals = recording.mapped(change_all)
     if min(lengths) < 1:
         shortest = shortest_trial(recording) / recording.sampling_rate
         raise InputError(f"nothing is left of a trial of {shortest:g} s; take off less of it")
@@ -284,7 +270,7 @@ def segment(
     within = np.arange(-margin, samples + margin)
     index = (first + np.array(recording.trial_starts)[trials])[:, None] + within
     return Ensemble(
-        **map_signals(recording, lambda values: values[index]),
+        **recording.mapped(lambda values: values[index]),
         sampling_rate=rate,
         context=margin,
         onsets=recording.start + first / rate,

@@ -11,7 +11,6 @@ from scipy.ndimage import convolve1d, gaussian_filter1d, maximum_filter1d, media
 
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
-from tvsysid.preprocess.trials import map_signals
 from tvsysid.quality.checks import FAULTS, Finding, NotApplicable, judge
 from tvsysid.quality.fit import Regressors, SecondOrderFit, constant_impedance
 from tvsysid.quality.resampling import known_region, lowered
@@ -262,7 +261,7 @@ class FittedEnsemble:
         cut = abs(whole)
         if samples == 0 or old.context < cut:
             return self
-        signals = map_signals(old, lambda values: values[:, cut : width - cut])
+        signals = old.mapped(lambda values: values[:, cut : width - cut])
         later = between(old.torque, samples - whole)
         signals["torque"] = later[:, cut + whole : width - cut + whole]
         return FittedEnsemble(self.given, attrs.evolve(old, **signals, context=old.context - cut))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tvsysid.numerics.decimation import decimation_weights, keep_every
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.preprocess.trials import map_signals
 from tvsysid.signals import Array, Ensemble
 
 MIN_RATE_HZ = 100.0
@@ -60,11 +59,11 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     if rate / factor > 2 * MIN_RATE_HZ and (count := next(long_enough, 0)):
         step, margin = samples / count, context * count // samples
         places = context + step * np.arange(-margin, count + margin)
-        signals = map_signals(plain, lambda values: _interpolated(values, step, places))
+        signals = plain.mapped(lambda values: _interpolated(values, step, places))
         return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)
     if factor == 1:
         return ensemble
-    signals = map_signals(plain, lambda values: keep_every(values, factor))
+    signals = plain.mapped(lambda values: keep_every(values, factor))
     signals["recorded_angle"] = ensemble.angle_as_recorded.reshape(*signals["angle"].shape, -1)
     return attrs.evolve(ensemble, **signals, context=context // factor, sampling_rate=rate / factor)
 

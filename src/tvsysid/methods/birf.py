@@ -128,7 +128,9 @@ class BasisIRF(shared.ByReference):
         if instrument is None:
             agreement = moments.second_order_agreement(impedance, len(ensemble))
         else:
-            agreement = instrument.agreement(ensemble, base.padded(impedance, missing))
+            agreement = shared.second_order_agreement(
+                ensemble, moved, base.padded(impedance, missing)
+            )
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
         left = shared.residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)

@@ -179,7 +179,7 @@ class EnsembleSpectral(shared.ByReference):
                 values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0)
             )
             errors = instrument.banded(shared.standard_errors(values, freedom))
-            agreement = instrument.agreement(ensemble, impedance)
+            agreement = shared.second_order_agreement(ensemble, instrument.moved, impedance)
         stiffness, viscosity, inertia = impedance.T
         diagnostics = Diagnostics(
             float(length), warnings=warned, details={"second_order_agreement": agreement}

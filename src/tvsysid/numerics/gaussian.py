@@ -168,16 +168,17 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     array([3.])
     """
     scale = 1 / np.sqrt(_powers(moments.gram))
-    system = np.multiply(moments.gram, np.outer(scale, scale), order="F")
-    system[np.diag_indices_from(system)] += noise_variance * precision * scale**2
+    system = np.multiply(moments.gram, scale, order="F")
+    system *= scale[:, None]
+    system.ravel(order="F")[:: len(system) + 1] += noise_variance * precision * scale**2
     factor, failed = lapack.dpotrf(system, lower=1)
     if failed:  # columns that are collinear to rounding
-        raised = system + JITTER * np.diag(np.diag(system))
-        factor, failed = lapack.dpotrf(raised, lower=1)
+        factor, failed = lapack.dpotrf(system + JITTER * np.diag(np.diag(system)), lower=1)
         if failed:
             raise np.linalg.LinAlgError("the posterior precision is not positive definite")
     mean = scale * lapack.dpotrs(factor, moments.cross * scale, lower=1)[0]
-    inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0] * scale
+    inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+    inverse_factor *= scale
     left = moments.square - float(mean @ moments.cross)
     return Posterior(mean, inverse_factor, precision, noise_variance, left, moments.number)
 

@@ -1,47 +1,152 @@
-"""Fit the features that the data can see, and evaluate the impedance that they make."""
+r"""Fit an impedance beside a smooth external term of the torque.
+
+.. math:: y = X w + T f + e, \qquad
+          \min_{w, f} \frac{\|e\|^2}{\sigma^2} + w^T P w + q f^T f
+
+The numbers of y are the real and imaginary parts of spectra, and :math:`\sigma^2` is the variance
+of the complex noise: each part has half of it. The cost of equation 16 of van de Ruit et al. 2021
+has no half before the priors, so that a weight has half the variance of its kernel.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+import math
 
 import attrs
 import numpy as np
+from scipy.linalg import blas
 
-from tvsysid.methods.kbr.external import Fit, fit, instrumental
-from tvsysid.methods.kbr.kernel import VISIBLE, Kernel, harmonic_features
-from tvsysid.methods.kbr.record import WHITE, Chosen, NoiseSpectrum, Record, clocks_of
-from tvsysid.methods.shared.residuals import PosteriorErrors
-from tvsysid.models import StandardError
+from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.record import (
+    WHITE,
+    Mask,
+    NoiseSpectrum,
+    Record,
+    Sums,
+    clocks_of,
+)
+from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, Posterior, solve
 from tvsysid.signals import Array, Ensemble
 
-GUESS = (
-    1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
-)
-SMOOTH = 0.5  # Hz to either side over which the residual's power is averaged
+CONVERGED = 1e-4  # relative change of the noise variance; another step changes 1e-4 of it
+ITERATIONS = 30  # noise variances tried at most
+# share of the noise that the torque of a feature must be able to reach for it to be fitted
+VISIBLE = 0.03
+# share of the torque's power that the noise is taken to have at least, until it is known
+GUESS = 1e-2
+SMOOTH_HZ = 0.5  # to either side, over which the residual's power is averaged
 FLOOR = 1e-3  # share of the largest power below which none is taken to lie
+
+
+def posterior_at(moments: Moments, precision: Array, noise: float) -> Posterior:
+    """Return the posterior for prior precisions P and a variance of the complex noise."""
+    return solve(moments, 2 * precision, 0.5 * noise)
+
+
+@attrs.frozen(eq=False)
+class Fit:
+    r"""Posterior of the weights and the noise variance.
+
+    ``factor`` F gives the covariance :math:`\tfrac12 \sigma^2 F F^T`. ``effective`` is the
+    effective number of parameters.
+    """
+
+    mean: Array
+    noise_variance: float
+    effective: float
+    iterations: int
+    factor: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Return the posterior covariance (column, column)."""
+        return 0.5 * self.noise_variance * (self.factor @ self.factor.T)
+
+
+def fit(sums: Sums, precision: Array) -> Fit:
+    r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
+
+    .. math:: \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
+
+    is a fixed point, found by secants in the logarithm of the noise variance. There, the derivative
+    of the evidence by the noise variance vanishes.
+    """
+    (noise, floor), slope, before = _first_noise(sums.moments), -1.0, None
+    for iteration in range(1, ITERATIONS + 1):
+        found, shrinkage = (
+            posterior_at(sums.marginal(noise), precision, noise),
+            sums.shrinkage(noise),
+        )
+        residual = found.residual - sums.prior_cost(found.mean, noise)
+        through = blas.dtrmm(1.0, found.inverse_factor, sums.mixed * shrinkage, lower=1)
+        spread = float(shrinkage.sum()) + float(np.sum(through**2))
+        effective = found.effective + len(shrinkage) - noise * sums.prior * spread
+        wanted = max(2 * residual / max(sums.moments.number - effective, 1.0), floor)
+        place, gap = math.log(noise), math.log(wanted / noise)
+        if abs(gap) <= CONVERGED:
+            break
+        if before is not None and place != before[0]:
+            slope = (gap - before[1]) / (place - before[0])
+        # Where the secant is no help, the plain step.
+        step = -gap / slope if slope < -0.1 else gap
+        before = place, gap
+        noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
+    return Fit(found.mean, noise, effective, iteration, found.inverse_factor.T)
+
+
+def instrumental_fit(sums: Sums, precision: Array) -> Fit:
+    r"""Fit regressors X that noise moves, too, by instruments Z in their place in the left factor.
+
+    .. math:: A\, \hat w = Z^T M y, \qquad A = Z^T M X + \sigma^2 P, \qquad
+              F F^T = A^{-1} (Z^T M Z + \sigma^2 P) A^{-T}
+
+    with M the matrix that takes out the external terms. The columns of ``sums`` are those of X,
+    then as many of Z. The noise variance is that of y - X w.
+    """
+    count, (noise, floor) = len(precision), _first_noise(sums.moments)
+    for iteration in range(1, ITERATIONS + 1):
+        gram, cross, square, number = sums.marginal(noise)
+        gram = np.tril(gram) + np.tril(gram, -1).T
+        prior, lengths = noise * precision, np.sqrt(np.diag(gram))
+        units = np.outer(lengths[count:], lengths[:count])
+        inverse = np.linalg.inv((gram[count:, :count] + np.diag(prior)) / units) / units.T
+        mean = inverse @ cross[count:]
+        residual = square - 2 * float(mean @ cross[:count])
+        residual += float(mean @ gram[:count, :count] @ mean) - sums.prior_cost(mean, noise)
+        of_terms = float(sums.powers @ sums.shrinkage(noise))
+        effective = count - float(prior @ np.diag(inverse)) + of_terms
+        before, noise = noise, max(2 * residual / max(number - effective, 1.0), floor)
+        if abs(noise / before - 1) <= CONVERGED:
+            break
+    spread = gram[count:, count:] + np.diag(noise * precision)
+    return Fit(mean, noise, effective, iteration, inverse @ np.linalg.cholesky(spread))
+
+
+def _first_noise(moments: Moments) -> tuple[float, float]:
+    """Return the noise variance at which a search begins, and the one that is rounding."""
+    power = moments.square / moments.number
+    return 0.02 * power, 2 * SMALLEST_RESIDUAL * power
 
 
 @attrs.frozen(eq=False)
 class KernelPosterior:
     """Posterior of all coefficients: of those fitted, and by the prior alone of the others.
 
-    ``fit`` is that of the coefficients ``kept``, mask (coefficient, column).
-
-    The other coefficients have no effect that the data can show. For them the prior is all that is
-    known: its ``variances`` (coefficient,).
+    ``fit`` is that of the coefficients ``visible``, mask (coefficient, column). The other
+    coefficients have no effect that the data can show. For them the prior is all that is known:
+    its ``variances`` (coefficient,).
     """
 
     fit: Fit
-    kept: Chosen
+    visible: Mask
     kernel: Kernel
     variances: Array
 
     @property
     def mean(self) -> Array:
         """Return the posterior mean, shape (coefficient,)."""
-        mean = np.zeros(self.kept.size)
-        mean[self.kept.ravel()] = self.fit.mean
+        mean = np.zeros(self.visible.size)
+        mean[self.visible.ravel()] = self.fit.mean
         return mean
 
     @property
@@ -50,16 +155,14 @@ class KernelPosterior:
 
         It takes some megabytes. It is therefore calculated on request.
         """
-        unseen = np.outer(
-            0.5 * self.variances,
-            1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf),
-        )
-        covariance = np.diag(unseen.ravel())
-        covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance
+        precision, visible = self.kernel.precision, self.visible.ravel()
+        unseen = np.divide(0.5, precision, out=np.zeros_like(precision), where=precision > 0)
+        covariance = np.diag(np.outer(self.variances, unseen).ravel())
+        covariance[np.ix_(visible, visible)] = self.fit.covariance
         return covariance
 
 
-def posterior_of(
+def fit_coefficients(
     record: Record, kernel: Kernel, variances: Array, reweighted: int = 0
 ) -> KernelPosterior:
     """Fit the coefficients that the data can see, with prior ``variances`` (coefficient,).
@@ -67,32 +170,32 @@ def posterior_of(
     The frequencies are weighted by the residual's spectrum. The weights are updated ``reweighted``
     times.
     """
-    bins = max(1.0, record.size * min(record.stacks[0].band[1] / record.stacks[0].rate, 0.5))
-    posterior = _fit_visible(record, kernel, variances, GUESS * 0.5 * record.power / bins, WHITE)
-    spectrum = WHITE
+    runs = record.stacks[0]
+    bins = max(1.0, record.size * min(runs.band[1] / runs.rate, 0.5))
+    noise, spectrum = GUESS * 0.5 * float(record.powers[-1]) / bins, WHITE
+    posterior = _fit_visible(record, kernel, variances, noise, spectrum)
     for _ in range(reweighted):
         spectrum = residual_spectrum(record, posterior, spectrum)
-        posterior = _fit_visible(
-            record, kernel, variances, 0.5 * posterior.fit.noise_variance, spectrum
-        )
+        noise = 0.5 * posterior.fit.noise_variance
+        posterior = _fit_visible(record, kernel, variances, noise, spectrum)
     return posterior
 
 
 def _fit_visible(
     record: Record, kernel: Kernel, variances: Array, noise: float, spectrum: NoiseSpectrum
 ) -> KernelPosterior:
-    """Fit the features that the noise lets the data see. The fit gives the noise variance."""
-    order, instrumented = len(variances), len(record.powers) > 3
+    """Fit the features that exceed a part of the noise, which is lowered until the fit has it."""
+    order, has_instrument = len(variances), len(record.powers) > 4
     powers = variances * record.powers[:order] / spectrum.power.min()
     while True:
-        kept = kernel.visible(powers, VISIBLE * noise)
+        visible = kernel.visible(powers, VISIBLE * noise)
         lower = np.zeros((3 - order, kernel.columns), dtype=bool)
-        chosen = np.concatenate([kept, lower, kept]) if instrumented else kept
+        chosen = np.concatenate([visible, lower, visible]) if has_instrument else visible
         sums = record.sums(kernel, chosen, spectrum)
-        precision = np.outer(1 / variances, kernel.precision)[kept]
-        found = (instrumental if instrumented else fit)(sums, precision)
-        if found.noise_variance >= noise or kept.all():
-            return KernelPosterior(found, kept, kernel, variances)
+        precision = np.outer(1 / variances, kernel.precision)[visible]
+        found = (instrumental_fit if has_instrument else fit)(sums, precision)
+        if found.noise_variance >= noise or visible.all():
+            return KernelPosterior(found, visible, kernel, variances)
         noise = 0.5 * found.noise_variance
 
 
@@ -100,68 +203,38 @@ def residual_spectrum(
     record: Record, posterior: KernelPosterior, before: NoiseSpectrum
 ) -> NoiseSpectrum:
     """Return the spectrum of the torque's residual after a fit under the spectrum ``before``."""
-    by = np.append(-posterior.fit.mean, 1.0)
-    prior = posterior.fit.noise_variance * record.weak_prior
+    weights = np.append(-posterior.fit.mean, 1.0)
+    prior = posterior.fit.noise_variance * record.prior
     spectra = []
     for runs in record.stacks:
-        blocks = [
-            np.tensordot(by, rows, axes=1)
-            for _, rows in runs.rows(posterior.kernel, posterior.kept)
-        ]
-        left, terms = np.concatenate(blocks, axis=1), runs.external_terms
-        # The external term of each run.
-        seen, target = (
-            (each * before.weights(runs.frequency)).view(np.float64) for each in (terms, left)
-        )
-        left -= (
-            np.linalg.solve(seen @ seen.T + prior * np.eye(len(terms)), seen @ target.T).T @ terms
-        )
+        blocks = runs.rows(posterior.kernel, posterior.visible)
+        left = np.concatenate([np.tensordot(weights, rows, axes=1) for _, rows in blocks], axis=1)
+        terms = runs.external_terms
+        white = before.weights(runs.frequency)
+        seen, target = ((each * white).view(np.float64) for each in (terms, left))
+        system = seen @ seen.T + prior * np.eye(len(terms))
+        left -= np.linalg.solve(system, seen @ target.T).T @ terms
         power = np.sum(np.abs(left) ** 2, axis=0)
         spectra.append((runs.frequency, power, np.full_like(power, len(left))))
     at = max((frequency for frequency, _, _ in spectra), key=len)
-    frequency, power, count = (np.concatenate(each) for each in zip(*spectra, strict=True))
-    smooth = smoothed(frequency, power, count, at)
-    smooth = np.maximum(smooth, max(FLOOR * smooth.max(), np.finfo(float).tiny))
-    return NoiseSpectrum(at, smooth / smooth.mean())
+    frequency, power, count = map(np.concatenate, zip(*spectra, strict=True))
+    power = smoothed(frequency, power, count, at)
+    power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
+    return NoiseSpectrum(at, power / power.mean())
 
 
 def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
-    """Return the mean power within :data:`SMOOTH` of each frequency of ``at``.
+    """Return the mean power within :data:`SMOOTH_HZ` of each frequency of ``at``.
 
     Each ``power`` is a sum of ``count`` squares. The spectrum is mirrored at its ends.
     """
-    mirrored = np.concatenate(
-        [2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency]
-    )
+    low, high = frequency.min(), frequency.max()
+    mirrored = np.concatenate([2 * low - frequency, frequency, 2 * high - frequency])
     order = np.argsort(mirrored, kind="stable")
-    first = np.searchsorted(mirrored[order], at - SMOOTH, "left")
-    last = np.searchsorted(mirrored[order], at + SMOOTH, "right")
+    first = np.searchsorted(mirrored[order], at - SMOOTH_HZ, "left")
+    last = np.searchsorted(mirrored[order], at + SMOOTH_HZ, "right")
     powers, counts = (np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count))
     return np.asarray((powers[last] - powers[first]) / (counts[last] - counts[first]))
-
-
-@attrs.frozen(eq=False)
-class KernelErrors:
-    """Standard errors of sums of features, averaged over realizations.
-
-    The features are calculated on request. ``times`` are those of :func:`times_of`. ``of_noise``
-    makes the errors from expansions and covariances.
-    """
-
-    posterior: KernelPosterior
-    times: Array
-    of_noise: partial[PosteriorErrors]
-
-    def standard_errors(self) -> Mapping[str, StandardError]:
-        """Return the standard error of each quantity, by its name."""
-        kernel, covariance = self.posterior.kernel, self.posterior.covariance
-        features = sum(kernel(*each) for each in self.times) / len(self.times)
-        parts = (
-            slice(first, first + kernel.columns)
-            for first in range(0, len(covariance), kernel.columns)
-        )
-        covariances = tuple(covariance[part, part] for part in parts)
-        return self.of_noise((features,) * len(covariances), covariances).standard_errors()
 
 
 def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
@@ -183,10 +256,7 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
     A model of an order below 2 has zeros for its missing quantities.
     """
     phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
-    periodic, slow = (
-        harmonic_features(phase, kernel.period, kernel.highest),
-        kernel.slow_features(clock),
-    )
+    periodic, slow = kernel.periodic_features(phase), kernel.slow_features(clock)
     weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
     for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
         weights[kernel.slow, kernel.place, signal] = of_signal

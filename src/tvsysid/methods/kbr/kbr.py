@@ -11,10 +11,12 @@ from typing import Any, Literal, Self
 import attrs
 import numpy as np
 
+from tvsysid import metrics
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import base, shared, tuning
-from tvsysid.methods.kbr import external, fitting, record, search
+from tvsysid.methods.kbr import fitting, search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
+from tvsysid.methods.kbr.record import Record, lagged
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
@@ -29,7 +31,10 @@ PRESETS: dict[str, dict[str, float]] = {
     # The paper's settings for its simulated study (section 3.2.5) and its experimental one (4.2).
 }
 
-LOST = 5.0  # points of VAF that tuning may lose without saying so
+DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
+# modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
+USUAL_MODULUS = 100.0
+MAX_VAF_LOSS = 5.0  # points that tuning may lose without a warning
 # times that residual weights are found; a third changes stiffness by a hundredth of its error
 REWEIGHTED = 2
 
@@ -73,8 +78,8 @@ class KernelRegression(shared.ByReference):
 
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
     are stiffness, viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say
-    otherwise. E is the Fourier transform of the equation error over each unbroken run of
-    realizations, divided by the root of its number of samples.
+    otherwise. E is the spectrum of the equation error over each unbroken run of realizations. The
+    kernel K says how fast the b may change; :meth:`tuned` chooses it by maximum evidence.
 
     Parameters
     ----------
@@ -124,16 +129,12 @@ class KernelRegression(shared.ByReference):
     The lag is fitted as output error, since an equation error with the derivative of a noisy torque
     is biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the
     impedance of what comes out is that of the joint. This takes the lag and the change of b in the
-    other order, which errs by about
-    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds
-    the lag and the order by evidence.
+    other order, which errs by about :math:`a_1 \dot b_m / b_m` as a share of each term.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
-    with some 110 unknowns. Where a run holds whole periods, a product with a harmonic is a shift in
-    frequency, so that only the signals times the eigenfunctions are ever transformed. The cost
-    grows with the cube of the record where the decay is short against it: 600 s at 30 s take 3800
-    coefficients and some 10 s.
+    with some 110 unknowns. The cost grows with the cube of the record where the decay is short
+    against it: 600 s at 30 s take 3800 coefficients and some 10 s.
 
     The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over
     1/20 of the decay; but with such a gamma even that lets inertia drift freely, and the dense
@@ -204,67 +205,71 @@ class KernelRegression(shared.ByReference):
         """Return the model of an ensemble."""
         instrument = self.instrument(ensemble)
         moved = ensemble if instrument is None else instrument.moved
-        data = record.Record.of(moved, self.band)
-        variances = self._variances(self._scale(data))[: self.order + 1]
+        record = Record.of(moved, self.band)
+        variances = self._variances(self._scale(record))[: self.order + 1]
         if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
-            ensemble, moved = (record.lagged(each, self.lag) for each in (ensemble, moved))
-            data = record.Record.of(moved, self.band)
+            ensemble, moved = (lagged(each, self.lag) for each in (ensemble, moved))
+            record = Record.of(moved, self.band)
         if instrument is not None:
-            data = record.Record.of(ensemble, self.band).with_instrument(data)
-        features = data.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
-        posterior = fitting.posterior_of(
-            data, features, variances, REWEIGHTED * (self.weighting == "residual")
+            record = Record.of(ensemble, self.band).with_instrument(record)
+        kernel = record.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
+        posterior = fitting.fit_coefficients(
+            record, kernel, variances, REWEIGHTED * (self.weighting == "residual")
         )
-        each = fitting.impedance_over(ensemble, features, posterior.mean)
+        each = fitting.impedance_over(ensemble, kernel, posterior.mean)
         impedance = each.mean(axis=0)
-
-        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[
-            : self.order + 1
-        ]
-        left = shared.residual(
-            ensemble, impedance[edge : len(impedance) - edge, : self.order + 1] @ filters
-        )
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
+        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         stiffness, viscosity, inertia = base.padded(
             impedance[missing : len(impedance) - missing], missing
         ).T
-        found = posterior.fit
-        errors = fitting.KernelErrors(
-            posterior,
-            fitting.times_of(ensemble, features),
-            self._errors(moved, left, filters, found, missing),
-        )
-        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
+        details = {
+            "noise_variance": posterior.fit.noise_variance,
+            "iterations": posterior.fit.iterations,
+        }
         if self.order == 2:
-            details["second_order_agreement"] = _agreement(each, ensemble, left, moved)
-        diagnostics = Diagnostics(found.effective, details=details)
+            details["second_order_agreement"] = shared.second_order_agreement(ensemble, moved, each)
+        diagnostics = Diagnostics(posterior.fit.effective, details=details)
+        if instrument is not None:
+            diagnostics = instrument.seen(diagnostics, banded=False)
+        errors = KernelErrors(
+            posterior,
+            fitting.times_of(ensemble, kernel),
+            self._noise_of(ensemble, moved, impedance, posterior.fit.effective, missing),
+        )
+        names = shared.IMPEDANCE[: self.order + 1]
         return KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             posterior=posterior,
-            labels=tuple(
-                f"{name} {j}"
-                for name in shared.IMPEDANCE[: self.order + 1]
-                for j in range(features.columns)
-            ),
-            kernel=features,
+            labels=tuple(f"{name} {j}" for name in names for j in range(kernel.columns)),
+            kernel=kernel,
             lag=self.lag,
-            diagnostics=diagnostics
-            if instrument is None
-            else instrument.seen(diagnostics, banded=False),
+            diagnostics=diagnostics,
         )
 
     def _least_share(self) -> float:
         """Return the least share that the reference must explain; residual weights need less."""
         return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
-    def _scale(self, data: record.Record) -> float:
-        """Return the unit of gamma in N·m/rad, from a record without lag."""
-        return data.scale if self.scale is None else self.scale
+    def _scale(self, record: Record) -> float:
+        """Return the stiffness in N·m/rad that corresponds to a gamma of 1, without a lag.
+
+        Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
+        the noise. A joint without stiffness also has one.
+        """
+        if self.scale is not None:
+            return self.scale
+        constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
+        sums = record.sums(constant, np.ones((3, 1), dtype=bool))
+        found = fitting.fit(sums, np.zeros(3))
+        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
+        # of a torque that does not answer at all
+        least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[0])
+        return DEGREE / USUAL_MODULUS * max(float(modulus), least)
 
     def _variances(self, scale: float) -> Array:
         """Return the prior variances of stiffness, viscosity and inertia about their means."""
@@ -273,28 +278,31 @@ class KernelRegression(shared.ByReference):
     def _period(self, ensemble: Ensemble) -> float:
         return ensemble.duration if self.period is None else self.period
 
-    def _errors(
-        self, ensemble: Ensemble, left: Array, filters: Array, found: external.Fit, missing: int
+    def _noise_of(
+        self, ensemble: Ensemble, moved: Ensemble, impedance: Array, effective: float, missing: int
     ) -> partial[shared.PosteriorErrors]:
-        """Return the standard errors of the coefficients' sums, without features and covariance.
+        """Return standard errors that lack only the features and covariance of the coefficients.
 
         The posterior assumes that the noise is as strong as its mean over the fitted band.
         """
+        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        filters = filters[: self.order + 1]
+        inner = impedance[edge : len(impedance) - edge, : self.order + 1]
+        left = shared.residual(ensemble, inner @ filters)
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
         colour = None
         if self.weighting == "white":
             filters = _in_band(filters, low, high) if high - low < 0.5 else filters
-            products = shared.colour_products(ensemble, filters.shape[1])
-            colour = shared.Colour.of(
-                ensemble, left, found.effective / left.size, filters, products
-            )
+            products = shared.colour_products(moved, filters.shape[1])
+            colour = shared.Colour.of(moved, left, effective / left.size, filters, products)
         return partial(
             shared.PosteriorErrors,
             colour=colour,
             band=(low, high),
             # The posterior does not know that a mean over realizations was subtracted.
             stronger=len(ensemble) / shared.independent_realizations(ensemble),
-            freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
+            freedom=max(1.0, 2 * left.size * (high - low) - effective),
             times=ensemble.samples,
             missing=missing,
         )
@@ -308,26 +316,27 @@ class KernelRegression(shared.ByReference):
         if self.weighting != "white":
             return attrs.evolve(self, weighting="white")._evidence(ensemble, seed)
         noise, share = self._noise(ensemble)
-        scale = self._scale(record.Record.of(ensemble, self.band))
+        scale = self._scale(Record.of(ensemble, self.band))
         theta = np.log([self.length_periodic, *self._variances(scale), noise])
-        given = search.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        compared = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
-        evidence = compared.evidence(given, self, scale)
+        given = search.Candidate(self.order, self.lag, self.length_decay, theta, "as given")
+        searched = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
+        evidence = search.evidence_of(*searched.candidates(given), self, scale)
         if evidence.chosen:
             self._compare(attrs.evolve(self, **evidence.settings), ensemble)
         return evidence
 
     def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
         """Warn if the chosen settings explain much less of the torque."""
+        torque = ensemble.torque[:, ensemble.core]
         before, after = (
-            _vaf(ensemble, each.fit(ensemble).predict(ensemble)) for each in (self, chosen)
+            float(np.mean(metrics.vaf(torque, each.fit(ensemble).predict(ensemble))))
+            for each in (self, chosen)
         )
-        if after < before - LOST:
+        if after < before - MAX_VAF_LOSS:
             warnings.warn(
                 f"kbr: the settings chosen explain {after:.0f} % of the torque, those given "
-                f"{before:.0f} %; the "
-                f"likelihood is that of {self.band[0]:g} to {self.band[1]:g} Hz. Compare both "
-                "before you rely on them",
+                f"{before:.0f} %; the likelihood is that of {self.band[0]:g} to {self.band[1]:g} "
+                "Hz. Compare both before you rely on them",
                 DataQualityWarning,
                 stacklevel=4,
             )
@@ -339,12 +348,12 @@ class KernelRegression(shared.ByReference):
         return endless.diagnostics.details["noise_variance"], share
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        period = self._period(ensemble)
-        if abs(ensemble.duration / period - round(ensemble.duration / period)) > 1e-6:
+        periods = ensemble.duration / self._period(ensemble)
+        if abs(periods - round(periods)) > 1e-6:
             yield (
                 f"a realization of {ensemble.duration:g} s is not a whole number of periods of "
-                f"{period:g} s: the "
-                "stiffness over a realization is a mean over different phases of the behaviour"
+                f"{self._period(ensemble):g} s: the stiffness over a realization is a mean over "
+                "different phases of the behaviour"
             )
 
 
@@ -368,35 +377,29 @@ class KernelModel(SecondOrderModel):
         return stiffness, viscosity, inertia
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        return super()._pathways(record.lagged(ensemble, self.lag))
+        return super()._pathways(lagged(ensemble, self.lag))
 
 
-def _vaf(ensemble: Ensemble, predicted: Array) -> float:
-    """Return the share of the torque's variance that a prediction explains, in per cent.
+@attrs.frozen(eq=False)
+class KernelErrors:
+    """Standard errors of sums of features, averaged over realizations.
 
-    ``predicted`` (realization, time) is NaN where it is unknown. These times do not count.
+    The features are calculated on request. ``times`` are those of :func:`fitting.times_of`.
+    ``of_noise`` makes the errors from expansions and covariances.
     """
-    known = np.isfinite(predicted).all(axis=0)
-    torque = ensemble.torque[:, ensemble.core][:, known]
-    return float(100 * (1 - np.var(torque - predicted[:, known]) / np.var(torque)))
 
+    posterior: fitting.KernelPosterior
+    times: Array
+    of_noise: partial[shared.PosteriorErrors]
 
-def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensemble) -> float:
-    """Return the share of the angle-dependent torque that the model explains, in per cent.
-
-    ``impedance`` is that of each realization, or of all. ``left`` is the residual of the torque
-    after a fit of the mean impedance. ``moved`` is the ensemble with the (lagged) angle that
-    counts: in closed loop, the angle predicted from the reference.
-    """
-    edge = (ensemble.samples - left.shape[1]) // 2
-    known = slice(ensemble.context + edge, ensemble.context + ensemble.samples - edge)
-    angle, torque = moved.angle[:, known], ensemble.torque[:, known]
-    if len(impedance) > 1:
-        explained = sum(map(np.multiply, np.moveaxis(impedance, -1, 0), ensemble.derivatives()))
-        left = torque - np.asarray(explained)[:, edge : ensemble.samples - edge]
-    return shared.agreement_of(
-        torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH)
-    )
+    def standard_errors(self) -> dict[str, shared.StandardError]:
+        """Return the standard error of each quantity, by its name."""
+        kernel, covariance = self.posterior.kernel, self.posterior.covariance
+        features = sum(kernel(*each) for each in self.times) / len(self.times)
+        count, columns = len(self.posterior.variances), kernel.columns
+        blocks = covariance.reshape(count, columns, count, columns)
+        covariances = tuple(blocks[number, :, number] for number in range(count))
+        return self.of_noise((features,) * count, covariances).standard_errors()
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

@@ -1,10 +1,13 @@
-r"""Low-rank forms of the locally periodic kernel.
+r"""Low-rank form of the locally periodic kernel, the prior of how stiffness changes.
 
 .. math:: K(t, t') = \gamma \exp\left(-\frac{\sin^2(\pi (t - t') / p)}{l_1}\right)
           \exp\left(-\frac{(t - t')^2}{l_2^2}\right)
 
 (equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known
 features with independent coefficients, so that no matrix of the record's length is ever built.
+
+Another periodic kernel needs other :func:`log_harmonic_variances`; another decay needs another
+covariance in :class:`DecayFeatures`.
 """
 
 from __future__ import annotations
@@ -20,17 +23,15 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
-# share of the noise that the torque of a feature must be able to reach for it to be fitted
-VISIBLE = 0.03
 # decay, in lengths of the record, from which on the kernel is taken as strictly periodic
 STRICT = 20.0
 # Share of the prior variance below which a feature is left out. It is small because a prior that
 # suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
 # features of a coefficient above which a kernel is refused: more would take 2 GiB of covariance
-MOST = 5400
-# nodes above which any decay would need more features than that
-NODES = 1024
+MAX_FEATURES = 5400
+# quadrature nodes above which any decay would need more features than that
+MAX_NODES = 1024
 
 
 @attrs.frozen(eq=False)
@@ -62,12 +63,11 @@ class Kernel:
         # enough.
         shares = np.ones(1) if decay is None else np.concatenate([[0.0], decay.variances])
         matter = np.outer(variances, shares) > TOLERANCE
-        if (count := 2 * np.count_nonzero(matter)) > MOST:
+        if (count := 2 * np.count_nonzero(matter)) > MAX_FEATURES:
             raise InputError(
                 f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
-                "over a record of "
-                f"{last - first:g} s need some {count} features of each coefficient, at most "
-                f"{MOST} can be solved for; "
+                f"over a record of {last - first:g} s need some {count} features of each "
+                f"coefficient, at most {MAX_FEATURES} can be solved for; "
                 "give fewer realizations, a longer length_decay or a larger length_periodic"
             )
         matter[0, 0] = True
@@ -90,7 +90,7 @@ class Kernel:
 
     @property
     def place(self) -> NDArray[np.int64]:
-        """Return the column of :func:`harmonic_features` that each feature uses."""
+        """Return the column of :meth:`periodic_features` that each feature uses."""
         return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
 
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
@@ -101,56 +101,53 @@ class Kernel:
         """
         return np.asarray(power[:, None] >= noise * self.precision)
 
+    def periodic_features(self, phase: Array) -> Array:
+        """Return a constant, and cosine and sine of each harmonic, shape (*phase, function)."""
+        return harmonic_features(phase, self.period, self.highest)
+
     def slow_features(self, clock: Array) -> Array:
         """Return a constant and the slow functions at times in s, shape (*clock, function)."""
         constant = np.ones((*clock.shape, 1))
-        return (
-            constant
-            if self.decay is None
-            else np.concatenate([constant, self.decay(clock)], axis=-1)
-        )
+        if self.decay is None:
+            return constant
+        return np.concatenate([constant, self.decay(clock)], axis=-1)
 
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Return the features at times in s, shape (*time, column).
 
         ``phase`` is the time of the periodic behaviour, ``clock`` that of the record.
         """
-        periodic = harmonic_features(phase, self.period, self.highest)
-        return np.asarray(periodic[..., self.place] * self.slow_features(clock)[..., self.slow])
+        periodic, slow = self.periodic_features(phase), self.slow_features(clock)
+        return np.asarray(periodic[..., self.place] * slow[..., self.slow])
 
 
-def harmonic_variances(l1: float) -> Array:
-    r"""Return the variances of the harmonics in the periodic factor; their sum is 1.
-
-    They go from the constant to the last harmonic that matters.
+def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
+    r"""Return the log variances of a constant and some harmonics, and their derivatives by log l1.
 
     With :math:`\kappa = 1 / (2 l_1)`,
 
     .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
               = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\
               v_h = 2 e^{-\kappa} I_h(\kappa)
-    """
-    kappa = min(
-        1 / (2 * l1), 1e9
-    )  # so many harmonics are alike; of larger numbers SciPy knows no Bessel functions
-    orders = np.arange(min(math.ceil(10 + 8 * math.sqrt(kappa)), MOST) + 1)
-    variances = np.where(orders == 0, 1.0, 2.0) * ive(orders, kappa)
-    return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
-
-
-def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
-    """Return the logs of :func:`harmonic_variances`, and their derivatives by log l1.
 
     Both have shape (harmonic,). They are minus infinity and 0 where a variance underflows.
     """
-    kappa = 1 / (2 * l1)
+    # More harmonics than this are alike; SciPy has no Bessel functions of larger numbers.
+    kappa = min(1 / (2 * l1), 1e9)
     orders = np.arange(harmonics + 1)
-    here = ive(orders, kappa)
-    there = here > np.finfo(float).tiny
-    safe = np.where(there, here, 1.0)
+    own = ive(orders, kappa)
+    is_known = own > np.finfo(float).tiny
+    safe = np.where(is_known, own, 1.0)
     neighbours = 0.5 * (ive(np.abs(orders - 1), kappa) + ive(orders + 1, kappa))
-    logs = np.where(there, np.log(safe) + np.log(np.where(orders == 0, 1.0, 2.0)), -np.inf)
-    return logs, np.where(there, -kappa * (neighbours / safe - 1), 0.0)
+    logs = np.where(is_known, np.log(safe) + np.log(np.where(orders == 0, 1.0, 2.0)), -np.inf)
+    return logs, np.where(is_known, -kappa * (neighbours / safe - 1), 0.0)
+
+
+def harmonic_variances(l1: float) -> Array:
+    """Return the variances of a constant and the harmonics that matter. Their sum is 1."""
+    most = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), MAX_FEATURES)
+    variances = np.exp(log_harmonic_variances(l1, most)[0])
+    return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 
 
 def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
@@ -172,23 +169,24 @@ class DecayFeatures:
     def __init__(self, first: float, last: float, l2: float) -> None:
         self.l2 = l2
         span = max(last - first, 1e-9)
-        if 16 + 5 * span / l2 > NODES:
+        if (count := 16 + 5 * span / l2) > MAX_NODES:
             raise InputError(
                 f"KernelRegression: a length_decay of {l2:g} s over a record of {span:g} s is too "
-                "short to solve for; "
-                f"give at least {5 * span / (NODES - 16):.3g} s, or a shorter record"
+                f"short to solve for; give at least {5 * span / (MAX_NODES - 16):.3g} s, or a "
+                "shorter record"
             )
-        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
+        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(count))
         self.nodes = first + span * (nodes + 1) / 2
         root = np.sqrt(weights / 2)
-        values, vectors = np.linalg.eigh(root[:, None] * self._kernel(self.nodes) * root)
+        values, vectors = np.linalg.eigh(root[:, None] * self._covariance(self.nodes) * root)
         kept = values > TOLERANCE * values.sum()
         self.variances: Array = values[kept][::-1]
         self.projection: Array = (root[:, None] * vectors[:, kept] / np.sqrt(values[kept]))[:, ::-1]
 
-    def _kernel(self, time: Array) -> Array:
+    def _covariance(self, time: Array) -> Array:
+        """Return the covariance of times in s with the nodes."""
         return np.asarray(np.exp(-(((time[..., None] - self.nodes) / self.l2) ** 2)))
 
     def __call__(self, time: Array) -> Array:
         """Return the values at times in s, shape (*time, feature)."""
-        return self._kernel(time) @ self.projection
+        return self._covariance(time) @ self.projection

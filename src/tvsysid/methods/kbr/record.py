@@ -15,25 +15,20 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.external import Sums, fit
-from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, harmonic_features
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.lowpass import low_pass
-from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Array, Ensemble
 
 ComplexArray = NDArray[np.complex128]
-Chosen = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
+Blocks = Iterator[tuple[slice, ComplexArray]]
 
-DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-# modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
-USUAL = 100.0
 BLOCK = 512  # frequencies whose regressors are held at once
-EXTERNAL_TERMS = (
-    5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
-)
-LARGEST = 2**31  # bytes above which regressors are refused
+# half-cosines over a run, the fastest of two cycles, that make up the smooth external term
+EXTERNAL_TERMS = 5
+MAX_BYTES = 2**31  # of regressors
 
 
 class NoiseSpectrum(NamedTuple):
@@ -50,18 +45,53 @@ class NoiseSpectrum(NamedTuple):
 WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 
 
+class Sums(NamedTuple):
+    """Moments of regressors X and torque y, and their products with external terms T.
+
+    The numbers of y are real and imaginary parts of spectra. ``mixed`` is XᵀT, ``cross`` Tᵀy and
+    ``powers`` the diagonal of TᵀT. The terms are orthogonal. ``prior`` is q, the prior precision of
+    each term.
+    """
+
+    moments: Moments
+    mixed: Array
+    cross: Array
+    powers: Array
+    prior: float
+
+    def shrinkage(self, noise: float) -> Array:
+        r"""Return :math:`(T^T T + \sigma^2 q)^{-1}`, shape (term,)."""
+        return 1 / (self.powers + noise * self.prior)
+
+    def marginal(self, noise: float) -> Moments:
+        """Return the moments with the external terms integrated out for this noise variance."""
+        gram, cross, square, number = self.moments
+        shrinkage = self.shrinkage(noise)
+        mixed = self.mixed * np.sqrt(shrinkage)
+        return Moments(
+            blas.dsyrk(-1.0, mixed, beta=1.0, c=gram, lower=1),
+            cross - self.mixed @ (shrinkage * self.cross),
+            square - float(shrinkage @ self.cross**2),
+            number,
+        )
+
+    def prior_cost(self, mean: Array, noise: float) -> float:
+        r"""Return :math:`\sigma^2 q f^T f` for the external terms f beside given weights."""
+        terms = self.shrinkage(noise) * (self.cross - mean @ self.mixed[: len(mean)])
+        return noise * self.prior * float(terms @ terms)
+
+
 @attrs.frozen(eq=False)
 class Runs:
     """Unbroken runs of a record, all of one length; the ``band`` in Hz is fitted.
 
     ``signals`` (signal, run, time) are the angle and its derivatives, then those of an
-    instrument if there is one; ``torque`` (run, time); ``rate`` in Hz; ``phase`` and ``clock``
+    instrument if there is one, and last the torque; ``rate`` in Hz; ``phase`` and ``clock``
     (run,), the time in s at the start, since the trial's time 0 and on the record's clock.
     Spectra are those of ``norm="ortho"``.
     """
 
     signals: Array
-    torque: Array
     rate: float
     band: tuple[float, float]
     phase: Array
@@ -79,140 +109,116 @@ class Runs:
         torque = ensemble.torque[members, ensemble.core].reshape(len(members), -1)
         torque = torque[:, lost : torque.shape[1] - lost]
         signals = differentiate(_joined(ensemble, members, min(ensemble.context, HALF_WIDTH)), rate)
-        return cls(
-            signals,
-            torque,
-            rate,
-            band,
-            ensemble.onsets[first] + lost / rate,
-            clocks_of(ensemble)[first] + lost / rate,
+        phase, clock = (
+            each[first] + lost / rate for each in (ensemble.onsets, clocks_of(ensemble))
         )
+        return cls(np.concatenate([signals, torque[None]]), rate, band, phase, clock)
+
+    @property
+    def samples(self) -> int:
+        """Return the number of samples of a run."""
+        return int(self.signals.shape[2])
 
     @cached_property
     def bins(self) -> slice:
         """Return the bins in the band."""
-        low, high = (frequency * self.torque.shape[1] / self.rate for frequency in self.band)
-        return slice(
-            math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.torque.shape[1] // 2) + 1
-        )
+        low, high = (frequency * self.samples / self.rate for frequency in self.band)
+        return slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.samples // 2) + 1)
 
     @property
     def frequency(self) -> Array:
         """Return the frequencies in Hz of the bins."""
-        return np.asarray(
-            np.arange(self.bins.start, self.bins.stop) * (self.rate / self.torque.shape[1])
-        )
-
-    @cached_property
-    def spectra(self) -> ComplexArray:
-        """Return the spectra of the signals at all frequencies, shape (signal, run, frequency)."""
-        return np.asarray(rfft(self.signals, norm="ortho"))
-
-    @cached_property
-    def output(self) -> ComplexArray:
-        """Return the spectrum of the torque, shape (run, bin)."""
-        return np.asarray(rfft(self.torque, norm="ortho")[:, self.bins])
+        return np.arange(self.bins.start, self.bins.stop) * (self.rate / self.samples)
 
     @property
     def external_terms(self) -> ComplexArray:
         """Return the spectra of the external term's half-cosines, shape (term, bin)."""
-        return _half_cosines(self.torque.shape[1], self.bins.start, self.bins.stop)
+        return _half_cosines(self.samples)[:, self.bins]
 
-    def rows(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
+    def rows(self, kernel: Kernel, chosen: Mask) -> Blocks:
         """Yield slices of bins and their regressors, shape (row, run, bin).
 
         ``chosen`` (signal, column) selects the regressors. The last row is the torque. Blocks of
         frequencies keep memory from growing with the record times the columns.
         """
-        count = self.torque.shape[1]
-        periods = count / self.rate / kernel.period
-        shift = round(periods)
-        reach = self.bins.stop - 1 + kernel.highest * shift
-        whole = kernel.highest * abs(periods - shift) < 1e-9 * periods and reach <= count // 2
-        for bins, out in (self._shifted if whole else self._transformed)(kernel, chosen):
-            out[-1] = self.output[:, bins]
-            yield bins, out
+        signal, column = np.nonzero(chosen)
+        # The torque is a signal times the first column, the constant.
+        signal, column = np.append(signal, len(self.signals) - 1), np.append(column, 0)
+        periods = self.samples / self.rate / kernel.period
+        reach = kernel.highest * round(periods)
+        whole = kernel.highest * abs(periods - round(periods)) < 1e-9 * periods
+        if whole and self.bins.stop - 1 + reach <= self.samples // 2:
+            return self._shifted(kernel, signal, column, reach)
+        return self._transformed(kernel, signal, column)
 
-    def _shifted(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield products with harmonics, as shifts in frequency.
+    def _shifted(
+        self, kernel: Kernel, signal: NDArray[np.intp], column: NDArray[np.intp], reach: int
+    ) -> Blocks:
+        """Yield products with harmonics, as shifts in frequency of at most ``reach`` bins.
 
         These are exact where a run holds whole periods.
         """
-        signal, column = np.nonzero(chosen)
-        runs, count = self.torque.shape
-        shift = round(count / self.rate / kernel.period)
-        reach = kernel.highest * shift
-        spectra, source = self.spectra[..., : self.bins.stop + reach], signal
+        pairs, source = np.unique(signal + 1j * kernel.slow[column], return_inverse=True)
+        products = self.signals[pairs.real.astype(int)]
         if kernel.decay is not None:
-            slow = self._slow(kernel)
-            pairs, source = np.unique(signal * len(slow) + kernel.slow[column], return_inverse=True)
-            m, n = divmod(pairs, len(slow))
-            spectra = rfft(self.signals[m] * slow[n], norm="ortho")[..., : self.bins.stop + reach]
-        spectra = np.concatenate(
-            [spectra[..., reach:0:-1].conj(), spectra], axis=-1
-        )  # from bin -reach on
+            products *= self._slow(kernel)[pairs.imag.astype(int)]
+        spectra = rfft(products, norm="ortho")[..., : self.bins.stop + reach]
+        # from bin -reach on
+        spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)
         cosine = kernel.sine[column] == 0
         source, harmonic = source[cosine], kernel.harmonic[column[cosine]]
+        shift = harmonic * round(self.samples / self.rate / kernel.period)
         turn = 0.5 * np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
+        runs, start = self.signals.shape[1], self.bins.start
         length = max(1, BLOCK // runs)
-        for start in range(self.bins.start, self.bins.stop, length):
-            stop = min(start + length, self.bins.stop)
-            windows = sliding_window_view(spectra, stop - start, axis=-1)
-            up = windows[source, :, start + reach - harmonic * shift]
-            down = windows[source, :, start + reach + harmonic * shift]
+        for low in range(start, self.bins.stop, length):
+            high = min(low + length, self.bins.stop)
+            windows = sliding_window_view(spectra, high - low, axis=-1)
+            up, down = (windows[source, :, low + reach + sign * shift] for sign in (-1, 1))
             up *= turn
             down *= turn.conj()
-            out = np.empty((len(column) + 1, runs, stop - start), dtype=np.complex128)
-            out[:-1][cosine] = up + down
+            out = np.empty((len(column), runs, high - low), dtype=np.complex128)
+            out[cosine] = up + down
             up -= down
             up *= -1j
-            out[:-1][~cosine] = up[harmonic > 0]
-            yield slice(start - self.bins.start, stop - self.bins.start), out
+            out[~cosine] = up[harmonic > 0]
+            yield slice(low - start, high - start), out
 
-    def _transformed(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
+    def _transformed(
+        self, kernel: Kernel, signal: NDArray[np.intp], column: NDArray[np.intp]
+    ) -> Blocks:
         """Yield products with any features, each transformed."""
-        signal, column = np.nonzero(chosen)
-        shape = (len(column) + 1, *self.output.shape)
-        if (size := 16 * math.prod(shape)) > LARGEST:
+        shape = len(column), self.signals.shape[1], self.bins.stop - self.bins.start
+        if (size := 16 * math.prod(shape)) > MAX_BYTES:
             raise InputError(
                 f"KernelRegression: {len(column)} regressors over {shape[2]} frequencies would "
-                "take "
-                f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a "
-                "longer length_decay"
+                f"take {size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, "
+                "or a longer length_decay"
             )
-        slow = self._slow(kernel)
-        periodic = harmonic_features(self._times(self.phase), kernel.period, kernel.highest)
+        slow, periodic = self._slow(kernel), kernel.periodic_features(self._times(self.phase))
         out = np.empty(shape, dtype=np.complex128)
-        for row, m, place, n in zip(
-            out, signal, kernel.place[column], kernel.slow[column], strict=False
-        ):
-            row[:] = rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[
-                :, self.bins
-            ]
+        parts = zip(out, signal, kernel.place[column], kernel.slow[column], strict=True)
+        for row, m, place, n in parts:
+            product = self.signals[m] * periodic[..., place] * slow[n]
+            row[:] = rfft(product, norm="ortho")[:, self.bins]
         yield slice(0, shape[2]), out
 
     def _slow(self, kernel: Kernel) -> Array:
         """Return the slow functions over each run, shape (function, run, time)."""
-        return np.ascontiguousarray(
-            np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0)
-        )
+        slow = kernel.slow_features(self._times(self.clock))
+        return np.ascontiguousarray(np.moveaxis(slow, -1, 0))
 
     def _times(self, start: Array) -> Array:
-        return np.add.outer(start, np.arange(self.torque.shape[1]) / self.rate)
+        return np.add.outer(start, np.arange(self.samples) / self.rate)
 
 
 @lru_cache(maxsize=4)
-def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
-    """Return the spectra of the first half-cosines over a number of samples.
-
-    They are cached because each iteration of a fit needs them.
-    """
-    terms = np.stack(
-        [half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]
-    )
-    terms *= 1 / math.sqrt(samples)
+def _half_cosines(samples: int) -> ComplexArray:
+    """Return the spectra of the first half-cosines over a number of samples."""
+    place = (np.arange(samples) + 0.5) / samples
+    terms = rfft(np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place)), norm="ortho")
     terms.flags.writeable = False
-    return terms
+    return np.asarray(terms)
 
 
 def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
@@ -225,9 +231,8 @@ def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
         return ensemble
     angle = np.empty_like(ensemble.angle)
     for realizations in ensemble.runs:
-        passed = low_pass(
-            _joined(ensemble, realizations[None], ensemble.context)[0], lag, ensemble.sampling_rate
-        )
+        (joined,) = _joined(ensemble, realizations[None], ensemble.context)
+        passed = low_pass(joined, lag, ensemble.sampling_rate)
         angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
     return attrs.evolve(ensemble, angle=angle)
 
@@ -257,16 +262,14 @@ class Record:
         if not runs or band[0] >= rate / 2:
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "
-                "at "
-                f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band "
-                "of "
-                f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
+                f"at {rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a "
+                f"band of {band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a "
+                "lower band"
             )
-        groups = (
-            [run for run in runs if len(run) == length] for length in dict.fromkeys(map(len, runs))
-        )
+        lengths = dict.fromkeys(map(len, runs))
+        groups = ([run for run in runs if len(run) == length] for length in lengths)
         stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in groups)
-        stop = max(each.clock.max() + each.torque.shape[1] / rate for each in stacks)
+        stop = max(each.clock.max() + each.samples / rate for each in stacks)
         return cls(stacks, min(each.clock.min() for each in stacks), stop)
 
     def kernel(self, period: float, l1: float, l2: float = ENDLESS) -> Kernel:
@@ -274,54 +277,32 @@ class Record:
         return Kernel.of(period, l1, l2, self.start, self.stop, self.stacks[0].rate)
 
     def with_instrument(self, other: Record) -> Record:
-        """Return the record with the signals of another record after its own."""
+        """Return the record with the angles of another record after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
-        return attrs.evolve(
-            self,
-            stacks=tuple(
-                attrs.evolve(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs
-            ),
+        stacks = (
+            attrs.evolve(own, signals=np.concatenate([own.signals[:3], another.signals]))
+            for own, another in pairs
         )
-
-    @property
-    def scale(self) -> float:
-        """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
-
-        It is a fixed share of the modulus at 1 Hz of the constant impedance that fits best: 1
-        N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on the
-        perturbation or the noise. A joint without stiffness also has a modulus at 1 Hz.
-        """
-        constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
-        found = fit(self.sums(constant, np.ones((3, 1), dtype=bool)), np.zeros(3))
-        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
-        least = 1e-6 * math.sqrt(
-            self.power / self.powers[0]
-        )  # of a torque that does not answer at all
-        return DEGREE / USUAL * max(float(modulus), least)
+        return attrs.evolve(self, stacks=tuple(stacks))
 
     @cached_property
     def powers(self) -> Array:
-        """Return the summed squares of each signal."""
+        """Return the summed squares of each signal; the last is the torque."""
         return np.asarray(
             sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks)
         )
 
-    @cached_property
-    def power(self) -> float:
-        """Return the summed squares of the torque."""
-        return sum(float(np.vdot(runs.torque, runs.torque)) for runs in self.stacks)
-
     @property
     def size(self) -> int:
         """Return the number of samples of the torque."""
-        return sum(runs.torque.size for runs in self.stacks)
+        return sum(runs.signals[-1].size for runs in self.stacks)
 
     @property
-    def weak_prior(self) -> float:
+    def prior(self) -> float:
         """Return the prior precision of the external terms: one over the torque's mean square."""
-        return self.size / (self.power or 1.0)
+        return self.size / (float(self.powers[-1]) or 1.0)
 
-    def sums(self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE) -> Sums:
+    def sums(self, kernel: Kernel, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
         """Return weighted sums over the band's frequencies, of the chosen features.
 
         Real and imaginary parts count separately. Each run has its own external terms. They are
@@ -331,24 +312,23 @@ class Record:
         gram = np.zeros((size, size), order="F")
         mixed, powers = [], []
         for runs in self.stacks:
-            weights = noise.weights(runs.frequency)
+            weights, count = noise.weights(runs.frequency), runs.signals.shape[1]
             terms = runs.external_terms * weights
             power, axes = np.linalg.eigh((terms @ terms.conj().T).real)
             turned = (axes.T @ terms).view(np.float64)
-            between = np.zeros((size * len(runs.torque), EXTERNAL_TERMS))
+            between = np.zeros((size * count, EXTERNAL_TERMS))
             for bins, rows in runs.rows(kernel, chosen):
                 parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
                 flat = parts.reshape(size, -1)
                 gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-                between += (
-                    parts.reshape(len(between), -1) @ turned[:, 2 * bins.start : 2 * bins.stop].T
-                )
+                of_terms = turned[:, 2 * bins.start : 2 * bins.stop].T
+                between += parts.reshape(len(between), -1) @ of_terms
             mixed.append(between.reshape(size, -1))
-            powers.append(np.tile(np.maximum(power, 0.0), len(runs.torque)))
-            number += 2 * runs.output.size
-        nuisance = np.concatenate(mixed, axis=1)
+            powers.append(np.tile(np.maximum(power, 0.0), count))
+            number += 2 * count * len(weights)
         moments = Moments(np.asfortranarray(gram[:-1, :-1]), *Moments.of(gram, number)[1:])
-        return Sums(moments, nuisance[:-1], nuisance[-1], np.concatenate(powers), self.weak_prior)
+        of_terms = np.concatenate(mixed, axis=1)
+        return Sums(moments, of_terms[:-1], of_terms[-1], np.concatenate(powers), self.prior)
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

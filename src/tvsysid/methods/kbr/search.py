@@ -1,9 +1,9 @@
-"""Search for the most likely settings of kernel-based regression."""
+"""Search for the settings of kernel-based regression with the greatest marginal likelihood."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -13,33 +13,26 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.external import posterior_at
-from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel, log_harmonic_variances
-from tvsysid.methods.kbr.record import Chosen, Record, lagged
+from tvsysid.methods.kbr.fitting import VISIBLE, posterior_at
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
+from tvsysid.methods.kbr.record import Mask, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
-from tvsysid.numerics.gaussian import Moments
+from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record
-LAGS = (
-    0.001,
-    0.002,
-    0.004,
-    0.008,
-    0.016,
-    0.032,
-    0.05,
-)  # lags in s that are tried, until the likelihood falls
-REFINED = 6  # further lags about the best of them
+# lags in s that are tried, until the likelihood falls
+LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)
+MAX_REFINEMENTS = 6  # further lags about the best of them
 # initial power of the torque that each coefficient makes, in noise variances
 START = 1e3
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
 # coefficients above which a decay is not tried, and the given settings are not compared
-MOST = 2000
-NOISES = 20  # steps of the noise variance at most, for settings that are given
+MAX_COEFFICIENTS = 2000
+MAX_STEPS = 20  # of the noise variance, for settings that are given
 # decrease of the log noise variance from the start at which the data are too few to show any noise
-FAR = 12.0
+MAX_FALL = 12.0
 # share of the noise below which a feature's part of the torque does not count in the likelihood
 FAINT = 1e-7
 # If the log marginal likelihood of a decay is lower by this, shorter ones are not tried. An order
@@ -49,8 +42,8 @@ _value = attrgetter("value")
 
 
 @attrs.frozen(eq=False)
-class Tried:
-    """Settings that were tried, and their log marginal likelihood.
+class Candidate:
+    """Settings, and their log marginal likelihood ``value``.
 
     ``theta`` holds the logs of l1, three prior variances and the noise variance. Prior variances
     beyond the ``order`` have no effect. ``line`` describes the difference from the given settings.
@@ -60,8 +53,8 @@ class Tried:
     lag: float
     decay: float
     theta: Array
-    value: float
     line: str
+    value: float = math.nan
 
     @property
     def variances(self) -> Array:
@@ -73,12 +66,8 @@ class Tried:
 
         Gammas are in units of the squared scale.
         """
-        numbers = (
-            math.exp(self.theta[0]),
-            self.decay,
-            self.lag,
-            *(np.exp(self.theta[1:4]) / scale**2),
-        )
+        length, *gammas = np.exp(self.theta[:4]) / [1.0, *[scale**2] * 3]
+        numbers = length, self.decay, self.lag, *gammas
         length, decay, lag, *gammas = (float(f"{number:.4g}") for number in numbers)
         of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
         return of_kernel | {"order": self.order, "lag": lag}
@@ -88,136 +77,113 @@ class Tried:
 class Likelihood:
     r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
-    For one order, lag and decay (in s), and so that others can be compared with them:
+    It is made comparable across orders and lags:
 
     .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
 
     The first is the restricted likelihood; the second makes it that under a unit-information prior
-    on the constants (:func:`unit_information`); the third is a penalty for the settings
-    that are fitted by maximum and not common to all models: M + 1 gammas, and a lag (L = 1) unless
-    it is 0. Within an order and lag, the last two terms are constant.
+    on the constants (:func:`unit_information`); the third is a penalty for the settings that are
+    fitted by maximum and not common to all models: M + 1 gammas, and a lag (L = 1) unless it is 0.
+    Within an order and lag, the last two terms are constant.
 
-    The ``moments`` are those of N samples. The external terms are integrated out for about the
+    The ``moments`` are those of N samples, with the external terms integrated out for about the
     ``noise`` variance, which also scales the prior of the constants. ``coefficient`` and
-    ``harmonic`` are those of each column. The ``fixed`` columns have no prior.
+    ``harmonic`` are those of each column. The ``flat`` columns have no prior.
     """
 
     moments: Moments
     coefficient: NDArray[np.int64]
     harmonic: NDArray[np.int64]
-    fixed: Chosen
+    flat: Mask
     noise: float
-    lag: float
-    decay: float
 
     @classmethod
     def of(
-        cls,
-        record: Record,
-        kernel: Kernel,
-        kept: Chosen,
-        noise: float,
-        lag: float = 0.0,
-        decay: float = ENDLESS,
-        share: float = 1.0,
+        cls, record: Record, kernel: Kernel, visible: Mask, noise: float, share: float = 1.0
     ) -> Likelihood:
-        """Return the likelihood without the external terms, for about this ``noise`` variance.
+        """Return the likelihood of the ``visible`` features for about this ``noise`` variance.
 
         ``share`` is the effective fraction of independent samples.
         """
-        coefficient, column = np.nonzero(kept)
-        moments = record.sums(kernel, kept).marginal(noise).times(share)
-        return cls(
-            moments,
-            coefficient,
-            kernel.harmonic[column],
-            column == 0,
-            noise,
-            lag,
-            decay,
-        )
+        coefficient, column = np.nonzero(visible)
+        moments = record.sums(kernel, visible).marginal(noise).times(share)
+        return cls(moments, coefficient, kernel.harmonic[column], column == 0, noise)
 
     def up_to(self, order: int) -> Likelihood:
         """Return the likelihood of the model without the higher derivatives."""
         mask = self.coefficient <= order
-        columns = {name: getattr(self, name)[mask] for name in ("coefficient", "harmonic", "fixed")}
-        return attrs.evolve(self, moments=self.moments.take(mask), **columns)
-
-    @property
-    def order(self) -> int:
-        """Return the highest derivative of the angle."""
-        return int(self.coefficient.max())
+        columns = self.coefficient[mask], self.harmonic[mask], self.flat[mask]
+        return Likelihood(self.moments.take(mask), *columns, self.noise)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
-        variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
+        variances = np.where(self.flat, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
         with np.errstate(divide="ignore"):
             strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
-        seen = self.fixed | (strength > math.log(FAINT))
-        precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        found = posterior_at(self.moments.take(seen), precision, math.exp(theta[4]))
-        by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
-        by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
+        counts = self.flat | (strength > math.log(FAINT))
+        precision = np.where(self.flat, 0.0, np.exp(-np.where(counts, variances, 0.0)))[counts]
+        found = posterior_at(self.moments.take(counts), precision, math.exp(theta[4]))
+        by_variances = found.by_variances
+        by_gamma = np.bincount(self.coefficient[counts], by_variances, minlength=3)
+        by_length = float(by_variances @ slopes[self.harmonic[counts]])
         return found.log_evidence, np.array([by_length, *by_gamma, found.by_noise])
 
-    def at(self, theta: Array, line: str) -> Tried:
-        """Return these settings with the noise variance that suits them best."""
-        place = theta.copy()
-        for _ in range(NOISES):
-            value, slope = self(place)
+    def at(self, settings: Candidate) -> Candidate:
+        """Return settings with the noise variance that suits them best."""
+        start, theta = settings.theta[4], settings.theta.copy()
+        for _ in range(MAX_STEPS):
+            value, slope = self(theta)
             # The curvature of the likelihood in a log variance is half the number of samples.
             step = slope[4] / (0.5 * self.moments.number)
             if abs(step) < 1e-4:
                 break
-            place[4] = np.clip(place[4] + step, theta[4] - FAR, theta[4] + FAR)
-        return self.tried(place, value, line)
+            theta[4] = np.clip(theta[4] + step, start - MAX_FALL, start + MAX_FALL)
+        return self.compared(settings, theta, value)
 
     def climb(
-        self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0
-    ) -> Tried:
+        self, start: Candidate, length: float | None = None, leeway: float = 15.0
+    ) -> Candidate:
         """Climb to the highest likelihood near a start.
 
         l1 stays at ``length`` if that is given. Log gammas rise by ``leeway`` at most.
         """
-        lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
-        low, high = (
-            theta - np.array([0.0, 50.0, 50.0, 50.0, FAR]),
-            theta + np.array([0.0, *(leeway,) * 3, FAR]),
-        )
-        low[0], high[0] = lengths
+        low = start.theta - np.array([0.0, 50.0, 50.0, 50.0, MAX_FALL])
+        high = start.theta + np.array([0.0, leeway, leeway, leeway, MAX_FALL])
+        low[0], high[0] = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
         # Likelihood of white noise: subtracting it keeps the stopping rule independent of the
         # torque's unit.
         usual = -0.5 * self.moments.number * math.log(self.noise)
 
-        def descent(place: Array) -> tuple[float, Array]:
-            value, slope = self(place)
+        def descent(theta: Array) -> tuple[float, Array]:
+            value, slope = self(theta)
             return usual - value, -slope
 
-        bounds, options = scipy.optimize.Bounds(low, high), {"ftol": 1e-9}
-        start = np.clip(theta, low, high)
         found = scipy.optimize.minimize(
-            descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+            descent,
+            np.clip(start.theta, low, high),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=scipy.optimize.Bounds(low, high),
+            options={"ftol": 1e-9},
         )
         if found.x[4] <= low[4]:
             raise InputError(
                 "the settings of kbr cannot be found from the data: so few realizations are "
-                "explained without any "
-                "noise; give more realizations, or the settings"
+                "explained without any noise; give more realizations, or the settings"
             )
-        return self.tried(found.x, usual - float(found.fun), line)
+        return self.compared(start, found.x, usual - float(found.fun))
 
-    def tried(self, theta: Array, value: float, line: str) -> Tried:
-        """Return settings and their likelihood, made comparable across orders and lags."""
-        price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.moments.number)
-        comparable = unit_information(self.moments.take(self.fixed), self.noise) - price
-        return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)
+    def compared(self, settings: Candidate, theta: Array, value: float) -> Candidate:
+        """Return settings at ``theta``, their likelihood comparable across orders and lags."""
+        fitted = settings.order + 1 + (settings.lag > 0)
+        value += unit_information(self.moments.take(self.flat), self.noise)
+        value -= 0.5 * fitted * math.log(self.moments.number)
+        return attrs.evolve(settings, theta=theta, value=value)
 
 
 def unit_information(moments: Moments, noise: float) -> float:
-    r"""Return the log density of a unit-information prior of columns F at its mean.
-
-    The mean is the estimate from the data.
+    r"""Return the log density of a unit-information prior of columns F at the estimate b.
 
     A restricted likelihood, in which the weights of F have unit density, is measured in their
     units, and cannot be compared with one of other columns. Under a prior that tells as much of b
@@ -227,14 +193,12 @@ def unit_information(moments: Moments, noise: float) -> float:
     .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F, \qquad
               \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
 
-    As it is nearly flat where the likelihood is not small, the likelihood under it is the
-    restricted one times this density, to about f / (2 N) where columns with a prior cannot take
-    the place of F. What it costs to fit a constant is then half log N, as in Schwarz's criterion
-    (Kass & Wasserman 1995).
+    It is nearly flat where the likelihood is not small. What it costs to fit a constant is half
+    log N, as in Schwarz's criterion (Kass & Wasserman 1995).
     """
-    gram = np.tril(moments.gram) + np.tril(moments.gram, -1).T
-    power = math.log(math.pi * moments.number * noise)
-    return 0.5 * (float(np.linalg.slogdet(gram)[1]) - len(gram) * power)
+    log_determinant = solve(moments, np.zeros_like(moments.cross)).log_determinant
+    count, number = len(moments.cross), moments.number
+    return 0.5 * (log_determinant - count * math.log(math.pi * number * noise))
 
 
 @attrs.frozen(eq=False)
@@ -251,39 +215,7 @@ class Search:
     noise: float
     share: float
 
-    def evidence(self, given: Tried, method: object, scale: float) -> Evidence:
-        """Return the evidence for all settings that were tried, those given first.
-
-        The ``given`` settings are those of the ``method``. ``scale`` is the unit of gamma.
-        """
-        tried, chosen = self.from_settings(given)
-        settings = [each.settings(scale) for each in tried]
-        edges: tuple[str, ...] = ()
-        if chosen:  # no decay and no lag are no edges
-            length, decay, lag = (
-                settings[chosen][name] for name in ("length_periodic", "length_decay", "lag")
-            )
-            edges += edge_of("length_periodic", length, (float(f"{each:.4g}") for each in LENGTHS))
-            if decay < ENDLESS:
-                edges += edge_of("length_decay", decay, (each["length_decay"] for each in settings))
-            if lag >= LAGS[-1]:
-                edges += edge_of("lag", lag, LAGS)
-        settings[0] = {name: getattr(method, name) for name in settings[0]}
-        return Evidence(
-            criterion="log marginal likelihood",
-            unit="nat",
-            better="higher",
-            tried=tuple(settings),
-            values=np.array([each.value for each in tried]),
-            standard_errors=np.full(len(tried), math.nan),
-            chosen=chosen,
-            axis="length_periodic (no unit)",
-            positions=np.exp([each.theta[0] for each in tried]),
-            lines=tuple(each.line for each in tried),
-            edges=edges,
-        )
-
-    def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
+    def candidates(self, given: Candidate) -> tuple[list[Candidate], int]:
         """Return all settings that were tried, those given first, and the position of the best.
 
         With the order and the lag given, l1 is searched without decay, then with shorter and
@@ -293,32 +225,31 @@ class Search:
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
         kernel = record.kernel(self.period, LENGTHS[0])
         every = np.ones((3, kernel.columns), dtype=bool)
-        everything = Likelihood.of(record, kernel, every, self.noise, given.lag, share=self.share)
-        strict = self._lengths(record, everything.up_to(given.order))
+        whole = Likelihood.of(record, kernel, every, self.noise, self.share)
+        # Each coefficient makes a torque 1000 times the noise.
+        noise = math.log(self.noise)
+        theta = np.array([0.0, *(math.log(START) + noise - np.log(record.powers[:3])), noise])
+        loose = attrs.evolve(given, decay=ENDLESS, theta=theta, line="no decay")
+
+        strict = _lengths(whole.up_to(given.order), loose)
         endless = max(strict, key=_value)
-        tried = [
-            self._as_given(given),
-            *strict,
-            *self._decays(endless, float(record.stop - record.start)),
-        ]
+        tried = [self._as_given(given), *strict, *self._decays(endless, record.stop - record.start)]
         chosen = tried[int(np.nanargmax([each.value for each in tried]))]
 
-        other = list(self._orders(record, everything, endless))
+        other = list(_orders(whole, endless, loose))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
         best = self._clearly_better(endless, other)
         if best is not endless:
             if chosen.decay < endless.decay:
                 other += self._decayed(best, chosen.decay)
-            top = max(
-                (each for each in other if (each.order, each.lag) == (best.order, best.lag)),
-                key=_value,
-            )
+            kind = best.order, best.lag
+            top = max((each for each in other if (each.order, each.lag) == kind), key=_value)
             chosen = top if top.value > chosen.value + CLEARLY else chosen
         tried += other
         return tried, tried.index(chosen)
 
-    def _clearly_better(self, endless: Tried, other: list[Tried]) -> Tried:
+    def _clearly_better(self, endless: Candidate, other: list[Candidate]) -> Candidate:
         """Return the best other order and lag if clearly better, or else the one given.
 
         Noise that is not white is slow, and so is quiet where inertia shows. A share of the samples
@@ -337,49 +268,29 @@ class Search:
     def _record(self, lag: float) -> Record:
         return Record.of(lagged(self.ensemble, lag), self.band)
 
-    def _likelihood(
-        self, about: Tried, variances: Array, lag: float, decay: float = ENDLESS, least: float = 0.0
-    ) -> Likelihood:
+    def _likelihood(self, about: Candidate, leeway: float = 1.0, least: float = 0.0) -> Likelihood:
         """Return the likelihood of the features that may exceed the noise.
 
-        The prior ``variances`` (coefficient,) say how strong a feature may be; its power is
-        ``least`` or more.
+        A feature's prior variance may be larger by ``leeway``; its power is ``least`` or more.
         """
-        record = self._record(lag)
-        kernel = record.kernel(self.period, math.exp(about.theta[0]), decay)
-        kept = kernel.visible(
-            np.maximum(variances * record.powers[: len(variances)], least), VISIBLE * self.noise
-        )
-        if kept.sum() > MOST:
+        record = self._record(about.lag)
+        kernel = record.kernel(self.period, math.exp(about.theta[0]), about.decay)
+        powers = leeway * about.variances * record.powers[: about.order + 1]
+        visible = kernel.visible(np.maximum(powers, least), VISIBLE * self.noise)
+        if visible.sum() > MAX_COEFFICIENTS:
             raise InputError(
-                f"KernelRegression: more than {MOST} coefficients are too many to compare"
+                f"KernelRegression: more than {MAX_COEFFICIENTS} coefficients are too many to "
+                "compare"
             )
-        return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
+        return Likelihood.of(record, kernel, visible, self.noise, self.share)
 
-    def _loose(self, record: Record) -> Array:
-        """Return a start at which each coefficient makes a torque 1000 times the noise."""
-        noise = math.log(self.noise)
-        return np.array([0.0, *(math.log(START) + noise - np.log(record.powers)), noise])
-
-    def _as_given(self, given: Tried) -> Tried:
+    def _as_given(self, given: Candidate) -> Candidate:
         try:
-            return self._likelihood(given, given.variances, given.lag, given.decay).at(
-                given.theta, given.line
-            )
+            return self._likelihood(given).at(given)
         except InputError:  # too many coefficients
             return given
 
-    def _lengths(self, record: Record, strict: Likelihood) -> list[Tried]:
-        """Return the best settings for each l1, then the best with l1 free."""
-        starts, found = [self._loose(record)], []
-        for length in LENGTHS:
-            found.append(
-                max((strict.climb(theta, "no decay", length) for theta in starts), key=_value)
-            )
-            starts[1:] = [found[-1].theta]
-        return [*found, strict.climb(max(found, key=_value).theta, "no decay")]
-
-    def _decays(self, best: Tried, length: float) -> Iterator[Tried]:
+    def _decays(self, best: Candidate, length: float) -> Iterator[Candidate]:
         """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
         for share in DECAYS:
             found = self._decayed(best, share * length) if share * length >= 2 * self.period else []
@@ -388,32 +299,25 @@ class Search:
                 break
             best = max(best, *found, key=_value)
 
-    def _decayed(self, best: Tried, decay: float) -> list[Tried]:
+    def _decayed(self, best: Candidate, decay: float) -> list[Candidate]:
         """Return the best settings for a decay; none if it needs too many coefficients."""
+        trial = attrs.evolve(best, decay=decay, line=f"decay {decay:.3g} s")
         try:
-            likelihood = self._likelihood(best, LEEWAY * best.variances, best.lag, decay)
+            likelihood = self._likelihood(trial, LEEWAY)
         except InputError:
             return []
-        return [likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))]
+        return [likelihood.climb(trial, leeway=math.log(LEEWAY))]
 
-    def _orders(self, record: Record, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
-        """Yield the best settings for each other order."""
-        theta, absent = best.theta.copy(), slice(2 + best.order, 4)
-        theta[absent] = self._loose(record)[absent]
-        for order in range(3):
-            if order != best.order:
-                own, line = likelihood.up_to(order), f"order {order}"
-                yield own.climb(own.at(theta, line).theta, line)
+    def _about(self, trial: Candidate) -> Likelihood:
+        """Return the likelihood near settings without decay whose lag was changed."""
+        return self._likelihood(trial, LEEWAY, START * self.noise)
 
-    def _about(self, best: Tried, lag: float) -> Likelihood:
-        """Return the likelihood without decay for another lag, near the best settings."""
-        return self._likelihood(best, LEEWAY * best.variances, lag, least=START * self.noise)
-
-    def _at(self, best: Tried, lag: float) -> Tried:
+    def _at(self, best: Candidate, lag: float) -> Candidate:
         """Return the best settings with another lag, and with the noise that suits them."""
-        return self._about(best, lag).at(best.theta, "other lags")
+        trial = attrs.evolve(best, lag=lag, line="other lags")
+        return self._about(trial).at(trial)
 
-    def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
+    def _lags(self, best: Candidate, rival: Candidate) -> Iterator[Candidate]:
         """Yield settings with other lags, each twice the one before, then the best of them.
 
         The likelihood has one peak. If the shortest lag is worse than none, longer ones are worse,
@@ -430,16 +334,68 @@ class Search:
         if top.value + (top.value - best.value) / 8 <= rival.value:
             return
         if top.lag:
-            found: list[Tried] = []
+            found: list[Candidate] = []
 
             def loss(lag: float) -> float:
                 found.append(self._at(best, lag))
                 return -found[-1].value
 
-            bounds, options = (top.lag / 2, 2 * top.lag), {"maxiter": REFINED}
+            bounds, options = (top.lag / 2, 2 * top.lag), {"maxiter": MAX_REFINEMENTS}
             scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
             yield from found
             top = max(top, *found, key=_value)
-        yield self._about(best, top.lag).climb(
-            top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag"
-        )
+        line = f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag"
+        yield self._about(top).climb(attrs.evolve(top, line=line))
+
+
+def _lengths(strict: Likelihood, loose: Candidate) -> list[Candidate]:
+    """Return the best settings for each l1 without decay, then the best with l1 free."""
+    starts, found = [loose], []
+    for length in LENGTHS:
+        climbed = (strict.climb(start, length) for start in starts)
+        found.append(max(climbed, key=_value))
+        starts = [loose, found[-1]]
+    return [*found, strict.climb(max(found, key=_value))]
+
+
+def _orders(whole: Likelihood, best: Candidate, loose: Candidate) -> Iterator[Candidate]:
+    """Yield the best settings for each other order; what is added begins ``loose``."""
+    theta, added = best.theta.copy(), slice(2 + best.order, 4)
+    theta[added] = loose.theta[added]
+    for order in range(3):
+        if order != best.order:
+            own = whole.up_to(order)
+            start = attrs.evolve(best, order=order, theta=theta, line=f"order {order}")
+            yield own.climb(own.at(start))
+
+
+def evidence_of(tried: Sequence[Candidate], chosen: int, method: object, scale: float) -> Evidence:
+    """Return the evidence for settings that were tried; the first are those of the ``method``.
+
+    ``scale`` is the unit of gamma.
+    """
+    settings = [each.settings(scale) for each in tried]
+    edges: tuple[str, ...] = ()
+    if chosen:  # no decay and no lag are no edges
+        best = settings[chosen]
+        lengths = (float(f"{each:.4g}") for each in LENGTHS)
+        edges += edge_of("length_periodic", best["length_periodic"], lengths)
+        if best["length_decay"] < ENDLESS:
+            decays = (each["length_decay"] for each in settings)
+            edges += edge_of("length_decay", best["length_decay"], decays)
+        if best["lag"] >= LAGS[-1]:
+            edges += edge_of("lag", best["lag"], LAGS)
+    settings[0] = {name: getattr(method, name) for name in settings[0]}
+    return Evidence(
+        criterion="log marginal likelihood",
+        unit="nat",
+        better="higher",
+        tried=tuple(settings),
+        values=np.array([each.value for each in tried]),
+        standard_errors=np.full(len(tried), math.nan),
+        chosen=chosen,
+        axis="length_periodic (no unit)",
+        positions=np.exp([each.theta[0] for each in tried]),
+        lines=tuple(each.line for each in tried),
+        edges=edges,
+    )

@@ -30,6 +30,8 @@ from tvsysid.methods.shared.residuals import (
     independent_realizations,
     independent_share,
     residual,
+    second_order_agreement,
+    second_order_torque,
 )
 from tvsysid.methods.shared.two_stage import truncated_at_threshold
 from tvsysid.models import IMPEDANCE, StandardError

@@ -20,12 +20,11 @@ from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.shared.estimates import ErrorStatistics
-from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
+from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann, power_spectrum
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
@@ -142,22 +141,6 @@ class Instrument(NamedTuple):
             "(instrument_strength of less than "
             f"{self.needed:.3g}); record more, disturb more strongly{_alternative(self.reference)}"
         )
-
-    def agreement(self, ensemble: Ensemble, impedance: Array) -> float:
-        """Return how much of the torque linear in the predicted angle an impedance explains, in %.
-
-        The ``impedance`` has shape (time, 3). The measured angle cannot serve here: the part of it
-        that noise moves is correlated with the noise in the residual.
-        """
-        fit = np.einsum("mrt,tm->rt", ensemble.derivatives(), impedance)
-        known = np.isfinite(fit).all(axis=0)
-        if not known.any():
-            return float("nan")
-        torque, angle = (
-            each[:, ensemble.core][:, known] for each in (ensemble.torque, self.moved.angle)
-        )
-        covariance = autocovariance(angle, 2 * HALF_WIDTH)
-        return agreement_of(fit[:, known], torque - fit[:, known], angle, covariance)
 
     def banded(self, errors: ErrorStatistics | Mapping[str, StandardError]) -> WhereStrong:
         """Return the errors of a method, only where the instrument is strong enough."""

@@ -80,6 +80,32 @@ def residual(ensemble: Ensemble, weights: Array) -> Array:
     return np.subtract(torque[:, lags : torque.shape[1] - lags], fit, out=fit)
 
 
+def second_order_torque(ensemble: Ensemble, impedance: Array) -> Array:
+    """Return the torque (realization, time) of stiffness, viscosity and inertia.
+
+    ``impedance`` has shape (time, 3) or (realization, time, 3). The torque is NaN where the angle's
+    derivatives are.
+    """
+    parts = map(np.multiply, np.moveaxis(impedance, -1, 0), ensemble.derivatives())
+    return np.asarray(sum(parts))
+
+
+def second_order_agreement(ensemble: Ensemble, moved: Ensemble, impedance: Array) -> float:
+    """Return how much of the torque that depends on the angle an impedance explains, in per cent.
+
+    The angle is that of ``moved``: in closed loop, the angle predicted from a reference. The
+    measured one cannot serve there, because the part of it that noise moves is correlated with the
+    noise in the residual. ``impedance`` is as for :func:`second_order_torque`.
+    """
+    fit = second_order_torque(ensemble, impedance)
+    known = np.isfinite(fit).all(axis=0)
+    if not known.any():
+        return float("nan")
+    core, fit = ensemble.core, fit[:, known]
+    torque, angle = (x[:, core][:, known] for x in (ensemble.torque, moved.angle))
+    return agreement_of(fit, torque - fit, angle, autocovariance(angle, 2 * HALF_WIDTH))
+
+
 def noise_correlation(covariance: Array, taken: Array) -> Array:
     """Return the autocorrelation (lag,) of the noise from the autocovariance of a fit's residual.
 

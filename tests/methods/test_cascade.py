@@ -7,26 +7,27 @@ from scipy.linalg import toeplitz
 from tests.independent import ensemble_of, imposed
 
 import tvsysid as tv
-from tvsysid.methods.cascade import regressors
+from tvsysid.methods.cascade import data
 from tvsysid.methods.cascade.bands import covariance_of
-from tvsysid.methods.cascade.evidence import Moments, solve
-from tvsysid.methods.cascade.problem import Problem
-from tvsysid.methods.cascade.regressors import (
-    Data,
-    Reflex,
+from tvsysid.methods.cascade.columns import (
     deviations,
     intrinsic_filters,
-    lagged_signals,
+    intrinsic_signals,
     second_order_fit,
     unresolved,
 )
+from tvsysid.methods.cascade.data import Data
+from tvsysid.methods.cascade.evidence import Ridge
+from tvsysid.methods.cascade.problem import Problem
+from tvsysid.methods.cascade.reflex_columns import Reflex
 from tvsysid.methods.cascade.result import doubtful_gain
 from tvsysid.methods.cascade.shape import Shape
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import keep_every
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
 
-RATE, TIMES, HISTORY, LAGS = 100.0, 60, 50, 4
+RATE, TIMES, HISTORY, LAGS = 100.0, 60, 250, 4
 GAIN = tv.simulate.SineWave(8.0, 4.0, offset=-0.5)
 FREE = ("frequency", "damping", "threshold", "delay")
 NOISE = np.array([1.0, 0.5, 0.2])  # autocorrelation
@@ -53,29 +54,25 @@ def simulated(case, duration, seed=1000):
 @pytest.fixture
 def problem(random):
     """Small problem whose velocity is known, so that it is rectified exactly."""
-    angle = np.cumsum(random.normal(size=(8, TIMES + HISTORY)), axis=1) / 20
+    angle = np.cumsum(random.normal(size=(8, TIMES + HISTORY + LAGS)), axis=1) / 20
     velocity = np.gradient(angle, axis=1) * 20
-    signals, _ = lagged_signals(angle[:, HISTORY - LAGS :], LAGS, LAGS, RATE)
-    signals = np.pad(signals, ((0, 0), (0, 0), (0, 0)))
-    times, fitted = signals.shape[2], np.ones(signals.shape[1:], dtype=bool)
-    rows = velocity[:, : HISTORY + times]
-    phase = np.arange(times) / times
-    bases = (
-        FourierSeries(2)(phase),
-        FourierSeries(1)(phase),
-        *[np.ones((times, 1))] * (len(signals) - 2),
-    )
-    noise = 1e-5 * random.normal(size=fitted.shape)
-    plain = Data.of(noise, signals, bases, fitted).weighed(NOISE)
-    reflex = Reflex(
-        lambda c: deviations(np.maximum(rows - c, 0.0)), FourierSeries(1), times / RATE, RATE, plain
-    )
-    columns = every_column(Problem.of(plain, reflex, FREE), KNOWN)
+    signals = intrinsic_signals(angle, LAGS, RATE)[..., HISTORY:-LAGS]
+    phase = np.arange(TIMES) / TIMES
+    bases = [FourierSeries(count)(phase) for count in (2, 1, *[0] * (len(signals) - 2))]
+    noise = 1e-5 * random.normal(size=signals.shape[1:])
+
+    def drive(threshold):
+        return deviations(np.maximum(velocity[:, :-LAGS] - threshold, 0.0))
+
+    def problem_of(torque):
+        fitted = np.ones(torque.shape, dtype=bool)
+        data = Data.of(torque, signals, tuple(bases), fitted).weighted(NOISE)
+        reflex = Reflex(drive, FourierSeries(1), TIMES / RATE, RATE, data.times)
+        return Problem(data, reflex, FREE)
+
+    columns = every_column(problem_of(noise), KNOWN)
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
-    torque = np.tensordot(truth, columns, 1) + noise
-    return Problem.of(plain, reflex, FREE).with_data(
-        Data.of(torque, signals, bases, fitted).weighed(NOISE)
-    ), truth
+    return problem_of(np.tensordot(truth, columns, 1) + noise), truth
 
 
 def every_column(problem, shape):
@@ -113,7 +110,7 @@ def test_fast_movement_has_its_derivatives_although_it_is_decimated_to_a_slow_on
     derivatives = [np.sin(2 * np.pi * 62 * time), (2 * np.pi * 62) * np.cos(2 * np.pi * 62 * time)]
     derivatives.append(-((2 * np.pi * 62) ** 2) * derivatives[0])
     low = [keep_every(each[None], 10) for each in derivatives]
-    signals, _ = lagged_signals(low[0], 0, LAGS, RATE)
+    signals = intrinsic_signals(low[0], LAGS, RATE)
     fast = unresolved(derivatives[0].reshape(1, -1, 10), LAGS, RATE)
     inside = slice(10, -10)
     for order in (1, 2):
@@ -147,32 +144,34 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
 
 
 @pytest.mark.parametrize("window", [256, 20])
-@pytest.mark.parametrize("harmonics", [1, 0])
+@pytest.mark.parametrize("harmonics", [5, 0])
 def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window, harmonics):
-    monkeypatch.setattr(regressors, "WINDOW", window)
+    monkeypatch.setattr(data, "MAX_WINDOW", window)
     problem, _ = problem
-    problem = attrs.evolve(
-        problem, reflex=attrs.evolve(problem.reflex, basis=FourierSeries(harmonics))
-    )
-    problem = problem.with_data(problem.data.weighed(NOISE))
+    reflex = attrs.evolve(problem.reflex, basis=FourierSeries(harmonics))
+    problem = attrs.evolve(problem, reflex=reflex, data=problem.data.weighted(NOISE))
+    found = problem.at(KNOWN)
     columns, torque = every_column(problem, KNOWN), problem.data.torque
-    weights = np.zeros((torque.shape[1], torque.shape[1]))
+    weights = np.zeros((TIMES, TIMES))
     for inside, _ in problem.data.windows:
         weights[inside, inside] = np.linalg.inv(matrix_of(NOISE, inside.stop - inside.start))
+
+    def check(moments, columns, rows):
+        scale = np.sqrt(np.mean(columns**2, axis=(1, 2)))
+        columns = columns[:, rows] / scale[:, None, None]
+        white, (gram, cross, square, _) = columns @ weights, moments.scaled(scale)
+        expected = np.tensordot(white, columns, ((1, 2), (1, 2)))
+        np.testing.assert_allclose(gram, expected, atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(cross, np.tensordot(white, torque[rows], 2), rtol=1e-7)
+        assert square == pytest.approx(np.sum(torque[rows] @ weights * torque[rows]))
+
     for fold, rows in ((None, slice(None)), (0, problem.data.folds[0])):
-        moments = problem.moments(KNOWN, fold)
-        white = columns[:, rows] @ weights
-        gram = np.tensordot(white, columns[:, rows], ((1, 2), (1, 2)))
-        np.testing.assert_allclose(
-            moments.gram, gram, rtol=1e-9, atol=1e-9 * np.abs(columns).max() ** 2
-        )
-        np.testing.assert_allclose(
-            moments.cross, np.tensordot(white, torque[rows], 2), rtol=1e-7, atol=1e-8
-        )
-        assert moments.square == pytest.approx(np.sum(torque[rows] @ weights * torque[rows]))
+        check(problem.moments(KNOWN, fold), columns, rows)
+    with_slopes = found.moments_with_slopes(problem.data, found.moments)
+    check(with_slopes, np.concatenate([columns, found.slopes()]), slice(None))
     coefficients = np.arange(problem.own) / 10
     expected = np.tensordot(coefficients, columns[: problem.own], 1)
-    np.testing.assert_allclose(problem.data.torque_of(coefficients), expected, atol=1e-9)
+    np.testing.assert_allclose(problem.data.intrinsic(coefficients), expected, atol=1e-9)
 
 
 def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(problem):
@@ -193,51 +192,45 @@ def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(p
         np.testing.assert_allclose(column, deviations(out), rtol=1e-3, atol=1e-4)
 
 
-def moments_of(columns, torque):
-    every = np.column_stack([columns, torque])
-    return Moments(every.T @ every, float(len(torque)))
-
-
-def test_evidence_is_that_of_the_samples(random):
+@pytest.fixture
+def regression(random):
     columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
-    moments = moments_of(columns, torque)
-    spread = np.array([1e4, 0.5, 2.0, 0.1, 1.0])
-    found = solve(moments, spread)
-    covariance = np.eye(40) + (columns * spread**2) @ columns.T
+    every = np.column_stack([columns, torque])
+    return columns, torque, Moments.of(every.T @ every, 40.0)
+
+
+SPREAD = np.array([1e4, 0.5, 2.0, 0.1, 1.0])
+
+
+def test_evidence_is_that_of_the_samples(regression):
+    columns, torque, moments = regression
+    found = Ridge.of(moments, SPREAD)
+    covariance = np.eye(40) + (columns * SPREAD**2) @ columns.T
     left = torque @ np.linalg.solve(covariance, torque)
     expected = -20 * np.log(left / (torque @ torque)) - np.linalg.slogdet(covariance)[1] / 2
     assert found.log_evidence == pytest.approx(expected, abs=1e-5)
     assert found.noise_variance == pytest.approx(left / 40)
-    hat = columns @ np.linalg.solve(columns.T @ columns + np.diag(spread**-2.0), columns.T)
-    assert found.effective == pytest.approx(np.trace(hat))
     for place, slope in enumerate(found.by_spread):
-        ends = [
-            solve(moments, spread * np.exp(sign * 1e-5 * (np.arange(5) == place))).log_evidence
-            for sign in (1, -1)
-        ]
-        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
+        steps = np.exp(1e-5 * (np.arange(5) == place))
+        above, below = (Ridge.of(moments, SPREAD * each) for each in (steps, 1 / steps))
+        expected = (above.log_evidence - below.log_evidence) / 2e-5
+        assert slope == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
-def test_what_cannot_be_negative_is_not_and_the_rest_follows(random):
-    columns, torque, spread = (
-        random.normal(size=(40, 5)),
-        random.normal(size=40),
-        np.array([1e4, 0.5, 2.0, 0.1, 1.0]),
-    )
-    moments = moments_of(columns, torque)
-    positive, free = random.normal(size=(30, 5)) + 1.0, solve(moments, spread)
-    found = solve(moments, spread, positive)
+def test_what_cannot_be_negative_is_not_and_the_rest_follows(regression, random):
+    *_, moments = regression
+    positive = random.normal(size=(30, 5)) + 1.0
+    free, found = (Ridge.of(moments, SPREAD, *limits) for limits in ((), (positive,)))
     assert (positive @ free.coefficients).min() < 0
     assert (positive @ found.coefficients).min() > -1e-12
     touched = positive[positive @ found.coefficients < 1e-9]
     # Against the limits that are touched, and no others, the posterior density rises.
-    slope = moments.cross - moments.gram @ found.coefficients - found.coefficients / spread**2
+    slope = moments.cross - moments.gram @ found.coefficients - found.coefficients / SPREAD**2
     pressing = np.linalg.lstsq(touched.T, -slope, rcond=None)[0]
     np.testing.assert_allclose(touched.T @ pressing, -slope, atol=1e-8)
     assert (pressing > 0).all()
-    assert found.lost * moments.square == pytest.approx(
-        40 * (found.noise_variance - free.noise_variance)
-    )
+    gap = 40 * (found.noise_variance - free.noise_variance)
+    assert found.lost * moments.square == pytest.approx(gap)
 
 
 def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
@@ -262,7 +255,8 @@ def test_steps_lead_to_the_known_shape_and_coefficients(problem):
     found = problem.refined(Shape(0.045, 17.0, 0.8, 0.05))
     np.testing.assert_allclose(found.shape, KNOWN, rtol=0.02)
     known = np.r_[0:9, -3:0]  # the differences are nearly alike
-    size = found.scale[known] * np.abs(truth[known]).max()
+    scale = problem.prior.scale(found.moments)
+    size = scale[known] * np.abs(truth[known]).max()
     np.testing.assert_allclose(
         found.coefficients[known] / size, truth[known] / size, rtol=0.01, atol=0.02
     )
@@ -279,8 +273,8 @@ def test_covariance_is_the_sandwich_of_the_samples(problem):
         for each in (autocorrelation(left, 0.0) * np.sum(left**2) / sure.freedom, NOISE)
     )
     white = columns @ np.linalg.inv(weights)
-    variance = found.posterior.noise_variance
-    weight = np.diag([*(found.scale**2 / found.spread**2), variance / 0.6**2])
+    variance = found.ridge.noise_variance
+    weight = np.diag([*found.ridge.spread**-2, variance / 0.6**2])
     inverse = np.linalg.inv(white @ columns.T + weight)
     expected = inverse @ (white @ noise @ white.T + variance * weight) @ inverse
     size = np.sqrt(np.diag(expected))

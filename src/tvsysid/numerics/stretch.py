@@ -8,6 +8,7 @@ from scipy.ndimage import correlate1d
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.moments import row_blocks
 
 FAST = 500.0  # Hz from which on five samples are enough for a derivative
 PARABOLA = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # slope of the parabola through five samples
@@ -50,7 +51,9 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     threshold, direction
         c in rad/s, and s, 1 or -1.
     """
-    return decimated(direction * np.maximum(direction * velocity - threshold, 0.0), ratio)
+    blocks = (velocity[rows] for rows in row_blocks(*velocity.shape))
+    rectified = (direction * np.maximum(direction * each - threshold, 0.0) for each in blocks)
+    return np.concatenate([decimated(each, ratio) for each in rectified])
 
 
 def decimated(values: Array, ratio: int) -> Array:

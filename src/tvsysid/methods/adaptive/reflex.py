@@ -14,10 +14,9 @@ from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants, Signals
 from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.columns import readout
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.regressors import readout
 from tvsysid.methods.cascade.result import JointCascadeModel, model
-from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
 from tvsysid.signals import Ensemble
@@ -100,15 +99,13 @@ def with_reflex(
     signals, torque = data.signals, data.torque
 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-    weights = (found.scale / found.spread)[first:] ** 2
     gains = problem.positive[:, problem.own :]
-    slopes = [found.posterior.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     return WithReflex(
         rate=rate,
         edges=(times.start, ensemble.samples - times.stop),
         realizations=(len(torque), len(torque) - 1),
-        holds=np.concatenate([[0.0, 0.0], weights, slopes]),
-        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), (len(signals) - 1, len(slopes)))),
+        holds=np.concatenate([[0.0, 0.0], found.precision()[first:]]),
+        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), (len(signals) - 1, len(problem.free)))),
         columns=np.concatenate([signals, found.columns_and_slopes(), torque[None]]),
         beside=model(repr(method), chosen),
         readout=readout(lags, rate),

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.methods.cascade.problem import Solution
 from tvsysid.models import StandardError
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.gaussian import solve
 from tvsysid.numerics.noise import autocorrelation
 
 
@@ -39,20 +39,20 @@ class Covariance(NamedTuple):
     matrix: Array
     freedom: float
 
-    def error(
-        self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False
-    ) -> StandardError:
+    def error(self, features: Array, known: Array, start: int, one_sign: bool) -> StandardError:
         """Return the standard error of weighted sums of the coefficients from ``start`` on.
 
-        ``features`` (time, coefficient) are the weights. The error is NaN where ``known`` is
-        False.
+        ``features`` (time, coefficient) are the weights. ``known`` is 1, or NaN where the error is.
         """
         columns = slice(start, start + features.shape[1])
         covariance = self.matrix[columns, columns]
-        variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
-        values = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        variance = np.einsum("tj,tj->t", features @ covariance, features)
         kind = OneSignError if one_sign else StandardError
-        return kind(values, np.array(self.freedom), arc_length(features, covariance))
+        return kind(
+            np.sqrt(np.maximum(variance, 0.0)) * known,
+            np.array(self.freedom),
+            arc_length(features, covariance),
+        )
 
 
 def covariance_of(found: Solution) -> Covariance:
@@ -65,18 +65,14 @@ def covariance_of(found: Solution) -> Covariance:
     of the samples, and :math:`\Sigma` the noise's autocovariance within a realization, from what
     is left.
     """
-    problem, data, left = found.problem, found.problem.data, found.left
-    scale = np.append(found.scale, np.ones(len(problem.free)))
-    noise, precision = found.posterior.noise_variance, found.precision()
-    freedom = max(1.0, data.number - found.posterior.effective - len(problem.free))
-    gram = found.products_with_slopes(found.moments)[0]
-    inverse = np.linalg.inv(gram + np.diag(precision)) / scale[:, None]
-    true = problem.with_data(data.weighed(data.noise, autocorrelation(left, 0.0)))
-    coloured = attrs.evolve(found, problem=true).products_with_slopes(
-        true.moments(found.shape).scaled(found.scale)
-    )[0]
+    data, left, precision = found.problem.data, found.left, found.precision()
+    freedom = max(1.0, data.number - found.ridge.posterior.effective - len(found.problem.free))
+    inverse = solve(found.moments_with_slopes(data, found.moments), precision).covariance
+    true = data.weighted(data.noise, autocorrelation(left, 0.0))
+    moments = attrs.evolve(found.problem, data=true).moments(found.shape)
+    coloured = found.moments_with_slopes(true, moments).gram
     matrix = (
-        float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse.T
-        + noise * (inverse * precision) @ inverse.T
+        float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse
+        + found.ridge.noise_variance * (inverse * precision) @ inverse
     )
     return Covariance(matrix, freedom)

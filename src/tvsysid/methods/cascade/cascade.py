@@ -3,40 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache, partial
 from typing import Literal
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import (
-    DIRECTIONS,
-    HISTORY,
-    SETTLED,
-    Drives,
-    Hyperparameters,
-    Search,
-    by_evidence,
-)
-from tvsysid.methods.cascade.pathways import history, velocity_of
+from tvsysid.methods.cascade.columns import intrinsic_signals, unresolved
+from tvsysid.methods.cascade.data import Data
+from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.reflex_test import ENOUGH, MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
+from tvsysid.methods.cascade.search import Chosen, Hyperparameters, Search, by_evidence
 from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.moments import row_blocks
-from tvsysid.numerics.stretch import stretch
-from tvsysid.signals import Array, Ensemble
+from tvsysid.numerics.stretch import FAST
+from tvsysid.signals import Ensemble
 from tvsysid.validators import Validator, boolean, is_whole, optional, positive, text
 
-VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
-FINE = 500.0  # Hz from which on a rectified velocity is one
-REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
-
+VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
+NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 
 _three_counts = Validator(
     "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
@@ -186,93 +174,56 @@ class JointCascade(base.Method):
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
-        if (
-            isinstance(model, result.JointCascadeModel)
-            and model.diagnostics.details["reflex_shown"]
-        ):
-            return result.model(repr(self), self.refitted(ensemble, model.hyperparameters))
+        known = model if isinstance(model, result.JointCascadeModel) else None
+        if known is not None and known.diagnostics.details["reflex_shown"]:
+            return result.model(repr(self), self.refitted(ensemble, known.hyperparameters))
         return self.identify(ensemble)
 
-    def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> result.Chosen:
+    def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> Chosen:
         """Return the solution with these hyperparameters, of a reflex that is shown."""
         search = self._search(ensemble)
-        found = search.limited(known.reflex, search.refitted(known))
-        return result.Chosen(search, {}, known.reflex, True, found, self.emg)
+        return Chosen(search, {}, known.reflex, True, search.limited(search.refitted(known)))
 
-    def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
+    def solved(self, ensemble: Ensemble, shown: str | None = None) -> Chosen:
         """Return the solutions with each reflex and without one, and the chosen one.
 
-        If ``shown_one`` names the reflex, only that solution is computed.
+        If ``shown`` names a reflex that is known to be there, only its solution is computed.
         """
         search = self._search(ensemble)
-        fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
-        name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
-        found = search.refined(fits[name]) if shown else search.unshown(name, fits[name])
-        if not shown:
-            fits["none"] = search.limited("none", fits["none"])
-        return result.Chosen(search, fits, name, shown, search.limited(name, found), self.emg)
+        fits = search.fits(self.constant, (shown,) if shown else ("none", *search.reflexes))
+        name, is_shown = (shown, True) if shown else self._shown(ensemble, fits)
+        found = search.refined(fits[name]) if is_shown else search.unshown(name, fits[name])
+        if not is_shown:
+            fits["none"] = search.limited(fits["none"])
+        return Chosen(search, fits, name, is_shown, search.limited(found))
 
     def _search(self, ensemble: Ensemble) -> Search:
-        rate, lags = (
-            ensemble.sampling_rate,
-            base.fitting_lags("JointCascade", self.max_lag, ensemble),
-        )
-        period = ensemble.duration if self.period is None else self.period
-        signals, known = lagged_signals(ensemble.angle, ensemble.context, lags, rate)
-        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)[..., ensemble.core]
-        fitted = known & _settled(ensemble)
+        rate, context = ensemble.sampling_rate, ensemble.context
+        lags = base.fitting_lags("JointCascade", self.max_lag, ensemble)
+        signals = intrinsic_signals(ensemble.angle, lags, rate)
+        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
+        edge = base.missing_edge(lags, ensemble)
+        past = round(NEEDED_HISTORY_S * rate)
+        fitted = np.isfinite(history(ensemble, ensemble.angle, past)[:, : ensemble.samples])
+        fitted &= np.arange(ensemble.samples) >= edge
+        fitted &= np.arange(ensemble.samples) < ensemble.samples - edge
         if not fitted.any():
             raise InputError(
-                f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, "
-                "realizations have "
-                f"{ensemble.samples / rate:g} s with {ensemble.context / rate:g} s of context; "
+                f"JointCascade: a reflex needs to know {NEEDED_HISTORY_S:g} s of what went before, "
+                f"realizations have {ensemble.duration:g} s with {context / rate:g} s of context; "
                 "give longer ones"
             )
-        bases = [
-            FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period)
-            for h in self.harmonics[:2]
-        ]
-        bases += [np.ones((ensemble.samples, 1))] * (len(signals) - 2)
-        data = Data.of(ensemble.torque[:, ensemble.core], signals, tuple(bases), fitted)
-        drives = self._drives(ensemble, data)
-        shape = () if self.emg else ("threshold",)
-        free = {
-            name: (
-                "frequency",
-                "damping",
-                *shape * (name in DIRECTIONS),
-                *("delay",) * (self.delay == "fit"),
-            )
-            for name in drives
-        }
-        return Search(ensemble, data, lags, drives, self.harmonics[2], period, self._delay, free)
-
-    @property
-    def _delay(self) -> float | None:
-        """Return the delay in s, or None if it is fitted."""
-        if self.delay == "fit":
-            return None
-        usual = EMG_DELAY if self.emg else VELOCITY_DELAY
-        return usual if self.delay is None else float(self.delay)
-
-    def _drives(self, ensemble: Ensemble, data: Data) -> Drives:
-        """Return the signals that may drive the reflex, by name."""
-        if self.emg is not None:
-            signal = _past(ensemble, ensemble.signal(self.emg), data)
-            return {"emg": lambda threshold: signal}
-
-        velocity, ratio = velocity_of(ensemble)
-
-        @lru_cache(maxsize=REMEMBERED)
-        def rectified(direction: int, threshold: float) -> Array:
-            blocks = row_blocks(*velocity.shape)  # that fit into the processor's cache
-            parts = [stretch(velocity[some], ratio, threshold, direction) for some in blocks]
-            return _past(ensemble, np.concatenate(parts), data)
-
-        plain = rectified(1, 0.0) + rectified(-1, 0.0)  # both directions together are not rectified
-        return {"linear": lambda threshold: plain} | {
-            name: partial(rectified, s) for name, s in DIRECTIONS.items()
-        }
+        period = ensemble.duration if self.period is None else self.period
+        most = ensemble.samples // 4
+        counts = [min(self.harmonics[0], most), min(self.harmonics[1], most)]
+        counts += [0] * (len(signals) - 2)
+        bases = tuple(FourierSeries(count)(ensemble.time / period) for count in counts)
+        data = Data.of(
+            ensemble.torque[:, ensemble.core], signals[..., ensemble.core], bases, fitted
+        )
+        usual_delay = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
+        delay = None if self.delay == "fit" else float(self.delay or usual_delay)
+        return Search(ensemble, data, lags, self.emg, self.harmonics[2], period, delay)
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Solution]) -> tuple[str, bool]:
         """Return the name of the most likely reflex, and whether the data show one."""
@@ -288,31 +239,10 @@ class JointCascade(base.Method):
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]
-        if self.emg is None and rate < FINE:
+        if self.emg is None and rate < FAST:
             yield (
                 f"the angle is there at {rate:g} Hz only, where the velocity of fast movements "
-                "cannot be rectified: "
-                "the reflex's gain comes out too large, and a threshold where there is none; give "
-                "a recording at 500 "
-                "Hz or more and decimate it with tvsysid.preprocess.decimate, which keeps the "
-                "angle as it was"
+                "cannot be rectified: the reflex's gain comes out too large, and a threshold where "
+                f"there is none; give a recording at {FAST:g} Hz or more and decimate it with "
+                "tvsysid.preprocess.decimate, which keeps the angle as it was"
             )
-
-
-def _past(ensemble: Ensemble, values: Array, data: Data) -> Array:
-    """Return values with their history (realization, history + time), less their mean.
-
-    They are 0 where nothing was recorded.
-    """
-    samples = round(HISTORY * ensemble.sampling_rate)
-    rows = history(ensemble, values, samples)[
-        data.rows, data.times.start : samples + data.times.stop
-    ]
-    return deviations(rows)
-
-
-def _settled(ensemble: Ensemble) -> NDArray[np.bool_]:
-    """Return at which samples (realization, time) the history of the reflex's drive is known."""
-    needed = round(SETTLED * ensemble.sampling_rate)
-    known = np.isfinite(history(ensemble, ensemble.angle, needed)).cumsum(axis=1)
-    return known[:, needed:] > needed

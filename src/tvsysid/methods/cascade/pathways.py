@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
-from tvsysid.numerics.moments import convolve_lags, row_blocks
+from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
 
@@ -44,13 +44,7 @@ class Stretch:
 
     def __call__(self, ensemble: Ensemble) -> Array:
         """See :func:`tvsysid.numerics.stretch.stretch`."""
-        recorded, parts = ensemble.angle_as_recorded, []
-        for some in row_blocks(
-            len(recorded), recorded[0].size
-        ):  # all velocities together are as large as the data
-            velocity = recorded_velocity(recorded[some], ensemble.sampling_rate)
-            parts.append(stretch(velocity, recorded.shape[-1], self.threshold, self.direction))
-        return np.concatenate(parts)
+        return stretch(*velocity_of(ensemble), self.threshold, self.direction)
 
     def curve(self) -> tuple[Array, Array]:
         """See :meth:`Drive.curve`; as straight beyond it."""

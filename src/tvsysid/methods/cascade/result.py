@@ -4,36 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
-from tvsysid.methods.cascade.choice import SETTLED, Hyperparameters, Search
-from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, TwoPathwayModel
+from tvsysid.methods.cascade.columns import intrinsic_filters, readout, unresolved
+from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.methods.cascade.problem import Solution
-from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
-from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS
+from tvsysid.methods.cascade.search import DIRECTIONS, Chosen, Hyperparameters
+from tvsysid.methods.cascade.shape import LOGARITHMIC, Terms
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate
 from tvsysid.signals import Array, Ensemble
 
-APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
+MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
-UNKNOWN = 0.1  # rad/s of a threshold's standard error, a third of its prior's
+MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
 FADED = 3e-3  # share of a muscle's response that is cut off
-
-
-class Chosen(NamedTuple):
-    """Chosen reflex, whether it is ``shown``, and its solution among the ``fits`` of a search."""
-
-    search: Search
-    fits: Mapping[str, Solution]
-    name: str
-    shown: bool
-    fit: Solution
-    emg: str | None
+MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -41,7 +30,7 @@ class JointCascadeModel(TwoPathwayModel):
     """Model of both pathways, with the torque of fast movements beyond the impulse response.
 
     ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
-    that the decimated angle lacks (:func:`tvsysid.methods.cascade.regressors.unresolved`), if
+    that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.unresolved`), if
     the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the solution with
     the reflex whose gain is stated.
     """
@@ -63,11 +52,6 @@ class JointCascadeModel(TwoPathwayModel):
         return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 
 
-def of_sign(values: Array, sign: float) -> Array:
-    """Return values of one sign; values of the other sign, from rounding, become 0."""
-    return sign * np.maximum(sign * values, 0.0)
-
-
 def model(method: str, chosen: Chosen) -> JointCascadeModel:
     """Return the model with the chosen reflex if it is shown, else without one.
 
@@ -76,65 +60,60 @@ def model(method: str, chosen: Chosen) -> JointCascadeModel:
     ensemble, lags = chosen.search.ensemble, chosen.search.lags
     used = chosen.fit if chosen.shown else chosen.fits["none"]
     data, rate = used.problem.data, ensemble.sampling_rate
-    known = np.zeros(ensemble.samples, dtype=bool)
-    known[data.times] = True
+    known = np.full(ensemble.samples, np.nan)
+    known[data.times] = 1.0
     covariance = covariance_of(used)
-    of_reflex = covariance if chosen.shown else covariance_of(chosen.fit)
+    gain_covariance = covariance if chosen.shown else covariance_of(chosen.fit)
 
     coefficients = used.coefficients[: used.problem.own]
-    ends = np.cumsum([functions.shape[1] for functions in data.bases])[:-1]
-    parts = np.split(coefficients, ends)
-    over_time = np.stack([a @ c for a, c in zip(data.bases, parts, strict=True)], axis=1)
     fitted, *rest = data.features(readout(lags, rate))
     estimates = {}
     for name, features in zip(IMPEDANCE, (data.bases[0], *rest), strict=True):
-        values = features @ coefficients[: features.shape[1]]
-        if name != "inertia":
-            values = of_sign(values, np.sign(coefficients[0]) if name == "stiffness" else 1.0)
-        error = covariance.error(features, known, 0, name != "inertia")
-        estimates[name] = Estimate(np.where(known, values, np.nan), UNITS[name], error=error)
-    gain, basis = _gain(chosen, ensemble.time)
-    unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
-    error = of_reflex.error(basis, known, chosen.fit.problem.own, one_sign=True)
-    estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
+        sign = {"stiffness": np.sign(coefficients[0]), "viscosity": 1.0}.get(name)
+        own = coefficients[: features.shape[1]]
+        error = covariance.error(features, known, 0, sign is not None)
+        estimates[name] = Estimate(of_sign(features @ own, sign) * known, UNITS[name], error=error)
+    gain, functions = _gain(chosen, ensemble.time)
+    unit = "N m/V" if chosen.search.emg else UNITS["reflex_gain"]
+    error = gain_covariance.error(functions, known, chosen.fit.problem.own, True)
+    estimates["reflex_gain"] = Estimate(gain * known, unit, error=error)
 
     response, reflex_lags = _reflex_response(chosen)
-    details = _details(used, chosen, of_reflex)
+    details = _details(used, chosen, gain_covariance)
     details["stiffness_fitted"] = float((fitted @ coefficients).mean())
-    nan = np.where(known, 1.0, np.nan)[:, None]
+    over_time = data.over_time(coefficients)
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        impulse_response=over_time @ intrinsic_filters(lags, rate) * nan * rate,
+        impulse_response=over_time @ intrinsic_filters(lags, rate) * known[:, None] * rate,
         lags=np.arange(-lags, lags + 1) / rate,
-        reflex_response=response * nan * rate,
+        reflex_response=response * known[:, None] * rate,
         reflex_lags=reflex_lags,
-        drive=_drive(chosen),
+        drive=chosen.search.drive(chosen.name, chosen.fit.shape.threshold),
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
         diagnostics=Diagnostics(
-            used.posterior.effective,
+            used.ridge.posterior.effective,
             warnings=tuple(_warnings(chosen, details, estimates)),
             details=details,
         ),
     )
 
 
-def _drive(chosen: Chosen) -> Drive:
-    if chosen.emg is not None:
-        return Measured(chosen.emg)
-    return Stretch(chosen.fit.shape.threshold, 1 if chosen.name == "positive" else -1)
+def of_sign(values: Array, sign: float | None) -> Array:
+    """Return values of one sign; values of the other sign, from rounding, become 0."""
+    return values if sign is None else sign * np.maximum(sign * values, 0.0)
 
 
 def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
-    """Return the reflex gain at times in s, and its basis."""
+    """Return the reflex gain at times in s, and its functions of time."""
     problem = chosen.fit.problem
     assert problem.reflex is not None
-    basis = problem.reflex.basis(time / problem.reflex.period)
-    gain = basis @ chosen.fit.coefficients[problem.own :]
-    return of_sign(gain, problem.positive[-1, problem.own]), basis
+    functions = problem.reflex.basis(time / problem.reflex.period)
+    gain = functions @ chosen.fit.coefficients[problem.own :]
+    return of_sign(gain, problem.positive[-1, problem.own]), functions
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
@@ -144,11 +123,11 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     """
     ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
     shape = chosen.fit.shape
-    longest = max(round(SETTLED * rate), ensemble.context) + 1
-    muscle = shape.response(4 * longest, rate)
-    late = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > FADED)[-1]
-    first, stop = math.floor(shape.delay * rate + 1e-9), min(int(late) + 1, longest)
-    lags = np.arange(first, max(stop, first + 1)) / rate
+    max_lags = max(round(MAX_REFLEX_LAG_S * rate), ensemble.context) + 1
+    muscle = shape.response(4 * max_lags, rate)
+    last = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > FADED)[-1]
+    first = math.floor(shape.delay * rate + 1e-9)
+    lags = np.arange(first, max(min(int(last) + 1, max_lags), first + 1)) / rate
     if not chosen.shown:
         return np.zeros((ensemble.samples, 1)), lags[:1]
     muscle = muscle[first : first + len(lags)]
@@ -160,23 +139,21 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
 
 def _details(used: Solution, chosen: Chosen, covariance: Covariance) -> dict[str, float]:
     shape, free, torque = chosen.fit.shape, chosen.fit.problem.free, used.problem.data.torque
-    errors = np.sqrt(np.diag(covariance.matrix)[len(covariance.matrix) - len(free) :])
-    error_of = dict(zip(free, errors, strict=True))
+    errors = dict(zip(free, np.sqrt(np.diag(covariance.matrix)[-len(free) :]), strict=False))
     details = {"reflex_shown": float(chosen.shown), "constant": float(not used.problem.data.varies)}
-    if not chosen.emg:
-        details["direction"] = 1.0 if chosen.name == "positive" else -1.0
+    if not chosen.search.emg:
+        details["direction"] = float(DIRECTIONS[chosen.name])
     for name, value in shape._asdict().items():
-        if name == "threshold" and chosen.emg:
+        if name == "threshold" and chosen.search.emg:
             continue
         details[name] = value
-        if name in free:
+        if name in errors:
             unit = value if name in LOGARITHMIC else 1.0
-            details[f"{name}_error"] = float(error_of[name]) * unit
+            details[f"{name}_error"] = float(errors[name]) * unit
     intrinsic, reflex = used.torques()
     explained = {"vaf": intrinsic + reflex, "vaf_intrinsic": intrinsic, "vaf_reflex": reflex}
     for name, part in explained.items():
-        left = float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2))
-        details[name] = 100 * (1 - left)
+        details[name] = 100 * (1 - float(np.sum((torque - part) ** 2) / np.sum(torque**2)))
     if chosen.fits:  # else it is a part of the realizations that is fitted again
         details["vaf_held_out"] = 100 * used.share()
     fits = {**chosen.fits, **({chosen.name: chosen.fit} if chosen.shown else {})}
@@ -189,32 +166,31 @@ def _warnings(
     if not chosen.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
-            "joint without one, and "
-            "reflex_gain with its band is what the data leave room for"
+            "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
     shape, free = chosen.fit.shape, chosen.fit.problem.free
-    place = dict(zip(free, shape.place(free), strict=True))
-    if "delay" in free and place["delay"] in (TERMS["delay"].low, TERMS["delay"].high):
+    bounds, position = Terms.of(free), shape.position(free)
+    at_bound = dict(zip(free, (position == bounds.low) | (position == bounds.high), strict=True))
+    if at_bound.get("delay"):
         yield (
             f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; "
             "fix it (delay=0.04)"
         )
-    if "threshold" in free and place["threshold"] >= TERMS["threshold"].high:
+    if at_bound.get("threshold") and shape.threshold > 0:
         yield (
             f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not "
-            "identified, nor is the reflex's "
-            "gain"
+            "identified, nor is the reflex's gain"
         )
-    elif details.get("threshold_error", 0.0) > UNKNOWN:
+    elif details.get("threshold_error", 0.0) > MAX_THRESHOLD_ERROR:
         yield (
             f"the threshold is hardly identified ({shape.threshold:.2g} ± "
-            f"{details['threshold_error']:.2g} rad/s), as "
-            "where all movements are equally fast: the reflex's gain rises and falls with it"
+            f"{details['threshold_error']:.2g} rad/s), as where all movements are equally fast: "
+            "the reflex's gain rises and falls with it"
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
-    yield from contradicted(chosen.fit.posterior.lost)
+    yield from contradicted(chosen.fit.ridge.lost)
     yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
 
 
@@ -232,7 +208,7 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
 
 def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
     """Warn if the mean stiffness of the response differs from that of a second-order fit."""
-    if abs(fitted - mean) > APART * abs(mean):
+    if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the intrinsic response is not that of a second-order joint: its sum gives a mean "
             f"stiffness of {mean:.1f} "

@@ -8,8 +8,8 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tvsysid.methods.cascade.columns import second_order_fit
 from tvsysid.methods.cascade.pathways import Stretch, history
-from tvsysid.methods.cascade.regressors import second_order_fit
 from tvsysid.models import IMPEDANCE
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of

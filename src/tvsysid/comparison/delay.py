@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 
-import attrs
 import numpy as np
 
+from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
+from tvsysid.progress import no_progress
 from tvsysid.quality import diagnose
 from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.signals import Array, Ensemble
@@ -66,10 +67,10 @@ def delay_to_correct(
     best, count = int(np.argmax(means)), min(map(len, predicted))
     p_value, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
-    what = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
     none, half, every = means
+    done = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
     return float(delays[chosen]), (
-        f"{what}: held-out VAF of {method} is {none:.1f} % as recorded, {half:.1f} with half and "
+        f"{done}: held-out VAF of {method} is {none:.1f} % as recorded, {half:.1f} with half and "
         f"{every:.1f} with all of it corrected"
     )
 
@@ -86,7 +87,8 @@ def _predicted(ensembles: Sequence[Ensemble], method: str, jobs: int) -> tuple[s
             details = [model.diagnostics.details for model in models]
             return method, [np.array([each.get("vaf_folds", np.nan)]) for each in details]
         found = compare(ensembles[0], ["adaptive"])
-        return "adaptive", [
-            attrs.evolve(found, ensemble=each).held_out_vaf(2, jobs=jobs)["adaptive"]
+        vafs = [
+            held_out_vaf(each, found.methods, found.models, 2, jobs, no_progress)
             for each in ensembles
         ]
+        return "adaptive", [each["adaptive"] for each in vafs]

@@ -8,7 +8,6 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -42,11 +41,12 @@ def held_out_vaf(
         return found  # one realization less its mean is nothing
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
     places = [(label, part) for part in parts for label in models]
-    folded = [Fold(ensemble, part, methods[label], models[label]) for label, part in places]
+    left_out = [Fold(ensemble, part, methods[label], models[label]) for label, part in places]
     failed: dict[str, str] = {}
-    with single_thread(), _results(folded, jobs) as results:
-        for number, ((label, part), result) in enumerate(zip(places, results, strict=True)):
+    with single_thread():
+        for number, result in enumerate(_results(left_out, jobs)):
             progress(number, len(places))
+            label, part = places[number]
             if isinstance(result, str):
                 failed.setdefault(label, result)
             else:
@@ -68,20 +68,44 @@ class Fold(NamedTuple):
     def result(self) -> Array | str:
         """Return the VAF of the realizations left out, or why there is none."""
         try:
-            return _vaf_of(*self)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
+                return self._vaf()
         except Exception as error:  # a user's method may raise anything; the others go on
             return describe_error(error)
 
+    def _vaf(self) -> Array:
+        ensemble, left = self.ensemble, self.left
+        kept = np.setdiff1d(np.arange(len(ensemble)), left)
 
-@contextmanager
-def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Iterator[Array | str]]:
+        def deviation(values: Array) -> Array:
+            return values - values[kept].mean(axis=0) if ensemble.mean_subtracted else values
+
+        torque = deviation(ensemble.torque)
+        unseen = np.array(torque)
+        unseen[left] = 0.0  # a method that predicts cannot look at it
+        names = centered_channels([self.method])
+        channels = {name: deviation(ensemble.channels[name]) for name in names}
+        given = attrs.evolve(
+            ensemble,
+            angle=deviation(ensemble.angle),
+            torque=unseen,
+            channels={**ensemble.channels, **channels},
+        )
+        predicted = self.method.refit(given.select(kept), self.model).predict(given)
+        if ensemble.mean_subtracted:
+            predicted = predicted - mean_known(predicted[kept])
+        return vaf(torque[left, ensemble.core], predicted[left])
+
+
+def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
     """Compute results in copies of this process. Only Linux copies processes safely."""
     if jobs == 1 or sys.platform != "linux":
-        yield map(Fold.result, folds)
+        yield from map(Fold.result, folds)
         return
     workers = min(len(folds), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
     with ProcessPoolExecutor(workers, get_context("fork"), _start_worker, (folds,)) as pool:
-        yield pool.map(_result_of, range(len(folds)))
+        yield from pool.map(_result_of, range(len(folds)))
 
 
 _inherited: list[Fold] = []  # folds in a worker; they need not be pickled
@@ -94,26 +118,3 @@ def _start_worker(folds: Sequence[Fold]) -> None:
 
 def _result_of(number: int) -> Array | str:
     return _inherited[number].result()
-
-
-def _vaf_of(ensemble: Ensemble, left: NDArray[np.int64], method: Method, model: Model) -> Array:
-    """Identify all realizations but those ``left`` out, and return the VAF of the latter."""
-    kept = np.setdiff1d(np.arange(len(ensemble)), left)
-
-    def deviation(values: Array) -> Array:
-        return values - values[kept].mean(axis=0) if ensemble.mean_subtracted else values
-
-    torque = deviation(ensemble.torque)
-    unseen = np.array(torque)
-    unseen[left] = 0.0  # a method that predicts cannot look at it
-    channels = dict(ensemble.channels)
-    for name in centered_channels([method]):
-        channels[name] = deviation(channels[name])
-    angle = deviation(ensemble.angle)
-    ensemble = attrs.evolve(ensemble, angle=angle, torque=unseen, channels=channels)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
-        predicted = method.refit(ensemble.select(kept), model).predict(ensemble)
-    if ensemble.mean_subtracted:
-        predicted = predicted - mean_known(predicted[kept])
-    return vaf(torque[left, ensemble.core], predicted[left])

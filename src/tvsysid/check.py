@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -11,11 +10,12 @@ import attrs
 import cloudpickle
 import numpy as np
 
-from tvsysid import metrics, simulate
+from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.methods import Input, Method, resolve
+from tvsysid.metrics import vaf
 from tvsysid.models import Model
-from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble
@@ -62,13 +62,14 @@ def check_method(method: Method) -> list[Check]:
     >>> all(check.passed for check in check_method(parse("sds")))
     True
     """
-    trial, results = cache(partial(Trial, method)), list[Check]()
+    results: list[Check] = []
+    first = cache(partial(Trial, method, "constant"))
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for judge in CHECKS:
             name, required = judge.__name__.replace("_", " ").strip(), judge not in RECOMMENDED
             try:
-                results.append(Check(name, True, judge(trial), required))
+                results.append(Check(name, True, judge(first()), required))
             except (Exception, SystemExit) as error:
                 advice = "; work on a copy of it" * ("read-only" in str(error))
                 results.append(Check(name, False, f"{describe_error(error)}{advice}", required))
@@ -84,6 +85,7 @@ class Trial:
         self.method = method
         simulated = simulated_case(case, tuple(method.inputs), method.perturbation, method.system)
         self.ensemble, self.truth, self.torques = simulated
+        self.on = cache(partial(Trial, method))  # the method on the joint of another case
 
     @cached_property
     def model(self) -> Model:
@@ -101,13 +103,13 @@ class Trial:
     @property
     def mean(self) -> float:
         """Mean of the identified stiffness."""
-        return float(np.nanmean(self.stiffness))
+        return mean_of(self.stiffness)
 
-    def vaf(self, model: Model | None = None, times: Any = slice(None)) -> float:
+    def explained(self, model: Model | None = None, times: Any = slice(None)) -> float:
         """Return the VAF of the noiseless torque by a model, by default that of this ensemble."""
         predicted = _mostly_known((model or self.model).predict(self.ensemble))
         torque = np.asarray(sum(self.torques.values()))
-        return _mean_vaf(torque[:, times], predicted[:, times])
+        return mean_of(vaf(torque[:, times], predicted[:, times]))
 
     def is_repeated(self, method: Method) -> bool:
         """Whether another identification, by a copy of the method, gives the same stiffness."""
@@ -115,35 +117,32 @@ class Trial:
         return np.allclose(again, self.stiffness, rtol=1e-9, atol=0.0, equal_nan=True)
 
 
-Trials = Callable[[str], Trial]
-
-
-def _identifies_a_joint(trial: Trials) -> str:
-    ensemble, _ = trial("constant").ensemble, trial("constant").stiffness
+def _identifies_a_joint(trial: Trial) -> str:
+    ensemble, _ = trial.ensemble, trial.stiffness
     return f"from {', '.join(['angle', 'torque', *ensemble.channels])} of {ensemble!r}"
 
 
-def _estimates_what_it_declares(trial: Trials) -> str:
-    method, model = trial("constant").method, trial("constant").model
-    found = [*model.estimates, *model.pathways(trial("constant").ensemble)]
+def _estimates_what_it_declares(trial: Trial) -> str:
+    method, model = trial.method, trial.model
+    found = [*model.estimates, *model.pathways(trial.ensemble)]
     declared = {*method.quantities, *method.scheduled_quantities, *method.pathway_names}
     missing = ", ".join(sorted(declared - {*found}))
     return _expect(not missing, ", ".join(found), f"the method declares {missing} too")
 
 
-def _separates_intrinsic_and_reflex_torque(trial: Trials) -> str:
-    if "reflex" not in trial("constant").method.pathway_names:
+def _separates_intrinsic_and_reflex_torque(trial: Trial) -> str:
+    if "reflex" not in trial.method.pathway_names:
         return "it has no reflex pathway"
-    joint = trial("reflex")
-    torques = joint.model.pathways(joint.ensemble)
-    vaf = {name: _mean_vaf(torque, torques[name]) for name, torque in joint.torques.items()}
-    texts = [f"{value:.1f} % of the {name} torque" for name, value in vaf.items()]
+    trial = trial.on("reflex")
+    torques = trial.model.pathways(trial.ensemble)
+    shares = {name: mean_of(vaf(each, torques[name])) for name, each in trial.torques.items()}
+    texts = [f"{share:.1f} % of the {name} torque" for name, share in shares.items()]
     happened = f"VAF {', '.join(texts)}"
-    return _expect(min(vaf.values()) > 50, happened, "expected more than 50 % of each")
+    return _expect(min(shares.values()) > 50, happened, "expected more than 50 % of each")
 
 
-def _recovers_a_constant_stiffness(trial: Trials) -> str:
-    mean = trial("constant").mean
+def _recovers_a_constant_stiffness(trial: Trial) -> str:
+    mean = trial.mean
     return _expect(
         90 <= mean <= 110,
         f"{mean:.3g} N·m/rad in the mean, where 100 is true",
@@ -152,8 +151,8 @@ def _recovers_a_constant_stiffness(trial: Trials) -> str:
     )
 
 
-def _predicts_the_torque(trial: Trials) -> str:
-    known, unseen = trial("constant").vaf(), trial("unseen").vaf(trial("constant").model)
+def _predicts_the_torque(trial: Trial) -> str:
+    known, unseen = trial.explained(), trial.on("unseen").explained(trial.model)
     return _expect(
         min(known, unseen) > MIN_VAF,
         f"VAF {known:.1f} % of the noiseless torque, {unseen:.1f} % in other data",
@@ -161,12 +160,12 @@ def _predicts_the_torque(trial: Trials) -> str:
     )
 
 
-def _follows_a_changing_stiffness(trial: Trials) -> str:
-    joint = trial("changing")
-    if joint.method.time_invariant:
+def _follows_a_changing_stiffness(trial: Trial) -> str:
+    if trial.method.time_invariant:
         return "it takes the joint as constant, and says so (time_invariant)"
-    known = np.isfinite(joint.stiffness)
-    found, truth = joint.stiffness[known], joint.truth[known]
+    trial = trial.on("changing")
+    known = np.isfinite(trial.stiffness)
+    found, truth = trial.stiffness[known], trial.truth[known]
     correlation = np.corrcoef(found, truth)[0, 1] if np.ptp(found) > 0 else 0.0
     error, spread = np.sqrt(np.mean((found - truth) ** 2)), truth.std()
     return _expect(
@@ -177,62 +176,60 @@ def _follows_a_changing_stiffness(trial: Trials) -> str:
     )
 
 
-def _gives_the_same_numbers_again(trial: Trials) -> str:
-    joint, _ = trial("constant"), trial("changing").model
-    same = joint.is_repeated(joint.method)
+def _gives_the_same_numbers_again(trial: Trial) -> str:
+    _ = trial.model, trial.on("changing").model
+    same = trial.is_repeated(trial.method)
     advice = "give random numbers a fixed seed, and keep nothing from one call to the next"
     return _expect(same, "twice the same stiffness" if same else "another stiffness", advice)
 
 
-def _can_be_sent_to_a_worker(trial: Trials) -> str:
-    joint = trial("constant")
-    same = joint.is_repeated(cloudpickle.loads(cloudpickle.dumps(joint.method)))
+def _can_be_sent_to_a_worker(trial: Trial) -> str:
+    same = trial.is_repeated(cloudpickle.loads(cloudpickle.dumps(trial.method)))
     advice = "keep all settings in the object itself"
     return _expect(same, f"a copy gives {'the same' if same else 'another'} stiffness", advice)
 
 
-def _scales_with_the_torque(trial: Trials) -> str:
-    joint = trial("constant")
-    louder = attrs.evolve(joint.ensemble, torque=10 * joint.ensemble.torque)
-    ratio = float(np.nanmean(joint.method.identify(louder).stiffness)) / joint.mean
+def _scales_with_the_torque(trial: Trial) -> str:
+    louder = attrs.evolve(trial.ensemble, torque=10 * trial.ensemble.torque)
+    ratio = mean_of(trial.method.identify(louder).stiffness) / trial.mean
     happened = f"ten times the torque gave {ratio:.3g} times the stiffness"
     advice = "expected 10. Does a threshold or a prior hold for one size of torque only?"
     return _expect(9.5 < ratio < 10.5, happened, advice)
 
 
-def _works_at_another_rate_and_length(trial: Trials) -> str:
-    mean, vaf = trial("other rate").mean, trial("other rate").vaf()
+def _works_at_another_rate_and_length(trial: Trial) -> str:
+    mean, share = trial.on("other rate").mean, trial.on("other rate").explained()
     return _expect(
-        85 <= mean <= 115 and vaf > MIN_VAF,
-        f"at 128 Hz and 1.5 s: {mean:.3g} N·m/rad in the mean, where 100 is true, VAF {vaf:.1f} %",
+        85 <= mean <= 115 and share > MIN_VAF,
+        f"at 128 Hz and 1.5 s: mean {mean:.3g} N·m/rad, where 100 is true, VAF {share:.1f} %",
         "expected at most 15 % off, and a VAF above 80 %. Use ensemble.sampling_rate and "
         "ensemble.samples instead of numbers that hold at 100 Hz and 2 s",
     )
 
 
-def _works_without_context(trial: Trials) -> str:
-    joint = trial("no context")
+def _works_without_context(trial: Trial) -> str:
+    trial = trial.on("no context")
     try:
-        unknown = 100 * np.isnan(joint.model.stiffness).mean()
+        unknown = 100 * np.isnan(trial.model.stiffness).mean()
     except InputError as refusal:
         return f"refused: {refusal}"
-    edge = round(EDGE_S * joint.ensemble.sampling_rate)
-    edges, error = np.r_[:edge, -edge:0], np.abs(joint.stiffness - joint.truth)
-    largest, vaf = np.nanmax(error[:, edges], initial=0.0), joint.vaf(times=edges)
+    edge = round(EDGE_S * trial.ensemble.sampling_rate)
+    edges, error = np.r_[:edge, -edge:0], np.abs(trial.stiffness - trial.truth)
+    largest, share = np.nanmax(error[:, edges], initial=0.0), trial.explained(times=edges)
     return _expect(
-        largest <= 50 and not vaf <= 50,  # NaN is no error
+        largest <= 50 and not share <= 50,  # NaN is no error
         f"NaN at {unknown:.0f} % of the times; within 0.1 s of the ends, stiffness is up to "
-        f"{largest:.0f} N·m/rad off{'' if np.isnan(vaf) else f', VAF {vaf:.0f} %'}",
+        f"{largest:.0f} N·m/rad off{'' if np.isnan(share) else f', VAF {share:.0f} %'}",
         "give NaN where lags, windows or derivatives reach beyond the samples",
     )
 
 
-def _takes_or_refuses_few_realizations(trial: Trials) -> str:
-    results, joint = [], trial("constant")
+def _takes_or_refuses_few_realizations(trial: Trial) -> str:
+    results = []
     for count in (3, 1):
-        few = joint.ensemble.select(range(count))
+        few = trial.ensemble.select(range(count))
         try:
-            joint.method.identify(few).predict(few)
+            trial.method.identify(few).predict(few)
             results.append(f"{count}: a result")
         except InputError as error:
             results.append(f"{count}: refused ({error})")
@@ -268,11 +265,6 @@ def _mostly_known(values: Array) -> Array:
     if (unknown := 100 * np.isnan(values).mean()) > MAX_UNKNOWN:
         raise InputError(f"{unknown:.0f} % of the values are NaN; expected numbers at most times")
     return values
-
-
-def _mean_vaf(torque: Array, predicted: Array) -> float:
-    """Return the mean VAF in %; NaN where nothing is predicted."""
-    return float(mean_known(metrics.vaf(torque, predicted)))
 
 
 @cache

@@ -1,9 +1,17 @@
 """How a simulated recording is identified on the command line."""
 
+import re
+
 import pytest
 
 from tvsysid.errors import InputError
 from tvsysid.recommendation import Recommendation
+
+
+def rows_of(out):
+    """Cells of the lines of tables, with empty ones left out."""
+    return [re.split(r" {2,}", line.strip()) for line in out.splitlines()]
+
 
 IDENTIFY = "--angle angle --torque torque --rate 1000 --decimate 100 --period 2"
 

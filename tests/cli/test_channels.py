@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.cli.conftest import rows_of
 
 import tvsysid as tv
 
@@ -84,9 +85,6 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
     assert (own.emg_level_upper > own.emg_level).all()
     assert own.stiffness.isna().all()
     assert table[table.method == "birf"].emg_level.isna().all()
-    rows = [
-        [cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line
-    ]
     assert [
         "channel_methods:Scheduled",
         "stiffness",
@@ -96,7 +94,7 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
         "-",
         "50",
         "150",
-    ] in rows
+    ] in rows_of(out)
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
         model = tree["channel_methods:Scheduled"]
         np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)

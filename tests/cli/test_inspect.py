@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.cli.conftest import IDENTIFY
+from tests.cli.conftest import IDENTIFY, rows_of
 
 from tvsysid.cli.options import decimation
 
@@ -11,11 +11,8 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     tvsysid("simulate joint.mat --duration 4")
     code, out, err = tvsysid("inspect joint.mat")
     assert (code, err) == (0, "")
-    rows = [
-        [cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line
-    ]
-    assert ["angle", "4000 x 1", "float64", "-", "1000"] in rows
-    assert ["sampling_rate", "1 x 1", "float64", "-", "-"] in rows
+    assert ["angle", "4000 x 1", "float64", "1000"] in rows_of(out)
+    assert ["sampling_rate", "1 x 1", "float64", "-"] in rows_of(out)
     assert "wrote tvsysid-inspect/joint.mat.png" in out
     options = "--angle CHANNEL --torque CHANNEL --rate 1000 --decimate 100 --period SECONDS"
     assert f"identify it with\ntvsysid identify joint.mat {options}" in out

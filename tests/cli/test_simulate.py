@@ -136,7 +136,7 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
         ),
         (
             "--system own_systems:Rigid --stiffness sine",
-            "has no setting stiffness; leave out --stiffness",
+            "has no setting stiffness; set it there",
         ),
         (
             "--stiffness own_systems:broken",

@@ -79,21 +79,15 @@ def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_lef
 @pytest.mark.parametrize("name", ["sds", "kbr:reference=disturbance,weighting=residual"])
 def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, name):
     monkeypatch.setattr(output, "width", 80)
-    headings = [
-        "method",
-        "bias\n(N·m/rad)",
-        "random\n(N·m/rad)",
-        "total\n(N·m/rad)",
-        "VAF\n(%)",
-        "VAF 1-10 Hz\n(%)",
-    ]
-    show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    rows = [line.split("│")[1].strip() for line in lines if line.startswith("│")]
-    assert "".join(rows) == name
-    assert len(rows) <= 3
-    assert sum(line.count("(N·m/rad)") for line in lines) == 3
+    values = dict(zip("abcdefgh", [4.5, -13.7, 105.8, 98.4, None, 99.5, 0.02, 1.1], strict=True))
+    columns = {"method": "{name}", **{f"long\n{key}": f"{{{key}:.2f}}" for key in values}}
+    show_table("scores", [{"name": name, **values}], columns)
+    _, title, _, headings, line, *rows = capsys.readouterr().out.splitlines()
+    assert title == "scores"
+    assert len(line) <= 80
+    assert headings.split() == ["method", *"abcdfgh"]  # nothing is known of e
+    assert rows[0].split()[1:] == ["4.50", "-13.70", "105.80", "98.40", "99.50", "0.02", "1.10"]
+    assert "".join(row.split("  ")[0].strip() for row in rows) == name
 
 
 def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):

@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -166,16 +165,11 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
         errors = finished(process, 130)
         before, _, last = errors.rstrip("\n").rpartition("\n")
         assert before == (
-            "" if not already else f"resuming: {already} of {TOTAL} trials are done already"
+            "" if not already else f"resuming: {already} of {TOTAL} tasks are done already"
         )
-        told = re.fullmatch(
-            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same "
-            rf"command resumes",
-            last,
+        assert (
+            last == "tvsysid: interrupted; what is finished is kept, and the same command resumes"
         )
-        assert told, errors
-        # It may have been interrupted between writing a trial and counting it.
-        assert trials_in(tmp_path) - int(told[1]) in (0, 1)
     resumed_to_the_last_bit(tmp_path, uninterrupted)
 
 
@@ -195,7 +189,7 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
     workers = children_of(process.pid)
     began = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)
-    assert "interrupted; 0 of" in finished(process, 130)
+    assert "interrupted; what" in finished(process, 130)
     assert time.monotonic() - began < 60
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
 
@@ -276,11 +270,7 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
         monkeypatch.chdir(small)
         code, _, errors = tvsysid(*WORDS, "--workers", 2)
         assert code == 2
-        assert re.search(
-            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command "
-            rf"resumes",
-            errors,
-        )
+        assert "No space left on device; what is finished is kept, and the same" in errors
         assert "Traceback" not in errors
         kept = trials_in(small)
         assert kept > 3

@@ -5,24 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from io import TextIOWrapper
 
 from cyclopts import App, CycloptsError, Parameter, default_name_transform
 
-from tvsysid.cli.benchmark import benchmark
-from tvsysid.cli.check_method import check_method
 from tvsysid.cli.console import errors, output
-from tvsysid.cli.experiment import experiment
-from tvsysid.cli.explore import explore
-from tvsysid.cli.identify import identify
-from tvsysid.cli.inspect import inspect
-from tvsysid.cli.leaderboard import leaderboard
-from tvsysid.cli.methods import methods
-from tvsysid.cli.plan import plan
-from tvsysid.cli.report import report
-from tvsysid.cli.simulate import simulate
 from tvsysid.errors import InputError, one_line
 from tvsysid.recordings.reading import OPTION_NAMES
 
+COMMANDS = (
+    *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
+    *("methods", "check-method", "simulate", "plan"),
+)
 INTERRUPTED = "interrupted; the files that were written are complete"
 NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
 
@@ -64,26 +58,18 @@ app = App(
     suppress_keyboard_interrupt=False,
     result_action="return_value",
 )
-for command in (
-    benchmark,
-    leaderboard,
-    experiment,
-    report,
-    identify,
-    explore,
-    inspect,
-    methods,
-    check_method,
-    simulate,
-    plan,
-):
-    app.command(command)
+for command in COMMANDS:
+    name = command.replace("-", "_")
+    app.command(f"tvsysid.cli.{name}:{name}", name=command)  # imported when it is needed
 
 
 def main() -> None:
     """Run the command line, and exit with 2 after a mistake and 130 after an interruption."""
     # A cluster ends a job by SIGTERM. A study is interrupted by it in order, and can be resumed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
     try:
         sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
         code, text = app(sys.argv[1:], print_error=False, exit_on_error=False), ""
@@ -92,8 +78,8 @@ def main() -> None:
     except CycloptsError as error:
         error.verbose = False
         words = " ".join(["tvsysid", *(error.command_chain or ())])
-        said = str(error).partition(" Available commands")[0].rstrip(".")
-        code, text = 2, f"{said} (see {words} --help)"
+        problem = str(error).partition(" Available commands")[0].rstrip(".")
+        code, text = 2, f"{problem} (see {words} --help)"
     except InputError as error:
         code, text = 2, str(error)
     except OSError as error:

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tvsysid.cli.console import remark, say, say_written, show_records, waiting
-from tvsysid.cli.options import Flag, Methods, Scheduler, Seed, Whole, Workers, given
-from tvsysid.cli.running import (
-    STORE,
-    command_line,
-    print_problems,
-    run_in,
-    show_claims,
-)
+from tvsysid.cli.console import errors, remark, say, show_table
+from tvsysid.cli.options import Flag, Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.running import command_line, run_study, show_claims, show_end
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,10 +34,9 @@ def benchmark(
     snr: list[float] | None = None,
     viscosity: list[Literal["constant", "covarying"]] | None = None,
     method: Methods | None = None,
-    trials: Whole = None,
-    seed: Seed = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    trials: Whole | None = None,
+    seed: Whole | None = None,
+    workers: WorkerOptions = Workers(),
     dry_run: Flag = False,
     out: Path = Path("tvsysid-benchmark"),
 ) -> int:
@@ -108,6 +100,8 @@ def benchmark(
         `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
     trials
         Monte-Carlo trials of each scenario. [20]
+    seed
+        Seed of the random numbers; the same seed gives the same results. [0]
     dry_run
         Print what would be run, with an estimate of time and size, and stop.
     out
@@ -128,49 +122,43 @@ def benchmark(
         period=period,
         trials=trials,
         seed=seed,
-        methods=list(dict.fromkeys(method or ())),
+        methods=method,
     )
-    if study_toml is not None and preset is not None:
-        raise InputError(f"{study_toml} and --preset {preset}: give one of them")
-    if study_toml is not None:
+    if study_toml is None:
+        study = study_called(preset or "quick", PRESETS, **settings)
+    elif preset is None:
         study = Study.from_toml(study_toml, **settings)
     else:
-        study = study_called(preset or "quick", PRESETS, **settings)
+        raise InputError(f"{study_toml} and --preset {preset}: give one of them")
     if dry_run:
-        _print_plan(study, workers or cores())
+        _show_plan(study, workers.workers or cores())
         return 0
     title = (
         f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} methods"
     )
-    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
+    results = run_study(partial(run, study), out, title, workers)
     return 0 if write(results, out, command_line()) else 1
 
 
-def _print_plan(study: Study, workers: int) -> None:
+def _show_plan(study: Study, workers: int) -> None:
     """Print the scenarios of a study, and how long it will take."""
+    from tvsysid.figures.words import count, described
     from tvsysid.study import plan
 
-    with waiting("timing a trial of the shortest and the longest scenario"):
-        taken = plan(study)
-    columns = {
-        "system": "{system}",
-        "stiffness": "{stiffness}",
-        "perturbation": "{perturbation}",
-        "duration (s)": "{duration_s:g}",
-        "SNR (dB)": "{snr_db:g}",
-        "viscosity": "{viscosity}",
-    }
-    show_records("the study", [each._asdict() for each in study.scenarios], columns, "llllll")
+    with errors.status("timing a trial of the shortest and the longest scenario"):
+        expected = plan(study)
+    for scenario in study.scenarios:
+        say(described({**scenario._asdict(), "profile": scenario.stiffness}))
     say(
         f"methods: {', '.join(study.named_methods)}\n"
         f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: "
-        f"{taken.trials} trials, {taken.simulated_s:,.0f} s of data\n"
-        f"about {_duration_text(taken.work_s / workers)} with {workers} "
-        f"process{'es' if workers > 1 else ''}, beside the start and the figures, and "
-        f"{taken.size_bytes / 1e6:,.1f} MB of results; nothing was run"
+        f"{expected.trials} trials, {expected.simulated_s:,.0f} s of data\n"
+        f"about {_duration_text(expected.work_s / workers)} with "
+        f"{count(workers, 'worker')}, beside the start and the figures, and "
+        f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )
-    for label, reason in taken.failures.items():
+    for label, reason in expected.failures.items():
         remark("error", f"{label} fails: {reason}")
 
 
@@ -184,21 +172,19 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     from tvsysid.studies.van_de_ruit_2021 import write_study
 
     literature = published(results)
-    with waiting("scoring and drawing"):
-        summary, claims, files, *_ = write_study(results, out, command, literature)
-    labels = list(summary.scenario.unique())
-    for label in labels[:MAX_TABLES]:
-        _show_scores(summary[summary.scenario == label])
-    if len(labels) > MAX_TABLES:
-        say(f"and {len(labels) - MAX_TABLES} more scenarios in summary.csv and report.html")
-    if (claims.verdict != "not studied").any():
-        show_claims(
-            claims, "simulations", f"other scenarios: --preset {', '.join(literature.presets)}"
-        )
+    with errors.status("scoring and drawing"):
+        written = write_study(results, out, command, literature)
+    scenarios = list(written.summary.groupby("scenario", sort=False))
+    for _, summary in scenarios[:MAX_TABLES]:
+        _show_scores(summary)
+    say("errors in N·m/rad (of the reflex gain in N·m·s/rad), rise and time in s, VAF in %")
+    if more := len(scenarios[MAX_TABLES:]):
+        say(f"and {more} more scenarios in summary.csv and report.html")
+    if (written.claims.verdict != "not studied").any():
+        need = f"other scenarios: --preset {', '.join(literature.presets)}"
+        show_claims(written.claims, "simulations", need)
     _show_times(results)
-    complete = print_problems(results, problems(results), "trials", "trials")
-    say_written(out, [*files, STORE])
-    return complete
+    return show_end(out, written.files, results, problems(results))
 
 
 def _show_scores(summary: pd.DataFrame) -> None:
@@ -206,30 +192,23 @@ def _show_scores(summary: pd.DataFrame) -> None:
     from tvsysid.figures.words import count, described
 
     columns = {
-        "bias\n(N·m/rad)": "{bias_error:.1f}",
-        "random\n(N·m/rad)": "{random_error:.1f}",
-        "total\n(N·m/rad)": "{total_error:.1f}",
-        "rise\n(s)": "{rise_time:.2f}",
-        "VAF\n(%)": "{vaf:.1f}",
-        "reflex gain\n(N·m·s/rad)": "{reflex_gain total_error:.1f}",
-        "VAF\nreflex\n(%)": "{reflex pathway_vaf:.1f}",
-        "VAF\n1-10 Hz\n(%)": "{bandpassed_vaf:.1f}",
-        "time\n(ms)": "{seconds:.0f}",
+        "method": "{method}",
+        "bias": "{bias_error:.1f}",
+        "random": "{random_error:.1f}",
+        "total": "{total_error:.1f}",
+        "rise": "{rise_time:.2f}",
+        "VAF": "{vaf:.1f}",
+        "VAF\n1-10 Hz": "{bandpassed_vaf:.1f}",
+        "reflex\ngain": "{reflex_gain total_error:.1f}",
+        "reflex\nVAF": "{reflex pathway_vaf:.1f}",
+        "time": "{seconds:.3f}",
     }
+    metrics = [form[1:-1].partition(":")[0] for form in columns.values()]
     table = summary.pivot_table("value", "method", "metric", sort=False, dropna=False)
-    table["seconds"] *= 1000
-    if "reflex pathway_vaf" in table:  # there is no room for all
-        table = table.drop(columns=["random_error", "bandpassed_vaf"])
+    records = table.reset_index().reindex(columns=metrics).to_dict("records")
     largest: Any = summary.iloc[int(summary.trials.argmax())]
-    if largest.trials == 1 and "random_error" in table:
-        table["random_error"] = math.nan  # one trial has no spread
-    present = {
-        heading: form for heading, form in columns.items() if form[1:].partition(":")[0] in table
-    }
-    records = table.reset_index().to_dict("records")
     scenario = described({**largest, "profile": largest.stiffness})
-    title = f"{scenario}, {count(largest.trials, 'trial')}"
-    show_records(title, records, {"method": "{method}", **present})
+    show_table(f"{scenario}, {count(largest.trials, 'trial')}", records, columns)
 
 
 def _show_times(results: xr.Dataset) -> None:
@@ -238,26 +217,17 @@ def _show_times(results: xr.Dataset) -> None:
 
     done = results.checksums.values.any(axis=-1)
     simulated = float((results.duration_s.values * done.sum(axis=1)).sum())
-    spent = time_spent(results)
+    spent = {name: seconds for name, seconds in time_spent(results).items() if seconds}
     total = sum(spent.values())
-    records = [
-        {"stage": name, "time": time, "share": 100 * time / total, "rate": simulated / time}
-        for name, time in spent.items()
-        if time
-    ]
-    columns = {
-        "stage": "{stage}",
-        "time (s)": "{time:.1f}",
-        "share (%)": "{share:.0f}",
-        "s of data per s": "{rate:,.0f}",
-    }
-    title = f"computing time by stage: {_duration_text(total)} in all workers"
-    show_records(title, records, columns)
+    stages = ", ".join(f"{name} {_duration_text(seconds)}" for name, seconds in spent.items())
+    say(
+        f"\ncomputing time: {_duration_text(total)} in all workers, {simulated / total:,.0f} s of "
+        f"data per s: {stages}"
+    )
 
 
 def _duration_text(seconds: float) -> str:
     """Return a duration in s, min or h."""
-    minutes = seconds / 60
-    if minutes < 2:
-        return f"{seconds:.0f} s"
-    return f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

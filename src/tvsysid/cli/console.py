@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
+from string import Formatter
 from typing import Any, Literal
 
+from rich import box, progress
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -22,8 +23,7 @@ from tvsysid.progress import Progress
 output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
 
-MIN_WIDTH = 10  # of a column with text
-UNKNOWN = re.compile(r"(± )?\b(nan|None)\b")
+NUMBER = re.compile(r"[-+]?\d|-$")
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -42,83 +42,61 @@ def say_written(out: Path, names: Iterable[str]) -> None:
     say(f"wrote {', '.join(names)} to {out}/")
 
 
+class _Cells(Formatter):
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return the text of a value; a dash for None and NaN."""
+        is_known = value is not None and not (isinstance(value, float) and math.isnan(value))
+        return super().format_field(value, format_spec) if is_known else "-"
+
+
 def show_table(
     title: str,
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    align: str = "l",
-    caption: str | None = None,
-    lines: bool = False,
+    records: Sequence[Mapping[Any, object]],
+    columns: Mapping[str, str],
+    spaced: bool = False,
 ) -> None:
     """Print a table.
 
     Parameters
     ----------
-    title, caption
-        Lines above and below it.
-    headings
-        Headings of the columns.
-    rows
-        Texts of the cells.
-    align
-        A letter, l or r, for each of the first columns; the others are aligned right. Columns
-        that are aligned right hold numbers, which are not broken: where the terminal is too narrow
-        for them, each row is a list.
-    lines
-        Whether to separate rows by lines.
+    title
+        Line above the table.
+    records
+        Values of each row, by name.
+    columns
+        Format of a cell from these values, by heading. A column that is unknown in all rows is left
+        out. Numbers are aligned right and never broken; other texts are folded.
+    spaced
+        Whether to separate rows by empty lines.
     """
-    table = Table(title=printable(title), title_justify="left", caption=caption, show_lines=lines)
-    cells = [[printable(cell) for cell in row] for row in rows]
-    letters = align.ljust(len(headings), "r")
-    for heading, letter, *column in zip(headings, letters, *cells, strict=True):
-        width = max(len(line) for text in (heading, *column) for line in text.split("\n"))
-        if letter == "l":
-            table.add_column(heading, overflow="fold", min_width=min(width, MIN_WIDTH))
-        else:
-            table.add_column(heading, justify="right", min_width=width)
-    for row in cells:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        show_lines=spaced,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    cells = []
+    for heading, form in columns.items():
+        column = [printable(_Cells().vformat(form, (), record)) for record in records]
+        if set(column) != {"-"}:
+            is_number = all(map(NUMBER.match, column))
+            side: Literal["left", "right"] = "right" if is_number else "left"
+            table.add_column(heading, justify=side, no_wrap=is_number, overflow="fold")
+            cells.append(column)
+    for row in zip(*cells, strict=True):
         table.add_row(*row)
-    if 1 + sum(3 + (column.min_width or 0) for column in table.columns) <= output.width:
-        output.print(table)
-        return
-    say(title)
-    for row in cells:
-        named = (f"{name}: {text}" for name, text in zip(headings, row, strict=True))
-        say("\n  ".join(line.replace("\n", " ") for line in named))
-
-
-def show_records(
-    title: str,
-    records: Iterable[Mapping[Any, Any]],
-    columns: Mapping[str, str],
-    align: str = "l",
-    caption: str | None = None,
-) -> None:
-    """Print a table of records: ``columns`` are formats of a record, by heading."""
-    rows = [
-        [UNKNOWN.sub("-", form.format_map(record)) for form in columns.values()]
-        for record in records
-    ]
-    show_table(title, list(columns), rows, align, caption)
+    say(f"\n{title}", "bold")
+    output.print(table)
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Progress]:
+def shown_progress(title: str) -> Iterator[Progress]:
     """Show a progress bar on a terminal, and yield the function that advances it."""
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Bar(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+    hidden = not errors.is_terminal
+    with progress.Progress(console=errors, transient=True, disable=hidden) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def waiting(title: str) -> AbstractContextManager[object]:
-    """Show that work of unknown duration is under way."""
-    return errors.status(title) if errors.is_terminal else nullcontext()
 
 
 @contextmanager
@@ -129,9 +107,8 @@ def shown_warnings() -> Iterator[None]:
         try:
             yield
         finally:
-            for text, methods in by_text(
-                _method_and_text(str(warning.message)) for warning in caught
-            ).items():
+            texts = (_method_and_text(str(warning.message)) for warning in caught)
+            for text, methods in by_text(texts).items():
                 if len(methods) > 1:
                     remark("warning", f"{text} ({', '.join(methods)})")
                 else:

@@ -7,22 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.cli.console import (
-    progress,
-    remark,
-    say_written,
-    show_records,
-    shown_warnings,
-    waiting,
-)
-from tvsysid.cli.options import Methods, Scheduler, Seed, Whole, Workers, given
-from tvsysid.cli.running import (
-    STORE,
-    command_line,
-    print_problems,
-    run_in,
-    show_claims,
-)
+from tvsysid.cli.console import errors, remark, show_table, shown_progress, shown_warnings
+from tvsysid.cli.options import Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.running import command_line, run_study, show_claims, show_end
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,14 +23,13 @@ def experiment(
     study_toml: Path | None = None,
     /,
     *,
-    virtual: list[int] | None = None,
+    virtual: list[Whole] | None = None,
     perturbation: list[str] | None = None,
     method: Methods | None = None,
-    realizations: list[int] | None = None,
-    bootstraps: Whole = None,
-    seed: Seed = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    realizations: list[Whole] | None = None,
+    bootstraps: Whole | None = None,
+    seed: Whole | None = None,
+    workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-experiment"),
 ) -> int:
     """Identify the stiffness of several participants, with its variability over bootstraps.
@@ -102,6 +88,8 @@ def experiment(
         Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]
     bootstraps
         Bootstrap samples for each method and number of realizations. [100]
+    seed
+        Seed of the random numbers; the same seed gives the same results. [0]
     out
         Folder for the results.
     """
@@ -110,13 +98,13 @@ def experiment(
     settings = given(
         virtual=virtual,
         perturbation=perturbation,
-        methods=list(dict.fromkeys(method or ())),
+        methods=method,
         realizations=realizations,
         bootstraps=bootstraps,
         seed=seed,
     )
     study = Experiment.from_toml(study_toml, **settings) if study_toml else Experiment(**settings)
-    with progress("preparing recordings") as advance:
+    with shown_progress("preparing recordings") as advance:
         prepared = prepared_recordings(study, advance)
     for item in prepared:
         for text in item.remarks:
@@ -129,7 +117,7 @@ def experiment(
     )
     with shown_warnings():
         study_run = partial(run, study, prepared=prepared)
-        results = run_in(out, study_run, title, "analyses", workers, scheduler)
+        results = run_study(study_run, out, title, workers)
     return 0 if write(study, results, prepared, out, command_line()) else 1
 
 
@@ -147,50 +135,42 @@ def write(
     from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
-    with waiting("scoring and drawing"):
-        summary, claims, files, diagnoses, alignment = write_experiment(
-            experiment, results, prepared, out, command
-        )
-    for perturbation in dict.fromkeys(summary.perturbation):
-        _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
-    if claims.verdict.isin(["holds", "does not hold"]).any():
-        show_claims(claims, "experiment", "what the report says")
+    with errors.status("scoring and drawing"):
+        written = write_experiment(experiment, results, prepared, out, command)
+    for perturbation, summary in written.summary.groupby("perturbation", sort=False):
+        _show_summary(str(perturbation), summary)
+    if written.claims.verdict.isin(["holds", "does not hold"]).any():
+        show_claims(written.claims, "experiment", "what the report says")
+    for label, diagnosis in written.diagnoses.items():
+        if names := ", ".join(finding.name for finding in diagnosis.findings):
+            remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
+    if written.alignment:
+        remark("warning", written.alignment)
     labels = set(results.recording.values.tolist())  # unusable recordings were reported before
-    met = [problem for problem in problems(results) if problem["method"] not in labels]
-    complete = print_problems(results, met, "analyses", "recordings") and not any(
-        item.failure for item in prepared
-    )
-    for label, diagnosis in diagnoses.items():
-        if diagnosis.findings:
-            found = ", ".join(finding.name for finding in diagnosis.findings)
-            remark(
-                "warning",
-                f"{label}: {found}: what it does to the result, and what to do, is in "
-                "diagnosis.html",
-            )
-    if alignment:
-        remark("warning", alignment)
-    say_written(out, [*files, STORE])
-    return complete
+    others = [problem for problem in problems(results) if problem["method"] not in labels]
+    complete = show_end(out, written.files, results, others)
+    return complete and not any(item.failure for item in prepared)
 
 
-def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
+def _show_summary(perturbation: str, summary: pd.DataFrame) -> None:
     """Print the main results of one perturbation, mean and standard deviation over participants."""
     columns = {
-        "mean_stiffness": "stiffness\n(N·m/rad)",
-        "random_error": "random\n(N·m/rad)",
-        "mean_bias": "bias\n(N·m/rad)",
-        "vaf": "VAF\n(%)",
-        "bandpassed_vaf": "VAF\n1-10 Hz\n(%)",
+        "method": "{method}",
+        "drawn": "{realizations}",
+        "stiffness": "{mean_stiffness}",
+        "random": "{random_error}",
+        "bias": "{mean_bias}",
+        "VAF": "{vaf}",
+        "VAF\n1-10 Hz": "{bandpassed_vaf}",
     }
-    known = summary[(summary.metric == "vaf") & summary.value.notna()]
-    people = known.participant.nunique()
-    spread = ", mean ± SD over participants" if people > 1 else ""
     over_people = summary.groupby(["method", "realizations", "metric"], sort=False).value
-    texts = over_people.mean().map("{:.1f}".format)
-    texts += over_people.std().map("±{:.1f}".format).replace("±nan", "")
-    table = texts.unstack(sort=False).reindex(columns=list(columns)).dropna(axis=1, how="all")
-    present = {heading: f"{{{name}}}" for name, heading in columns.items() if name in table}
-    records = table.reset_index().to_dict("records")
-    title = f"{perturbation}: {people} participant{'' if people == 1 else 's'}{spread}"
-    show_records(title, records, {"method": "{method}", "drawn": "{realizations}", **present})
+    means, spreads = over_people.mean().map("{:.1f}".format), over_people.std().map("{:.1f}".format)
+    texts = means + (" ± " + spreads).where(spreads != "nan", "")
+    metrics = [form[1:-1] for form in columns.values()]
+    table = texts.unstack(sort=False).reset_index().reindex(columns=metrics)
+    people = summary.participant[(summary.metric == "vaf") & summary.value.notna()].nunique()
+    show_table(
+        f"{perturbation}: mean ± SD over participants ({people}), in N·m/rad and %",
+        table.replace("nan", None).to_dict("records"),
+        columns,
+    )

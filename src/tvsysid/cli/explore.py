@@ -10,7 +10,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Cutting, ReadingOptions, given
+from tvsysid.cli.options import Cutting, ReadingOptions, Whole, given
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
 
@@ -22,7 +22,7 @@ def explore(
     segmentation: Cutting = Segmentation(),
     method: str = "adaptive",
     align_channels: bool = True,
-    port: int = 0,
+    port: Whole = 0,
     browser: bool = True,
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.cli.console import (
-    progress,
     remark,
     say,
     say_written,
-    show_records,
     show_table,
+    shown_progress,
     shown_warnings,
 )
 from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, decimation
@@ -29,7 +28,11 @@ if TYPE_CHECKING:
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
-MAX_ROWS = 7  # values of a variable at which estimates are printed
+NO_PERIOD = (
+    "--period is missing: the duration of one repetition of the behaviour (s); for a joint that is "
+    "held still, any will do (--period 2); where nothing repeats, give the channel with a variable "
+    "that the joint follows (--scheduling)"
+)
 
 
 def identify(
@@ -146,27 +149,18 @@ def identify(
         channels = {**reading.channels, "scheduling": scheduling}
         reading = attrs.evolve(reading, channels=channels)
         method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
-    elif segmentation.period is None:
-        raise InputError(
-            "--period is missing: the duration of one repetition of the behaviour (s); for a "
-            "joint that is held still, any will do (--period 2); where nothing repeats, give the "
-            "channel with a variable that the joint follows (--scheduling)"
-        )
-    deviating = centered_channels(map(parse, method))
     with shown_warnings():
         recording = reading.read(file)
+        if scheduling is None and segmentation.period is None:
+            raise InputError(NO_PERIOD)
         make_folder(out)
         rate = recording.sampling_rate
         if segmentation.decimate is None and rate > SLOW_RATE:
-            remark(
-                "note",
-                f"identifying at {rate:g} Hz takes minutes, where seconds do; "
-                f"{decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)",
-            )
+            remark("note", f"at {rate:g} Hz this takes minutes; seconds with {decimation(rate)}")
         prepared = prepare_recording(
             recording,
             segmentation,
-            deviating,
+            centered_channels(map(parse, method)),
             method=method[0],
             align_channels=align_channels,
             remove_mains=remove_mains,
@@ -175,21 +169,20 @@ def identify(
         for note in prepared.notes:
             say(note)
         say(f"{file.name}: {prepared.ensemble!r}")
-        with progress("identifying") as advance:
+        with shown_progress("identifying") as advance:
             found = compare(prepared.ensemble, method, tune=tune, progress=advance)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
     write_estimates(out, found)  # kept if what follows is interrupted
-    account = _account(found, prepared, file, reading)
-    unnamed = unnamed_references(found, recording, file, reading)
-    account = attrs.evolve(account, unnamed_references=tuple(unnamed))
+    account = attrs.evolve(
+        _account(found, prepared, file, reading),
+        unnamed_references=tuple(unnamed_references(found, recording, file, reading)),
+    )
     written = write_folder(out, account, command_line(), sheet)
     _show_impedance(account)
-    _show_over_variables(found)
     _show_further(found)
-    _show_reflex(account)
     _show_diagnosis(account)
     _show_settings(found)
     say_written(out, written)
@@ -203,87 +196,62 @@ def _account(
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
 
-    with shown_warnings(), progress("predicting realizations held out") as advance:
+    with shown_warnings(), shown_progress("predicting held-out realizations") as advance:
         held_out = found.held_out_vaf(jobs=-1, progress=advance)
-    source = {
-        "file": file.name,
-        "angle": f"channel {reading.angle}, in {reading.angle_unit}",
-        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}",
+    corrections = {
+        "the torque's sign was reversed": reading.torque_sign == -1,
+        "degrees became radians": reading.angle_unit == "deg",
+        "N·mm became N·m": reading.torque_unit == "Nmm",
     }
-    corrections = list(prepared.corrections)
-    if reading.torque_sign == -1:
-        source["torque"] += ", with its sign reversed"
-        corrections.append("the torque's sign was reversed")
-    if reading.angle_unit == "deg":
-        corrections.append("degrees became radians")
-    if reading.torque_unit == "Nmm":
-        corrections.append("N·mm became N·m")
+    account = Account(
+        found,
+        held_out,
+        source={
+            "file": file.name,
+            "angle": f"channel {reading.angle}, in {reading.angle_unit}",
+            "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}",
+        },
+        turned=[*prepared.corrections, *(text for text, made in corrections.items() if made)],
+    )
+    repeats = prepared.diagnosed is found.ensemble
     try:
-        repeats = prepared.diagnosed is found.ensemble
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
             prepared.diagnosed, repeats=repeats
         )
     except InputError as error:
-        reason = str(error).removeprefix("diagnose: ")
-        return Account(found, held_out, undiagnosed=reason, source=source, turned=corrections)
+        return attrs.evolve(account, undiagnosed=str(error).removeprefix("diagnose: "))
     diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *prepared.findings))
-    return Account(found, held_out, diagnosis, source=source, turned=corrections)
+    return attrs.evolve(account, diagnosis=diagnosis)
 
 
 def _show_impedance(account: Account) -> None:
-    """Print the answer, and a row for each method."""
-    from tvsysid.figures.words import count
-    from tvsysid.report.answer import answer
+    """Print the stiffness to report, and a row for each method."""
+    from tvsysid.report.answer import answer, with_reflex
 
-    found, is_valid = account.found, account.trust.level != "none"
-    if len(lines := answer(account)) > 1 or not is_valid:
-        say("\n  ".join(lines))
-    title = (
-        "stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) "
-        f"and VAF (%): {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
-    )
+    say("\n  ".join(answer(account)))
     columns = {
         "method": "{method}",
         "mean": "{stiffness (N·m/rad):.1f}",
-        "95 %\nband": "± {half_band (N·m/rad):.1f}",
-        "lowest, at": "{lowest (N·m/rad):.1f}, {lowest at (s):.2f}",
-        "highest, at": "{highest (N·m/rad):.1f}, {highest at (s):.2f}",
+        "±\n95 %": "{half_band (N·m/rad):.1f}",
+        "lowest": "{lowest (N·m/rad):.1f}",
+        "at\n(s)": "{lowest at (s):.2f}",
+        "highest": "{highest (N·m/rad):.1f}",
+        "at\n(s) ": "{highest at (s):.2f}",
         "inertia": "{inertia (kg·m²):.4f}",
         "VAF": "{VAF (%):.1f}",
-        "VAF\nheld\nout": "{held_out:.1f}",
+        "held\nout": "{held_out:.1f}",
     }
-    records = [
-        {**row, "held_out": account.held_out_mean(row["method"])}
-        for row in found.summary().to_dict("records")
-    ]
-    show_records(title if is_valid else f"not valid: {title}", records, columns)
-
-
-def _show_over_variables(found: Comparison) -> None:
-    """Print what was estimated over a variable, at some of its values."""
-    import numpy as np
-
-    from tvsysid.figures.words import unit_name
-
-    table = found.over_variables()
-    if table.empty:
-        return
-    bands = ((table.upper - table.lower) / 2).map(" ± {:.2g}".format).replace(" ± nan", "")
-    table["text"] = table.estimate.map("{:.3g}".format) + bands
-    names = table.quantity.str.removeprefix("scheduled_").str.replace("_", " ")
-    table["heading"] = names + "\n(" + table.unit.map(unit_name) + ")"
-    for (label, variable), own in table.groupby(["method", "variable"], sort=False):
-        texts = own.pivot_table("text", "value", "heading", aggfunc="first", sort=False)
-        places = np.linspace(0, len(texts) - 1, min(len(texts), MAX_ROWS)).round().astype(int)
-        rows = [(f"{value:.3g}", *cells) for value, *cells in texts.iloc[places].itertuples()]
-        headings = [str(variable), *map(str, texts.columns)]
-        show_table(f"{label} over {variable}, ± 95 % band", headings, rows, "r")
+    found, is_valid = account.found, account.trust.level != "none"
+    table = found.summary()
+    table["held_out"] = table.method.map(account.held_out_mean)
+    title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
+    show_table(title if is_valid else f"not valid: {title}", table.to_dict("records"), columns)
+    if is_valid and (labels := with_reflex(account)):
+        remark("note", f"the stiffness of {', '.join(labels)} includes the torque of the reflex")
 
 
 def _show_further(found: Comparison) -> None:
     """Print further estimates of the methods, and the shape of a reflex."""
-    import numpy as np
-
     from tvsysid.report.answer import further, reflex_shape
 
     columns = {
@@ -292,60 +260,24 @@ def _show_further(found: Comparison) -> None:
         "unit": "{unit}",
         "over": "{over}",
         "mean": "{mean:.4g}",
-        "95 % band": "± {half_band:.3g}",
+        "± 95 %": "{half_band:.3g}",
         "lowest": "{min:.4g}",
         "highest": "{max:.4g}",
     }
     records = []
     for each in further(found):
-        if not each.quantity.startswith("scheduled "):  # is shown at values of the variable
-            values = each.values if each.values.size else np.array([np.nan])
+        if (values := each.values).size:
             ends = {"mean": values.mean(), "min": values.min(), "max": values.max()}
             records.append(each._asdict() | ends)
     if records:
-        show_records("further estimates", records, columns, "llll")
+        show_table("further estimates", records, columns)
     for label, model in found.models.items():
         if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")
 
 
-def _show_settings(found: Comparison) -> None:
-    """Print which settings were chosen from the data, and the options that repeat them."""
-    from tvsysid.methods import to_text
-
-    for label, item in found.evidence.items():
-        say(f"{label}: {item}")
-    if found.evidence:
-        labels = [to_text(found.methods[label]) for label in found.evidence]
-        say(f"the same settings again: --method {' --method '.join(map(shlex.quote, labels))}")
-
-
-def _show_reflex(account: Account) -> None:
-    """Warn of a reflex that some of the methods include in the stiffness."""
-    from tvsysid.quality import find_reflex
-    from tvsysid.report.answer import one_pathway, reflex_found
-
-    found, labels = account.found, one_pathway(account.found)
-    is_known = found.leading in labels and bool(reflex_found(account))
-    if not labels or is_known or account.trust.level == "none":
-        return
-    names, reflex = ", ".join(labels), find_reflex(found.ensemble)
-    if reflex.found:
-        remark(
-            "warning",
-            f"the stiffness of {names} includes the torque of a reflex: {reflex.what}; "
-            f"{reflex.fault.remedy}",
-        )
-    elif "reflex_gain" in found.models[found.leading].estimates:
-        remark(
-            "note",
-            f"{found.leading} estimates a reflex beside the stiffness; that of {names} includes "
-            "its torque",
-        )
-
-
 def _show_diagnosis(account: Account) -> None:
-    """Print what a diagnosis found, and which method suits the data if another one leads."""
+    """Print the findings of the diagnosis, and which method suits the data if another one leads."""
     diagnosis, found = account.diagnosis, account.found
     if diagnosis is None:
         say(f"diagnosis: none: {account.undiagnosed}")
@@ -357,3 +289,14 @@ def _show_diagnosis(account: Account) -> None:
         say(f"diagnosis: {diagnosis.verdict}{advice}")
     if found.leading not in found.recommendation.suited[:1] and account.trust.level != "none":
         say(f"method for these data: {found.recommendation.sentence}")
+
+
+def _show_settings(found: Comparison) -> None:
+    """Print which settings were chosen from the data, and the options that repeat them."""
+    from tvsysid.methods import to_text
+
+    for label, item in found.evidence.items():
+        say(f"{label}: {item}")
+    if found.evidence:
+        labels = [to_text(found.methods[label]) for label in found.evidence]
+        say(f"the same settings again: --method {' --method '.join(map(shlex.quote, labels))}")

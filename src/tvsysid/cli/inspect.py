@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
+from tvsysid.cli.console import errors, remark, say, show_table, shown_warnings
 from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, ReadingOptions, decimation
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
@@ -95,16 +95,22 @@ def inspect(
         return
     from tvsysid.report import write_diagnosis
 
-    name = f"{file.name} ({reading.angle}, {reading.torque})"
-    diagnosis, suited = _diagnose(file, reading, segmentation, reference)
+    diagnosis, recommendation = _diagnose(file, reading, segmentation, reference)
     # A file may hold several pairs of channels: a page for each.
-    page = picture.with_name(
-        re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}.diagnosis.html")
-    )
+    stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
+    page = picture.with_name(f"{stem}.diagnosis.html")
+    name = f"{file.name} ({reading.angle}, {reading.torque})"
     write_diagnosis(page, {name: diagnosis}, command_line())
-    _print_diagnosis(diagnosis, name)
-    if suited is not None:
-        say(f"method for these data: {suited.sentence}")
+    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
+    for check in diagnosis.findings:
+        say(f"{check.name} ({check.strength})", "bold")
+        say(f"  seen:   {check.what}")
+        say(f"  effect: {check.fault.effect}")
+        say(f"  remedy: {check.fault.remedy}")
+    for line in diagnosis.notes:
+        say(line)
+    if recommendation is not None:
+        say(f"method for these data: {recommendation.sentence}")
     say(f"wrote {page}")
 
 
@@ -113,8 +119,8 @@ def _diagnose(
 ) -> tuple[Diagnosis, Recommendation | None]:
     """Diagnose a recording, and recommend a method if its behaviour repeats.
 
-    It is not decimated, which would hide a clipped signal. Checks that need a low rate decimate
-    themselves.
+    The recording is not decimated, because that would hide a clipped signal. Checks that need a low
+    rate decimate themselves.
     """
     from tvsysid import preprocess
     from tvsysid.comparison.preparation import PIECE_S
@@ -125,9 +131,7 @@ def _diagnose(
     period = segmentation.period
     if period is None:
         remark(
-            "note",
-            f"no --period: the record is cut into pieces of {PIECE_S:g} s, which are not taken to "
-            "repeat",
+            "note", f"no --period: the record is diagnosed in pieces of {PIECE_S:g} s, not repeated"
         )
     with shown_warnings():
         recording = reading.read(file)
@@ -136,44 +140,42 @@ def _diagnose(
         gaps = preprocess.find_gaps(recording)
         cut = preprocess.segment(recording, period or PIECE_S, segmentation.context, gaps)
         ensemble = preprocess.subtract_mean(cut, () if reference is None else [reference])
-    with waiting("diagnosing"):
+    with errors.status("diagnosing"):
         diagnosis = diagnose(ensemble, reference, repeats=period is not None, recording=recording)
         if period is None:
             return diagnosis, None
         return diagnosis, recommend(lowered(ensemble), reference, diagnosis=diagnosis)
 
 
-def _show_channels(name: str, channels: dict[str, Channel]) -> None:
-    rows = []
-    for label, channel in channels.items():
-        rate = f"{channel.sampling_rate:g}" if channel.sampling_rate else "-"
-        shape = " x ".join(map(str, channel.shape)) or "one value"
-        rows.append((label, shape, channel.dtype, channel.unit or "-", rate))
-    show_table(name, ["channel", "shape", "type", "unit", "rate (Hz)"], rows, "lrllr")
-
-
-def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
-    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
-    for check in diagnosis.findings:
-        lines = (
-            f"  seen:   {check.what}\n  effect: {check.fault.effect}\n  remedy: "
-            f"{check.fault.remedy}"
-        )
-        say(f"{check.name} ({check.strength})", "bold")
-        say(lines)
-    for line in diagnosis.notes:
-        say(line)
+def _show_channels(file: str, channels: dict[str, Channel]) -> None:
+    """Print a row for each channel of a file."""
+    columns = {
+        "channel": "{name}",
+        "shape": "{shape}",
+        "type": "{channel.dtype}",
+        "unit": "{unit}",
+        "rate (Hz)": "{channel.sampling_rate:g}",
+    }
+    records = [
+        {
+            "name": name,
+            "shape": " x ".join(map(str, channel.shape)) or "one value",
+            "unit": channel.unit or "-",
+            "channel": channel,
+        }
+        for name, channel in channels.items()
+    ]
+    show_table(file, records, columns)
 
 
 def _show_next(file: Path, channels: dict[str, Channel]) -> None:
     """Print the command that identifies the file."""
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
-    if len(rates) == 1:
-        rate = rates.pop()
-        at = f"{rate:g} {decimation(rate)}".rstrip()
-    else:
-        at = f"HZ --decimate {USUAL_RATE:g}"
-    words = f"--angle CHANNEL --torque CHANNEL --rate {at} --period SECONDS"
-    say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {words}")
+    rate = rates.pop() if len(rates) == 1 else None
+    at = f"{rate:g} {decimation(rate)}".rstrip() if rate else f"HZ --decimate {USUAL_RATE:g}"
+    say(
+        f"identify it with\ntvsysid identify {shlex.quote(str(file))} --angle CHANNEL --torque "
+        f"CHANNEL --rate {at} --period SECONDS"
+    )
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("where each column of a matrix is a trial by itself, add --columns trials")

@@ -5,19 +5,18 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from tvsysid.cli.console import remark, say_written, show_records, shown_warnings, waiting
-from tvsysid.cli.options import Methods, Scheduler, Whole, Workers, given
-from tvsysid.cli.running import STORE, print_problems, run_in
+from tvsysid.cli.console import errors, remark, show_table, shown_warnings
+from tvsysid.cli.options import Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.running import run_study, show_end
 
 
 def leaderboard(
     *,
     method: Methods | None = None,
     scenario: list[str] | None = None,
-    trials: Whole = None,
-    seed: Whole = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    trials: Whole | None = None,
+    seed: Whole | None = None,
+    workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-leaderboard"),
 ) -> int:
     """Rank methods by one score, on simulated joints that are the same for everybody.
@@ -67,23 +66,21 @@ def leaderboard(
         f"{len(study.scenarios)} scenarios x {study.trials} trials x "
         f"{len(study.named_methods)} entries"
     )
-    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
-    with waiting("scoring and drawing"):
+    results = run_study(partial(run, study), out, title, workers)
+    with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
     columns = {
         "rank": "{rank}",
         "entry": "{entry}",
-        "score\n(%)": "{score:.2f}",
-        "±\n(%)": "{score_error:.2f}",
-        "in 95 %\nband (%)": "{coverage:.1f}",
+        "score (%)": "{score:.2f}",
+        "± (%)": "{score_error:.2f}",
+        "in 95 % band (%)": "{coverage:.1f}",
     }
-    show_records("leaderboard", table.to_dict("records"), columns, "rl")
+    show_table("leaderboard", table.to_dict("records"), columns)
     if study.trials == 1:
         remark(
             "warning",
             "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
         )
     failed = [each for each in problems(results) if each["kind"] == "failed"]
-    complete = print_problems(results, failed, "trials", "trials")
-    say_written(out, [*FILES, STORE])
-    return 0 if complete else 1
+    return 0 if show_end(out, FILES, results, failed) else 1

@@ -12,12 +12,12 @@ def methods() -> None:
     """List the methods by their purpose, with needs, results, assumptions and settings."""
     from tvsysid.methods import CLOSED_LOOP, describe, names
 
-    groups: dict[str, list[tuple[str, str]]] = {f"For {purpose}": [] for purpose in FIRST}
-    for text in (*names(), *CLOSED_LOOP):
+    groups: dict[str, list[dict[str, str]]] = {f"For {purpose}": [] for purpose in FIRST}
+    for key in (*names(), *CLOSED_LOOP):
         try:
-            method = describe(text)
+            method = describe(key)
         except InputError as error:
-            groups.setdefault("Cannot be loaded", []).append((text, str(error)))
+            groups.setdefault("Cannot be loaded", []).append({"key": key, "about": str(error)})
             continue
         lines = {
             "needs": "; ".join(method.needs),
@@ -25,11 +25,12 @@ def methods() -> None:
             "assumes": " ".join(method.assumptions),
             "settings": ", ".join(method.settings).replace(" = ", "="),
         }
-        about = [method.title, *(f"{name}: {words}" for name, words in lines.items() if words)]
-        row = (text.replace(":", ":\n").replace(",", ",\n"), "\n".join(about))
-        groups.setdefault(f"For {method.purpose}", []).append(row)
-    for group, rows in groups.items():
-        show_table(group, ["key", "method"], rows, "ll", lines=True)
+        about = [method.title, *(f"{name}: {text}" for name, text in lines.items() if text)]
+        groups.setdefault(f"For {method.purpose}", []).append(
+            {"key": key, "about": "\n".join(about)}
+        )
+    for title, records in groups.items():
+        show_table(title, records, {"key": "{key}", "method": "{about}"}, spaced=True)
     say(
         "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings "
         "follow the key: sds:window=0.2,max_lag=0.1\n"

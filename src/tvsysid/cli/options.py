@@ -1,13 +1,17 @@
-"""Types of options that several commands share."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+import attrs
 from cyclopts import Parameter, Token
 
 from tvsysid.recordings.reading import Reading, Segmentation
+
+USUAL_RATE = 100.0  # Hz
+SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
 
 def _whole(kind: object, tokens: Sequence[Token]) -> int:
@@ -18,11 +22,31 @@ def _whole(kind: object, tokens: Sequence[Token]) -> int:
         raise ValueError("expected a whole number") from None
 
 
-Whole = Annotated[int | None, Parameter(converter=_whole)]
-ReadingOptions = Annotated[Reading, Parameter(name="*")]
-Cutting = Annotated[Segmentation, Parameter(name="*")]
-Flag = Annotated[bool, Parameter(negative=())]
+Whole = Annotated[int, Parameter(converter=_whole)]
 
+
+@attrs.frozen
+class Workers:
+    """Processes that run a study.
+
+    Parameters
+    ----------
+    workers
+        Number of processes. [one for each core]
+    scheduler
+        Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs
+        `tvsysid[dask]`.
+    """
+
+    workers: Whole | None = None
+    scheduler: str | None = None
+
+
+Flag = Annotated[bool, Parameter(negative=())]
+Flattened = Parameter(name="*")  # each field of a class is an option
+ReadingOptions = Annotated[Reading, Flattened]
+Cutting = Annotated[Segmentation, Flattened]
+WorkerOptions = Annotated[Workers, Flattened]
 Methods = Annotated[
     list[str],
     Parameter(
@@ -32,22 +56,6 @@ Methods = Annotated[
         "Repeatable; `tvsysid methods` lists the methods.",
     ),
 ]
-Seed = Annotated[
-    Whole,
-    Parameter(help="Seed of the random numbers; the same seed gives the same results. [0]"),
-]
-Workers = Annotated[Whole, Parameter(help="Number of processes. [one for each core]")]
-Scheduler = Annotated[
-    str | None,
-    Parameter(
-        help="Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; "
-        "needs `tvsysid[dask]`."
-    ),
-]
-
-
-USUAL_RATE = 100.0  # Hz
-SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
 
 def decimation(rate: float) -> str:

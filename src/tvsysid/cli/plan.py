@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.cli.console import progress, say, say_written, show_records, shown_warnings
-from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, given
+from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
+from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, Whole, given
 from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -15,7 +15,6 @@ from tvsysid.recordings.reading import Reading, Segmentation
 if TYPE_CHECKING:
     from tvsysid.planning import Pilot, Plan
     from tvsysid.planning.setups import Setup
-    from tvsysid.signals import Recording
 
 MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
 LARGE_EXCESS = 1.1  # ratio of pilot and simulated scatter that is printed
@@ -37,7 +36,7 @@ def plan(
     reading: ReadingOptions = Reading(),
     segmentation: Cutting = Segmentation(),
     verify: Flag = False,
-    seed: int = 0,
+    seed: Whole = 0,
     out: Path = Path("tvsysid-plan"),
 ) -> None:
     """Plan how much to record for a given precision of the stiffness.
@@ -48,8 +47,8 @@ def plan(
     joint whose stiffness steps, says how fast a change each method can follow.
 
     Prints the shortest recording that suffices, and for each method: realizations, how long to
-    record (with those at both ends that lack context), half the width of the 95 % band that they
-    give, bias (which no band counts), and the time in which it follows a step. Where no number
+    record (with those at both ends that lack context), the ± at 95 % that noise, bias and both
+    make, and the time in which it follows a step. No band counts the bias. Where no number
     suffices, it says why. Writes `plan.png` and `plan.csv` to the folder. Without `--period`, a
     realization takes 2 s, and without `--decimate`, simulated data have 100 Hz.
 
@@ -82,7 +81,7 @@ def plan(
     pilot
         Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.
     verify
-        Simulate each answer anew, 40 times, and print predicted and reached error.
+        Simulate each answer anew, 40 times, and print predicted and reached ±.
     seed
         Seed of the random numbers.
     out
@@ -100,25 +99,24 @@ def plan(
             f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
             "--stiffness, --noise and --snr"
         )
-    if pilot is not None:
-        with shown_warnings():
-            first: Setup = _pilot(reading.read(pilot), segmentation)
-    elif reading != Reading():
+    if pilot is None and reading != Reading():
         raise InputError(
             "options that describe a recording (such as --angle and --rate) need --pilot FILE"
         )
-    elif noise is not None and snr is not None:
+    if noise is not None and snr is not None:
         raise InputError("--noise and --snr: give one of them")
-    else:
+    if pilot is None:
         cutting = given(period=segmentation.period, rate=segmentation.decimate)
-        first = Protocol(**joint, **cutting)
+        first: Setup = Protocol(**joint, **cutting)
+    else:
+        first = _pilot(pilot, reading, segmentation)
     setups = [
         with_settings(first, perturbation=name, amplitude=size)
         for name in perturbation or (first.perturbation,)
         for size in amplitude or (first.amplitude,)
     ]
     make_folder(out)
-    with progress("planning") as advance:
+    with shown_progress("planning") as advance:
         found = tvsysid.plan(setups, precision, resolution, method, seed=seed, progress=advance)
     _show(found)
     with whole_file(out / "plan.csv") as file:
@@ -129,21 +127,23 @@ def plan(
         _verify(found)
 
 
-def _pilot(recording: Recording, segmentation: Segmentation) -> Pilot:
+def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Pilot:
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid import preprocess
     from tvsysid.planning import Pilot
 
-    if segmentation.decimate is not None:
-        recording = preprocess.decimate(recording, segmentation.decimate)
-    cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
-    pilot = Pilot.of(preprocess.subtract_mean(cut))
+    with shown_warnings():
+        recording = reading.read(file)
+        if segmentation.decimate is not None:
+            recording = preprocess.decimate(recording, segmentation.decimate)
+        cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
+        pilot = Pilot.of(preprocess.subtract_mean(cut))
     say(f"pilot: {pilot.described()}")
     return pilot
 
 
 def _show(found: Plan) -> None:
-    """Print the answer, for each setup a row for each method, and why some do not suffice."""
+    """Print the answer, a table of the methods for each setup, and why some do not suffice."""
     say(str(found), "bold")
     if found.best and (found.best.realizations or 0) < MIN_REALIZATIONS:
         say(
@@ -152,54 +152,60 @@ def _show(found: Plan) -> None:
         )
     columns = {
         "method": "{method}",
-        "realizations": "{realizations}{star}",
+        "realizations": "{realizations}",
         "record": "{duration}",
-        "± reached": "{half_width:.1f}",
-        "bias": "{bias:.1f}",
-        "follows a\nstep in": "{rise_time:.2f} s",
+        "± noise": "{half_width:.1f}",
+        "± bias": "{bias:.1f}",
+        "± both": "{both:.1f}",
+        "follows a step in": "{rise_time:.2f} s",
     }
     for setup in found.setups:
-        answers = [each for each in found.answers if each.setup == setup]
-        records = [
-            {
-                **each._asdict(),
-                "realizations": each.realizations or "none",
-                "star": " *" if each.why else "",
-                "duration": each.duration if each.realizations else None,
-            }
-            for each in answers
-        ]
-        show_records(setup, records, columns)
-        for each in answers:
-            if each.why:
-                say(f"  * {each.method} does not suffice: {each.why}")
-            if each.excess > LARGE_EXCESS:
-                say(
-                    f"  {each.method}: the pilot's scatter is {each.excess:.2g} times the "
-                    "simulated one; the plan allows for it"
+        records, notes = [], []
+        for each in found.answers:
+            if each.setup == setup:
+                bias = found.multiple * each.bias
+                records.append(
+                    {
+                        **each._asdict(),
+                        "duration": each.duration if each.realizations else None,
+                        "bias": bias,
+                        "both": math.hypot(each.half_width, bias),
+                    }
                 )
-    say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
+                if each.why:
+                    notes.append(f"{each.method} does not suffice: {each.why}")
+                if each.excess > LARGE_EXCESS:
+                    notes.append(
+                        f"{each.method}: the pilot's scatter is {each.excess:.2g} times the "
+                        "simulated one; the plan allows for it"
+                    )
+        show_table(setup, records, columns)
+        for note in notes:
+            say(f"  {note}")
+    say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")
 
 
 def _verify(found: Plan) -> None:
-    """Simulate the planned recordings, and print their errors."""
-    with progress("verifying") as advance:
+    """Simulate the planned recordings, and print how precise they are."""
+    with shown_progress("verifying") as advance:
         verified = found.verify(progress=advance)
     bias = {(each.setup, each.method): each.bias for each in found.answers}
-    records = []
-    for each in verified:
-        name = f"{each.method}, {each.setup}" if len(found.setups) > 1 else each.method
-        total = found.multiple * math.hypot(each.reached, bias[each.setup, each.method])
-        difference = 100 * (each.predicted / each.reached - 1)
-        records.append({**each._asdict(), "name": name, "difference": difference, "total": total})
+    records = [
+        {
+            **each._asdict(),
+            "predicted": found.multiple * each.predicted,
+            "reached": found.multiple * each.reached,
+            "both": found.multiple * math.hypot(each.reached, bias[each.setup, each.method]),
+        }
+        for each in verified
+    ]
     columns = {
-        "method": "{name}",
+        "method": "{method}",
+        "setup": "{setup}",
         "realizations": "{realizations}",
-        "predicted": "{predicted:.2f}",
-        "reached": "{reached:.2f}",
-        "difference": "{difference:+.0f} %",
-        f"± with bias,\nwish ± {found.precision:g}": "{total:.2f}",
+        "± noise\npredicted": "{predicted:.1f}",
+        "± noise\nreached": "{reached:.1f}",
+        "± both\nreached": "{both:.1f}",
     }
     if records:
-        show_records(f"random error (N·m/rad), {verified[0].trials} trials", records, columns)
-        say("difference: predicted over reached, less 1")
+        show_table(f"verified by {verified[0].trials} simulations each", records, columns)

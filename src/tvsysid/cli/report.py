@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from tvsysid.cli.benchmark import write as write_benchmark
-from tvsysid.cli.console import progress, remark, say_written
+from tvsysid.cli.console import remark, say_written, shown_progress
 from tvsysid.cli.experiment import write as write_experiment
 from tvsysid.cli.options import Flag
 from tvsysid.cli.running import STORE
@@ -44,9 +44,10 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
         say_written(last, ["sheet.html"])
         return
     if folders:
+        raise InputError("several folders are visits of one person: add --sheet")
+    if (folder / "models.nc").exists():
         raise InputError(
-            f"report: expected one folder, got {1 + len(folders)}; several visits of one person "
-            "take --sheet"
+            f"{folder}: `tvsysid identify` wrote its report already; --sheet makes a sheet of it"
         )
     _write_again(folder)
 
@@ -60,7 +61,7 @@ def _write_again(folder: Path) -> None:
         write_benchmark(results, folder, "")
         return
     study = Experiment.without_methods(results.attrs["experiment"])
-    with progress("preparing recordings") as advance:
+    with shown_progress("preparing recordings") as advance:
         prepared = prepared_recordings(study, advance)
     if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
         remark(

@@ -1,17 +1,19 @@
-"""Run a long study from the command line, and print how its tasks ended."""
+"""Run a study from the command line, and print what became of its tasks."""
 
 from __future__ import annotations
 
 import shlex
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import errors, progress, remark, show_table
+from tvsysid.cli.console import errors, remark, say_written, show_table, shown_progress
+from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
+from tvsysid.progress import Progress
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -23,6 +25,13 @@ if TYPE_CHECKING:
 
 STORE = "results.zarr"  # where a study keeps its results, in its folder
 SCHEDULER_TIMEOUT = "10s"
+RESUMES = "what is finished is kept, and the same command resumes"
+VERDICTS = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
+PROBLEMS = {
+    "failed": "failed and are left out",
+    "skipped": "were skipped",
+    "warning": "gave warnings",
+}
 
 
 def make_folder(out: Path) -> None:
@@ -41,107 +50,99 @@ def command_line() -> str:
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
-def run_in(
-    out: Path,
-    study_run: Callable[..., xr.Dataset],
-    title: str,
-    units: str,
-    workers: int | None,
-    scheduler: str | None,
+def run_study(
+    study_run: Callable[..., xr.Dataset], out: Path, title: str, workers: Workers
 ) -> xr.Dataset:
-    """Run what is missing of a study in a folder, with progress.
+    """Run the missing tasks of a study in a folder, with progress.
 
     Parameters
     ----------
+    study_run
+        Function that runs them, of store, workers, executor and progress.
     out
         Folder of the study.
-    study_run
-        Function that runs it, of store, workers, executor and progress.
-    title, units
-        Name of the study, and of its tasks, for the progress.
-    workers, scheduler
-        As of the options.
+    title
+        Description of the study.
+    workers
+        Processes to use.
     """
     make_folder(out)
-    counts: tuple[int, int] | None = None
-
-    def kept() -> str:
-        return f"{counts[0]} of {counts[1]} {units} are" if counts else "finished tasks are"
-
     try:
-        with progress(title) as advance, _executor(scheduler) as (executor, threads):
-
-            def count(done: int, total: int) -> None:
-                nonlocal counts
-                if done and counts is None:
-                    errors.print(f"resuming: {done} of {total} {units} are done already")
-                counts = done, total
-                advance(done, total)
-
+        with shown_progress(title) as advance, _executor(workers) as (executor, processes):
             return study_run(
                 store=out / STORE,
-                workers=threads if workers is None else workers,
+                workers=processes,
                 executor=executor,
-                progress=count,
+                progress=_with_start(advance),
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"interrupted; {kept()} in {out / STORE}; the same command resumes"
-        ) from None
+        raise KeyboardInterrupt(f"interrupted; {RESUMES}") from None
     except OSError as error:
         raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {kept()} kept; solve this, and "
-            "the same command resumes"
+            f"{error.filename or out}: {error.strerror or error}; {RESUMES}"
         ) from error
 
 
+def _with_start(advance: Progress) -> Progress:
+    """Print at the first call how many tasks are done already."""
+    calls: list[int] = []
+
+    def count(done: int, total: int) -> None:
+        if done and not calls:
+            errors.print(f"resuming: {done} of {total} tasks are done already")
+        calls.append(done)
+        advance(done, total)
+
+    return count
+
+
 @contextmanager
-def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | None]]:
-    """Connect to a Dask cluster; yield its executor and its number of threads, or None for both."""
-    if scheduler is None:
-        yield None, None
+def _executor(workers: Workers) -> Iterator[tuple[Executor | None, int | None]]:
+    """Yield the executor of a Dask cluster, or None, and the number of processes."""
+    if workers.scheduler is None:
+        yield None, workers.workers
         return
     try:
         from distributed import Client
 
-        client: Any = Client(scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
+        client: Any = Client(workers.scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
     except ImportError as error:
         raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); check the address"
+            f"--scheduler {workers.scheduler}: no Dask scheduler answers there ({error}); check "
+            "the address"
         ) from error
     with client:
-        yield client.get_executor(pure=False), sum(client.nthreads().values())
+        threads = sum(client.nthreads().values())
+        yield client.get_executor(pure=False), workers.workers or threads
 
 
-def print_problems(results: xr.Dataset, problems: list[Problem], units: str, counted: str) -> bool:
-    """Print failures, warnings and how much is missing; return whether no method failed."""
-    done = results.checksums.values.any(axis=-1)
-    if not done.all():
-        remark(
-            "warning",
-            f"{done.sum()} of {done.size} {units} are done so far; the command that started them "
-            "resumes",
-        )
-    for problem in problems:
-        failed = problem["kind"] == "failed"
-        what = {"failed": "failed and are left out", "skipped": "were skipped"}.get(
-            problem["kind"], "gave warnings"
-        )
-        text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
-        remark("error" if failed else "warning", text.format(what=what, counted=counted, **problem))
-    return not any(problem["kind"] == "failed" for problem in problems)
-
-
-def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
-    """Print the verdicts on the paper's claims; ``need`` says what the other claims need."""
-    symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
+def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
+    """Print the verdicts on published claims; ``need`` says what the other claims need."""
     studied = claims[claims.verdict != "not studied"]
-    rows = [
-        (claim, f"{symbols[verdict]} {verdict}")
+    records = [
+        {"claim": claim, "verdict": f"{VERDICTS[verdict]} {verdict}"}
         for claim, verdict in zip(studied.claim, studied.verdict, strict=True)
     ]
     missing = len(claims) - len(studied)
-    caption = f"{missing} more of its claims need {need}" if missing else None
-    show_table(f"published claims about {of}", ["claim", "verdict"], rows, "ll", caption)
+    title = f"published claims about {about}"
+    title += f"; {missing} more need {need}" if missing else ""
+    show_table(title, records, {"claim": "{claim}", "verdict": "{verdict}"})
+
+
+def show_end(
+    out: Path, files: Iterable[str], results: xr.Dataset, problems: Iterable[Problem]
+) -> bool:
+    """Print what is missing, failures, warnings and files; return whether no method failed."""
+    done = results.checksums.values.any(axis=-1)
+    if not done.all():
+        remark("warning", f"{done.sum()} of {done.size} tasks are done so far; {RESUMES}")
+    complete = True
+    for each in problems:
+        failed = each["kind"] == "failed"
+        complete = complete and not failed
+        text = "{method}: {count} of {trials} {what}; the first: {first}"
+        remark("error" if failed else "warning", text.format(what=PROBLEMS[each["kind"]], **each))
+    say_written(out, [*files, STORE])
+    return complete

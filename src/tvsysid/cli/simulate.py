@@ -5,30 +5,63 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Flag, Whole, decimation
+from tvsysid.cli.options import Flag, Flattened, Whole, decimation
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
     from tvsysid.signals import Array
     from tvsysid.simulate import Perturbation, Simulation, System
 
+PERIOD_S = 2.0
+
+
+@attrs.frozen
+class Simulated:
+    """What is simulated, and for how long.
+
+    Parameters
+    ----------
+    system
+        What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain;
+        `reflex-sine`, `reflex-square`: of varying gain), `compliant` (a joint on a compliant
+        actuator: closed loop; `loaded`: moved by a torque), `scheduled` (stiffness follows EMG), or
+        your own as `module:Object`. Settings may follow:
+        `reflex:reflex_gain=4,noise_bandwidth=1`.
+    stiffness
+        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
+        `module:Object`. [that of the system: sine for scheduled, else square]
+    duration
+        Seconds of data.
+    snr
+        Signal-to-noise ratio of the torque in dB; inf for no noise.
+    seed
+        Seed of the random numbers.
+    rate
+        Sampling rate in Hz. Nothing is filtered: at a low rate, faster components alias into the
+        torque (at 100 Hz inertia is found 44 % low). Simulate at 1000 Hz, and decimate.
+    """
+
+    system: str = "joint"
+    stiffness: str | None = None
+    duration: float = 150.0
+    snr: float = 10.0
+    seed: Whole = 0
+    rate: float = 1000.0
+
 
 def simulate(
     file: Path,
     /,
     *,
-    system: str = "joint",
-    stiffness: str | None = None,
+    simulated: Annotated[Simulated, Flattened] = Simulated(),
     perturbation: str = "noise",
-    duration: float = 150.0,
-    snr: float = 10.0,
-    seed: int = 0,
-    rate: float = 1000.0,
     overwrite: Flag = False,
-    participant: Whole = None,
+    participant: Whole | None = None,
 ) -> None:
     """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
@@ -51,96 +84,83 @@ def simulate(
     ----------
     file
         File to write: .mat, .csv or .tsv.
-    system
-        What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain;
-        `reflex-sine`, `reflex-square`: of varying gain), `compliant` (a joint on a compliant
-        actuator: closed loop; `loaded`: moved by a torque), `scheduled` (stiffness follows EMG), or
-        your own as `module:Object`. Settings may follow:
-        `reflex:reflex_gain=4,noise_bandwidth=1`.
-    stiffness
-        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
-        `module:Object`. [that of the system: sine for scheduled, else square]
     perturbation
         Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary
         sequence), `pulses` (to either side, with rests), `multisine` (sines at a few frequencies),
         or your own as `module:Object`.
-    duration
-        Seconds of data.
-    snr
-        Signal-to-noise ratio of the torque in dB; inf for no noise.
-    seed
-        Seed of the random numbers.
-    rate
-        Sampling rate in Hz. Nothing is filtered: at a low rate, faster components alias into the
-        torque (at 100 Hz inertia is found 44 % low). Simulate at 1000 Hz, and decimate.
     overwrite
         Replace FILE if it exists.
     participant
         Write the ten trials of virtual participant number N instead, to a .mat file that `tvsysid
-        experiment` reads; only --perturbation applies to it.
+        experiment` reads; of the other options only --perturbation applies to it.
     """
     from tvsysid.methods import resolve
     from tvsysid.recordings import write_simulation
-    from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
+    from tvsysid.simulate import PERTURBATIONS
     from tvsysid.simulate.simulation import checked_simulation
-    from tvsysid.validators import with_settings
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
     perturbed = resolve(perturbation, PERTURBATIONS, "perturbation")
     if participant is not None:
+        if simulated != Simulated():
+            raise InputError(
+                "--participant: only --perturbation applies to it; leave out the other options"
+            )
         _write_participant(file, participant, perturbation, perturbed)
         return
-    simulated: System = resolve(system, SYSTEMS, "system")
-    period = 2.0
-    if stiffness is not None:
-        profile = resolve(stiffness, PROFILES, "profile")
-        try:
-            simulated = with_settings(simulated, stiffness=profile)
-        except TypeError as error:
-            raise InputError(
-                f"--stiffness: {system} has no setting stiffness; leave out --stiffness, and set "
-                f"it in {system}"
-            ) from error
-        period = period if stiffness in PROFILES else getattr(profile, "period", period)
+    system = _system(simulated)
     try:
-        made = simulated.simulate(
-            duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate
+        made = system.simulate(
+            simulated.duration,
+            perturbation=perturbed,
+            snr_db=simulated.snr,
+            seed=simulated.seed,
+            rate=simulated.rate,
         )
-        simulation = checked_simulation(made, system)
+        simulation = checked_simulation(made, simulated.system)
     except InputError:
         raise
     except Exception as error:  # a system of one's own may raise anything
-        raise InputError(f"system {system}: {describe_error(error)}") from error
-    first = round(-simulation.recording.start * rate)
-    inner = slice(first, first + round(duration * rate))
-    signals = {name: values[inner] for name, values in _signals(simulation).items()}
-    write_simulation(file, signals, rate)
-    at = f"{rate:g} {decimation(rate)}".rstrip()
-    channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
+        raise InputError(f"system {simulated.system}: {describe_error(error)}") from error
+    write_simulation(file, _signals(simulation, simulated.duration), simulated.rate)
+    at = f"{simulated.rate:g} {decimation(simulated.rate)}".rstrip()
+    period = getattr(getattr(system, "stiffness", None), "period", PERIOD_S)
+    channels = simulation.recording.channels
+    named = "".join(f" --channel {name}={name}" for name in channels)
     say(
-        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\n"
-        f"tvsysid identify {shlex.quote(str(file))} "
-        f"--angle angle --torque torque --rate {at} --period {period:g}"
-        f"{channels}"
+        f"wrote {file}: {simulated.duration:g} s at {simulated.rate:g} Hz; identify it with\n"
+        f"tvsysid identify {shlex.quote(str(file))} --angle angle --torque torque --rate {at} "
+        f"--period {period:g}{named}"
     )
-    if "disturbance" in simulation.recording.channels:
-        say(
-            "in closed loop with its reference: add --method "
-            "kbr:reference=disturbance,weighting=residual"
-        )
-    if (variable := getattr(simulated, "variable", None)) in simulation.recording.channels:
-        say(
-            f"or over {variable}, which the joint follows: --scheduling {variable} in place of "
-            f"--channel {variable}={variable}"
-        )
+    if "disturbance" in channels:
+        say("in closed loop: add --method kbr:reference=disturbance,weighting=residual")
+    if (variable := getattr(system, "variable", None)) in channels:
+        say(f"or over {variable}, which the joint follows: add --scheduling {variable}")
 
 
-def _signals(simulation: Simulation) -> dict[str, Array]:
-    """Return recorded signals and truth, by their names in the file."""
+def _system(simulated: Simulated) -> System:
+    """Return the system, with the stiffness if one is given."""
+    from tvsysid.methods import resolve
+    from tvsysid.simulate import PROFILES, SYSTEMS
+    from tvsysid.validators import with_settings
+
+    system: System = resolve(simulated.system, SYSTEMS, "system")
+    if simulated.stiffness is None:
+        return system
+    try:
+        return with_settings(system, stiffness=resolve(simulated.stiffness, PROFILES, "profile"))
+    except TypeError as error:
+        raise InputError(
+            f"--stiffness: {simulated.system} has no setting stiffness; set it there"
+        ) from error
+
+
+def _signals(simulation: Simulation, duration: float) -> dict[str, Array]:
+    """Return recorded signals and truth without their context, by their names in the file."""
     recording = simulation.recording
     pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
-    return {
+    signals = {
         "angle": recording.angle,
         "torque": recording.torque,
         **recording.channels,
@@ -148,6 +168,10 @@ def _signals(simulation: Simulation) -> dict[str, Array]:
         **{f"torque_{name}": torque for name, torque in pathways.items()},
         **simulation.truth,
     }
+    rate = recording.sampling_rate
+    first = round(-recording.start * rate)
+    last = first + round(duration * rate)
+    return {name: values[first:last] for name, values in signals.items()}
 
 
 def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:
@@ -167,14 +191,13 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
         "target": recording.channels["target"],
         "stiffness": simulation.truth["stiffness"],
     }
-    count = len(recording.trials)
-    columns = {name: values.reshape(count, -1).T for name, values in signals.items()}
-    write_simulation(file, columns, recording.sampling_rate)
+    trials, rate = len(recording.trials), recording.sampling_rate
+    columns = {name: values.reshape(trials, -1).T for name, values in signals.items()}
+    write_simulation(file, columns, rate)
     key = re.sub(r"\W", "-", name)
     say(
-        f"wrote {file}: angle, torque, target and the true stiffness, {count} trials of "
-        f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; to "
-        "analyse it, put this into study.toml:\n"
-        f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = '
-        f'"torque"\nsampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
+        f"wrote {file}: angle, torque, target and the true stiffness, {trials} trials of "
+        f"{recording.duration / trials:g} s at {rate:g} Hz, a column each; to analyse it, put this "
+        f'into study.toml:\n\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\n'
+        f'angle = "angle"\ntorque = "torque"\nsampling_rate = {rate:g}\ncolumns = "trials"\n'
     )

@@ -236,6 +236,13 @@ def one_pathway(found: Comparison) -> list[str]:
     ]
 
 
+def with_reflex(account: Account) -> list[str]:
+    """Return the labels of other methods whose stiffness includes a reflex that was found."""
+    found = account.found
+    is_reflex = reflex_found(account) or "reflex_gain" in found.models[found.leading].estimates
+    return [label for label in one_pathway(found) if label != found.leading] if is_reflex else []
+
+
 def reflex_found(account: Account) -> str:
     """Return the finding of a reflex in words; empty if there is none."""
     checks = () if account.diagnosis is None else account.diagnosis.findings

@@ -27,13 +27,12 @@ from tvsysid.report.answer import (
     Account,
     answer,
     further,
-    one_pathway,
     others,
-    reflex_found,
     reflex_shape,
     switches,
     taken,
     why_leading,
+    with_reflex,
 )
 from tvsysid.report.diagnosis import findings_table
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
@@ -160,15 +159,9 @@ def _differing(account: Account) -> list[str]:
 
     if not (means := others(account.found)):
         return []
-    blamed = [label for label in one_pathway(account.found) if label != account.found.leading]
+    blamed = with_reflex(account)
     who = "all" if len(blamed) == len(account.found.models) - 1 else ", ".join(blamed)
-    split = (
-        reflex_found(account)
-        or "reflex_gain" in account.found.models[account.found.leading].estimates
-    )
-    told = (
-        f" ({who} have one pathway, which takes a reflex for stiffness)" if blamed and split else ""
-    )
+    told = f" ({who} have one pathway, which takes a reflex for stiffness)" if blamed else ""
     text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
     return [Markup(text).format(means, told)]
 

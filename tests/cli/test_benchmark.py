@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.cli.conftest import rows_of
 
 
 @pytest.mark.slow
@@ -111,11 +112,10 @@ def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
         "--trials 1 --method birf --method cascade --workers 1"
     )
     assert code == 0
-    (birf,), (cascade,) = (
-        [line for line in out.splitlines() if f" {name} " in line][:1]
-        for name in ("birf", "cascade")
+    birf, cascade = (
+        next(row for row in rows_of(out) if row[0] == name) for name in ("birf", "cascade")
     )
-    assert birf.count(" -") == cascade.count(" -") + 2  # neither gain nor torque of a reflex
+    assert birf.count("-") == cascade.count("-") + 2  # neither gain nor torque of a reflex
     table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "claims.csv")
     assert table.claim.str.contains("take a reflex for stiffness").any()
 

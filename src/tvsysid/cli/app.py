@@ -9,13 +9,24 @@ from io import TextIOWrapper
 
 from cyclopts import App, CycloptsError, Parameter, default_name_transform
 
+from tvsysid.cli.benchmark import benchmark
+from tvsysid.cli.check_method import check_method
 from tvsysid.cli.console import errors, output
+from tvsysid.cli.experiment import experiment
+from tvsysid.cli.explore import explore
+from tvsysid.cli.identify import identify
+from tvsysid.cli.inspect import inspect
+from tvsysid.cli.leaderboard import leaderboard
+from tvsysid.cli.methods import methods
+from tvsysid.cli.plan import plan
+from tvsysid.cli.report import report
+from tvsysid.cli.simulate import simulate
 from tvsysid.errors import InputError, one_line
 from tvsysid.recordings.reading import OPTION_NAMES
 
 COMMANDS = (
-    *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
-    *("methods", "check-method", "simulate", "plan"),
+    *(benchmark, leaderboard, experiment, report, identify, explore, inspect),
+    *(methods, check_method, simulate, plan),
 )
 INTERRUPTED = "interrupted; the files that were written are complete"
 NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
@@ -59,8 +70,7 @@ app = App(
     result_action="return_value",
 )
 for command in COMMANDS:
-    name = command.replace("-", "_")
-    app.command(f"tvsysid.cli.{name}:{name}", name=command)  # imported when it is needed
+    app.command(command)
 
 
 def main() -> None:

@@ -367,7 +367,7 @@ def finder(angle: Array, torque: Array, wave: Array) -> Array:
     ]
     if len(positions) != 2:
         return np.full(times, np.nan)
-    early, late = (axis.seen(each) for each in positions)
+    early, late = (axis.steps(each, recorded=True) for each in positions)
     mixed = (weight @ early)[:, None] - weight @ late
     cross = (weight * seen @ early)[:, None] - weight * seen @ late
     square = (weight @ early**2)[:, None] + weight @ late**2 - 2 * (early.T * weight) @ late

@@ -110,9 +110,9 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
         r"recommended \(adaptive\): stiffness ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first
     )
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
-    assert switch.startswith("  it switches by +")
+    assert switch.startswith("  switch at ")
     assert float(re.search(r"at ([\d.]+) s", other)[1]) == pytest.approx(1.5, abs=0.02)
-    assert between.startswith("  it is constant between switches")
+    assert between.startswith("  smooth change between switches")
     names = [row[0] for row in rows_of("\n".join(table)) if row[0] in DEFAULT_METHODS]
     assert names == list(DEFAULT_METHODS)
     frame = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")

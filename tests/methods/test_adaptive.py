@@ -14,20 +14,8 @@ from tests import independent
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.adaptive import (
-    averaging,
-    evidence,
-    harmonics,
-    mixture,
-    moments,
-    noise,
-    placing,
-    prior,
-    search,
-    tables,
-)
-from tvsysid.methods.adaptive.model import MixtureError, Smoothness, Switch
-from tvsysid.methods.adaptive.words import changes
+from tvsysid.methods.adaptive import evidence, posterior, prior, regression, search
+from tvsysid.methods.adaptive.model import MixtureError, Smoothness, Switch, changes, switches_of
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()
@@ -40,109 +28,87 @@ def _doubts_are_not_the_point():
         yield
 
 
-def line_of(random, periodic, times=40, switches=(12.3, 27.8), **axis):
-    axis = prior.Axis(times, periodic, **axis)
+def estimate_of(random, periodic, times=40, switches=(12.3, 27.8)):
+    axis = prior.Axis(times, periodic)
     factor = 0.1 * np.eye(times) + 0.03 * np.tri(times, k=1)
-    covariance = factor @ factor.T
-    value = 5 + axis.seen(np.array(switches)) @ [2.0, -3.0] + factor @ random.normal(size=times)
-    return evidence.Line.of(axis, value, covariance, 5.0), covariance / 25
+    steps = axis.steps(np.array(switches), recorded=True)
+    values = 5 + steps @ [2.0, -3.0] + factor @ random.normal(size=times)
+    covariance = factor @ factor.T / 25
+    return evidence.FreeEstimate(axis, values / 5, np.linalg.inv(covariance), 5.0), covariance
 
 
-def dense(line, covariance, roughness, positions, sizes):
-    """Return the gain in log evidence over noise alone, and posterior mean and covariance.
+def placed_at(positions, log_volume=0.0):
+    return search.Placed(np.array(positions), 0.0, (), (), log_volume)
+
+
+def log_evidence_and_mean(estimate, covariance, smooth_prior, positions, switch_prior):
+    """Return the gain in log evidence over noise alone, posterior mean and standard deviation.
 
     No small matrix is used.
     """
-    axis, count = line.axis, len(positions)
-    smooth = axis.features() * roughness.weights @ axis.features().T
-    sharp, seen = axis.steps(positions), axis.seen(positions)
-    balance = np.eye(count) - sizes.balanced * np.full((count, count), 1 / max(count, 1))
-    spread = sizes.spread**2 * balance
+    axis, count = estimate.axis, len(positions)
+    smooth = axis.features() * smooth_prior.variances @ axis.features().T
+    sharp, seen = axis.steps(positions), axis.steps(positions, recorded=True)
+    balance = np.eye(count) - switch_prior.balanced * np.full((count, count), 1 / max(count, 1))
+    spread = switch_prior.size**2 * balance
     total = covariance + smooth + seen @ spread @ seen.T
-    log = [stats.multivariate_normal.logpdf(line.seen, cov=each) for each in (total, covariance)]
+    log = [
+        stats.multivariate_normal.logpdf(estimate.values, cov=each) for each in (total, covariance)
+    ]
     gain = (smooth + sharp @ spread @ seen.T) @ np.linalg.inv(total)
-    own = smooth + sharp @ spread @ sharp.T
-    return log[0] - log[1], gain @ line.seen, own - gain @ (smooth + seen @ spread @ sharp.T)
-
-
-def some(axis, *indices):
-    every = prior.roughnesses(axis)
-    return [every[index] for index in indices]
+    own = smooth + sharp @ spread @ sharp.T - gain @ (smooth + seen @ spread @ sharp.T)
+    return log[0] - log[1], gain @ estimate.values, np.sqrt(np.diag(own))
 
 
 @pytest.mark.parametrize("periodic", [True, False])
-@pytest.mark.parametrize("balanced", [True, False])
-def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, periodic, balanced):
-    line, covariance = line_of(random, periodic)
-    for roughness in some(line.axis, 0, 3, -1):
+def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, periodic):
+    estimate, covariance = estimate_of(random, periodic)
+    log_positions, priors = np.log(40), prior.switch_priors(periodic)
+    for each in [prior.smooth_priors(estimate.axis)[index] for index in (0, 3, -1)]:
         # A constant of less variance: with the usual one, rounding tells in the dense matrices.
-        narrow = roughness._replace(weights=np.r_[4.0, roughness.weights[1:]])
-        smooth = evidence.Smooth(line, narrow)
-        for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
-            placed = placing.Placed(
-                np.array(positions), line.columns(np.array(positions)), (), (), 0.0
+        narrow = each._replace(variances=np.r_[4.0, each.variances[1:]])
+        sets = [placed_at([]), placed_at([12.3, 27.8], -1.0), placed_at([5.0, 12.25, 30.5])]
+        found = posterior.weighed([evidence.SmoothFit(estimate, narrow)], sets)
+        assert len(found) == 1 + 2 * len(priors)
+        for candidate in found:
+            positions = candidate.placed.positions
+            expected = log_evidence_and_mean(
+                estimate, covariance, narrow, positions, candidate.prior
             )
-            sizes = evidence.Sizes(0.2, balanced) if positions else None
-            expected = dense(
-                line, covariance, narrow, np.array(positions), sizes or evidence.Sizes(0.2, False)
-            )
-            products = smooth.products(placed.columns)
-            found = smooth.evidence
-            if sizes:
-                found += evidence.jumps(products.between(products), products.cross, sizes).evidence
-            assert found == pytest.approx(expected[0], abs=1e-5)
-            path = mixture.path(mixture.Candidate(smooth, 0.0, placed, sizes))
-            np.testing.assert_allclose(path.mean, expected[1], atol=1e-6)
-            np.testing.assert_allclose(path.factor @ path.factor.T, expected[2], atol=1e-6)
+            log_prior = narrow.log_prior + candidate.placed.log_volume
+            log_prior -= len(positions) * log_positions + bool(len(positions)) * np.log(len(priors))
+            assert candidate.evidence == pytest.approx(expected[0] + log_prior, abs=1e-5)
+            over_time = candidate.over_time(positions[None])
+            np.testing.assert_allclose(over_time.means[:, 0], expected[1], atol=1e-6)
+            np.testing.assert_allclose(np.sqrt(over_time.variances[:, 0]), expected[2], atol=1e-6)
 
 
-@pytest.mark.parametrize("balanced", [True, False])
-def test_one_switch_more_is_worth_what_all_together_are(random, balanced):
-    line, _ = line_of(random, periodic=True)
-    smooth = evidence.Smooth(line, some(line.axis, 2)[0])
-    sizes = evidence.Sizes(0.8, balanced)
-    others, many = (
-        smooth.products(line.columns(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5, 27.8])
+def test_one_switch_more_is_worth_what_all_together_are(random):
+    estimate, _ = estimate_of(random, periodic=True)
+    smooth = evidence.SmoothFit(estimate, prior.smooth_priors(estimate.axis)[2])
+    others, further = (
+        smooth.beside(estimate.steps(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5])
     )
-    mixed = many.between(others)
-    gram, power = others.between(others), many.diagonal()
-    found = evidence.one_more(
-        many, gram, others.cross, mixed, power, balanced, (0.05, sizes.spread)
-    )
-    for index, value in enumerate(found[1]):
-        every = placing.together([others, many.take(np.array([index]))])
-        assert value == pytest.approx(
-            evidence.jumps(every.between(every), every.cross, sizes).evidence, abs=1e-8
-        )
-
-
-def test_candidates_are_worth_what_each_is_alone(random):
-    line, _ = line_of(random, periodic=True)
-    smooths = tuple(evidence.Smooth(line, each) for each in some(line.axis, 0, 4))
-    placed = placing.Placed(
-        np.array([12.3, 27.8]), line.columns(np.array([12.3, 27.8])), (), (), -1.0
-    )
-    for each in averaging.candidates(smooths, [placed]):
-        products = each.smooth.products(placed.columns)
-        alone = evidence.jumps(products.between(products), products.cross, each.sizes).evidence
-        log_prior = -1.0 - 2 * np.log(40) - np.log(6)
-        assert each.evidence == pytest.approx(each.smooth.score + alone + log_prior, abs=1e-9)
+    found = others.log_evidence_with(further, balanced=True)
+    for index in range(2):
+        every = evidence.Steps.joined([others, further.take(slice(index, index + 1))])
+        np.testing.assert_allclose(found[:, index], every.log_evidence(periodic=True), atol=1e-8)
 
 
 def test_a_smooth_part_has_its_variance_and_its_correlation():
     for axis in (prior.Axis(200, periodic=True), prior.Axis(100, periodic=False)):
-        for roughness in prior.roughnesses(axis)[1:]:
-            covariance = axis.features()[:, 1:] * roughness.weights[1:] @ axis.features()[:, 1:].T
-            np.testing.assert_allclose(np.diag(covariance), roughness.amplitude**2)
-            if roughness.length > 25:  # what is longer knows of the period
+        for part in prior.smooth_priors(axis)[1:]:
+            covariance = axis.features()[:, 1:] * part.variances[1:] @ axis.features()[:, 1:].T
+            np.testing.assert_allclose(np.diag(covariance), part.amplitude**2)
+            if part.length > 25:  # longer parts are changed by the period
                 continue
-            late = np.arange(30) / roughness.length
-            if roughness.kind == "smooth":
+            late = np.arange(30) / part.length
+            if part.kind == "smooth":
                 expected = np.exp(-(late**2) / 2)
             else:
                 expected = (1 + np.sqrt(3) * late) * np.exp(-np.sqrt(3) * late)
             # Less the constant, which a smooth part does not have.
-            ratio = covariance[0, :30] / roughness.amplitude**2
+            ratio = covariance[0, :30] / part.amplitude**2
             assert np.abs(ratio - expected + (expected - ratio).mean()).max() < 0.12
 
 
@@ -152,8 +118,8 @@ def test_steps_are_seen_as_the_decimation_smears_them():
         recording = tv.Recording(np.sin(time), (time >= 1.0037).astype(float), 1000.0)
         torque = tv.preprocess.decimate(recording, rate).torque
         axis = prior.Axis(len(torque), periodic=False, taps=taps)
-        seen = axis.seen(np.array([1.0035 * rate]))[:, 0]  # between the samples before and after
-        np.testing.assert_allclose(seen, torque, atol=0.012)
+        between = axis.steps(np.array([1.0035 * rate]), recorded=True)[:, 0]
+        np.testing.assert_allclose(between, torque, atol=0.012)
 
 
 def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_each_time():
@@ -165,32 +131,31 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
         [np.concatenate([np.diag(row) for row in u]), v.reshape(-1, 1), a.reshape(-1, 1)], axis=1
     )
     expected = np.linalg.lstsq(design, y.ravel(), rcond=None)[0]
-    signals = moments.Derived.of(ensemble)
-    ratio, none = signals.scale[1] / signals.scale[0], np.zeros((3, 200))
-    left = (y.ravel() - design @ expected).reshape(y.shape)
+    signals = regression.Signals.of_second_order(ensemble)
+    ratio, times = signals.scale[1] / signals.scale[0], np.ones(200)
+    coefficients = np.vstack([expected[:-2], expected[-2] * times, expected[-1] * times])
+    residual = signals.residual(coefficients / ratio)
     np.testing.assert_allclose(
-        noise.residual_products(
-            signals, np.vstack([expected[:-2, None].T, none[1:] + expected[-2:, None]]) / ratio, 0
-        ),
-        left.T @ left / signals.scale[1] ** 2,
-        atol=1e-6,
+        residual.ravel() * signals.scale[1], y.ravel() - design @ expected, atol=1e-6
     )
+    signals = attrs.evolve(signals, reflex=1)  # so that the whole band counts
     for weights in (np.eye(200), np.linalg.inv(toeplitz(0.9 ** np.arange(200)))):
         stacked = design.reshape(len(u), 200, -1)
         solution = np.linalg.solve(
             np.einsum("rti,ts,rsj->ij", stacked, weights, stacked, optimize=True),
             np.einsum("rti,ts,rs->i", stacked, weights, y, optimize=True),
         )
-        found = moments.normal(signals, (weights, weights), none, none[0])
-        solved = np.linalg.solve(found.angle, found.right[0].T)
-        power = np.diag(found.steady)
-        steady = moments.constants(
-            found.steady - found.low @ solved, power, signals.holds, signals.positive
+        weighted = regression.Weighted.by(signals, np.linalg.cholesky(weights).T, residual)
+        free = regression.FreeCoefficient.of(0, weighted, weighted)
+        steady = regression.fit_constants(
+            weighted.constants - weighted.low[0] @ free.solved,
+            np.diag(weighted.constants),
+            signals.prior_precision,
+            signals.positive,
         )
-        np.testing.assert_allclose(steady.values * ratio, solution[-2:], rtol=1e-8)
-        np.testing.assert_allclose(
-            (solved[:, -1] - solved[:, :-1] @ steady.values) * ratio, solution[:-2], rtol=1e-8
-        )
+        stiffness = free.values(steady.values, np.zeros(200))
+        found = np.append(stiffness, steady.values) * ratio
+        np.testing.assert_allclose(found, solution, rtol=1e-8)
     # In the low band, inertia is not folded acceleration.
     assert abs(METHOD.identify(ensemble).inertia[100] - 0.02) < abs(expected[-1] - 0.02)
 
@@ -200,7 +165,7 @@ def test_noise_is_whitened_whatever_its_colour_and_where_it_is_louder(random):
     made = random.normal(size=(400, 140)), np.cumsum(random.normal(size=(400, 140)), axis=1)
     for values in (made[0], made[0][:, 1:] + 0.8 * made[0][:, :-1], made[1]):
         left = values[:, -120:] * louder
-        white = noise.whitened(left.T @ left / 400, 400, 100.0, periodic=False)
+        white = regression.whitening_filters(left.T @ left / 400, 400, 100.0, periodic=False)
         after = left @ white.T
         spread = after.std(axis=0)
         assert np.abs(spread[[*range(15, 55), *range(70, 115)]] - 1).max() < 0.15
@@ -223,7 +188,7 @@ def test_slow_noise_counts_less_and_bands_hold(colour, most):
 
 def test_bands_are_quantiles_of_the_mixture():
     weights, means = np.array([[0.7, 0.3]]), np.array([[50.0, 150.0]])
-    mixed = mixture.Mixture(weights, means, np.array([[1.0, 4.0]]))
+    mixed = posterior.Mixture(weights, means, np.array([[1.0, 4.0]]))
     for freedom in (np.inf, 6.0):
         error = MixtureError(np.sqrt(mixed.variance()), np.array(min(freedom, 1e9)), mixture=mixed)
         estimate = tv.Estimate(mixed.mean(), "N m/rad", error=error)
@@ -239,14 +204,14 @@ def test_bands_are_quantiles_of_the_mixture():
     one = MixtureError(
         np.array([2.0]),
         np.array(8.0),
-        mixture=mixture.Mixture(*np.array([[[1.0]], [[100.0]], [[4.0]]])),
+        mixture=posterior.Mixture(*np.array([[[1.0]], [[100.0]], [[4.0]]])),
     )
     plain = tv.Estimate([100.0], "N m/rad", error=tv.StandardError([2.0], 8.0)).band()
     np.testing.assert_allclose(tv.Estimate([100.0], "N m/rad", error=one).band(), plain, rtol=2e-4)
 
 
 def test_a_band_holds_its_estimate_where_an_outlying_part_moves_it():
-    mixed = mixture.Mixture(
+    mixed = posterior.Mixture(
         np.array([[0.98, 0.02]]), np.array([[50.0, 150.0]]), np.full((1, 2), 0.01)
     )
     error = MixtureError(np.sqrt(mixed.variance()), np.array(1e9), mixture=mixed)
@@ -285,31 +250,23 @@ def test_a_model_shows_its_tables_and_a_figure():
     assert "100 %" in axes[0].texts[0].get_text()
 
 
-def test_what_it_says_is_as_sure_as_it_is():
+def test_changes_are_described_with_their_probabilities():
     switches = [
         Switch("stiffness", 0.5, 0.4, 0.6, 100.0, 1.0, 1.0),
         Switch("stiffness", 1, 0.9, 1.1, -8, 2, 0.33),
+        Switch("stiffness", 1.5, 0.9, 1.6, 8, 2, 0.7),
     ]
-    none, smooth = (Smoothness("stiffness", kind, 2.0, 0.1, 0.9) for kind in ("none", "smooth"))
-    both = SimpleNamespace(switches=switches, smoothness=[none], beside=None)
-    assert changes(both) == [
-        "it switches by +100.0 ± 2.0 N·m/rad at 0.500 s",
-        "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 "
-        "%)",
-        "it is constant between switches (probability 90 %)",
+    none = Smoothness("stiffness", "none", 2.0, 0.1, 0.9)
+    model = SimpleNamespace(switches=switches, smoothness=[none], beside=True)
+    assert changes(model) == [
+        "switch at 0.500 s: +100.0 ± 2.0 N·m/rad",
+        "possible switch at 1.000 s: -8.0 ± 3.9 N·m/rad, probability 33 %",
+        "probable switch at 1.500 s: +8.0 ± 3.9 N·m/rad, probability 70 %",
+        "smooth change between switches: probability 10 %",
+        "the torque of a stretch reflex is separated",
     ]
-    probable = SimpleNamespace(
-        switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True
-    )
-    assert changes(probable) == [
-        "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
-        "it changes smoothly between switches",
-        "a stretch reflex is shown, and taken out of it",
-    ]
-    open_one = SimpleNamespace(
-        switches=[], smoothness=[smooth, none._replace(probability=0.4)], beside=None
-    )
-    assert changes(open_one) == ["whether it changes smoothly is open (probability 60 %)"]
+    smooth = SimpleNamespace(switches=[], smoothness=[], beside=None)
+    assert changes(smooth) == ["smooth change: probability 100 %"]
 
 
 def test_what_does_not_change_is_constant_and_what_is_smooth_has_no_switch():
@@ -390,7 +347,7 @@ def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, mo
         )
         anew = method.identify(kept)
         with monkeypatch.context() as patch:
-            patch.setattr(averaging, "found_sets", None)
+            patch.setattr(posterior, "propose_switches", None)
             found = method.refit(kept, whole)
         vafs = [
             tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean()
@@ -493,101 +450,69 @@ def test_what_it_cannot_serve_it_says():
 
 @pytest.mark.slow
 def test_the_search_finds_the_best_of_all_pairs(random):
-    line, _ = line_of(random, periodic=True, times=40)
-    smooths = tuple(evidence.Smooth(line, each) for each in prior.roughnesses(line.axis))
-    grid = search.Grid(line)
-    found = search.found_sets(grid, smooths, search.first_states(smooths, grid))[0]
-    sizes = evidence.every_sizes(True)
-    best = -np.inf
-    products = smooths[0].products(grid.fine)
-    gram = products.between(products)
-    for first in range(0, len(gram), 2):
-        for second in range(first + 2, len(gram), 2):
-            at = np.array([first, second])
-            best = max(
-                best,
-                *(
-                    evidence.jumps(gram[np.ix_(at, at)], products.cross[at], each).evidence
-                    for each in sizes
-                ),
-            )
-    own = found.smooth.products(line.columns(found.positions))
-    score = (
-        max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes)
-        + found.smooth.score
-    )
-    assert (
-        score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
-    )
+    estimate, _ = estimate_of(random, periodic=True)
+    smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
+    grid = search.Grid(estimate)
+    proposals = search.first_proposals(smooths, grid)
+    positions, smooth = search.propose_switches(smooths, grid, proposals)[0]
+    found = search.score_of(smooth.beside(estimate.steps(np.array(positions))), smooth)
+    steps = smooths[0].beside(grid.steps)
+    for first in range(0, len(grid.steps.positions) - 2, 2):
+        own, others = steps.take(slice(first, first + 1)), steps.take(slice(first + 2, None, 2))
+        pairs = smooths[0].score + own.log_evidence_with(others, balanced=True).max()
+        assert found >= pairs - 2 * np.log(40) - 1e-9
 
 
 @pytest.mark.slow
 def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
     axis, edges = prior.Axis(200, periodic=True), np.array([21.3, 57.7, 98.1, 133.4, 171.3])
-    stairs = 1.0 + axis.seen(edges) @ [0.2, 0.2, 0.2, 0.2, -0.8]
+    stairs = 1.0 + axis.steps(edges, recorded=True) @ [0.2, 0.2, 0.2, 0.2, -0.8]
     for seed in range(2, 5):
-        seen = stairs + 0.1 * np.random.default_rng(seed).normal(size=200)
-        line = evidence.Line.of(axis, seen, 0.1**2 * np.eye(200), 1.0)
-        smooths = tuple(evidence.Smooth(line, each) for each in prior.roughnesses(axis)[::8])
-        grid = search.Grid(line)
-        sets = search.found_sets(grid, smooths, search.first_states(smooths, grid))
-        windows = placing.Windows(line)
-        true = max(
-            placing.total(placing.refined(placing.Found(edges, each), windows), each)
-            for each in smooths
-        )
-        best = max(placing.total(placing.refined(each, windows), each.smooth) for each in sets)
+        values = stairs + 0.1 * np.random.default_rng(seed).normal(size=200)
+        estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1**2, 1.0)
+        smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
+        grid, windows = search.Grid(estimate), search.Windows(estimate)
+        sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
+        true = max(search.refine_positions(edges, each, windows).total for each in smooths)
+        best = max(search.refine_positions(*each, windows).total for each in sets)
         assert best > true - 0.5
 
 
 def test_sums_of_few_harmonics_are_found_beside_switches(random):
-    line, _ = line_of(random, periodic=True, times=80)
+    estimate, _ = estimate_of(random, periodic=True, times=80)
     turns = 2 * np.pi * np.arange(80) / 80
-    line = attrs.evolve(line, seen=line.seen + 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns))
-    sums = harmonics.few_harmonics(line, line.columns(np.array([12.3, 27.8])))
-    assert list(np.flatnonzero(sums[1].weights)) == [0, 2, 5]  # constant, first sine, third cosine
-    assert sums[1].length == pytest.approx(80 / 3)
-    best = averaging.averaged(line).candidates[0]
+    waves = 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns)
+    estimate = attrs.evolve(estimate, values=estimate.values + waves)
+    steps = estimate.steps(np.array([12.3, 27.8]))
+    second = list(evidence.few_harmonics(estimate, steps))[1]
+    assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
+    assert second.length == pytest.approx(80 / 3)
+    best = posterior.average(estimate).candidates[0]
     np.testing.assert_allclose(best.placed.positions, [12.3, 27.8], atol=0.3)
-    assert best.smooth.roughness.kind == "few harmonics"
+    assert best.smooth.prior.kind == "few harmonics"
 
 
 def test_two_switches_that_are_close_are_both_listed(random):
-    line, _ = line_of(random, periodic=False, switches=(20.3, 22.6))
-    rows = list(tables.switches("stiffness", averaging.averaged(line), 1.0, 0, 1.0))
-    assert [row.time for row in rows if row.probability > 0.5] == pytest.approx(
-        [20.3, 22.6], abs=0.4
-    )
+    estimate, _ = estimate_of(random, periodic=False, switches=(20.3, 22.6))
+    rows = switches_of("stiffness", posterior.average(estimate), 1.0, 0, 1.0)
+    times = [row.time for row in rows if row.probability > 0.5]
+    assert times == pytest.approx([20.3, 22.6], abs=0.4)
 
 
 def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
-    monkeypatch.setattr(averaging, "roughnesses", lambda axis: tuple(some(axis, 0)))
-    line, _ = line_of(random, periodic=False)
+    monkeypatch.setattr(posterior, "smooth_priors", lambda axis: prior.smooth_priors(axis)[:1])
+    estimate, _ = estimate_of(random, periodic=False)
     for scale, count in ((1.0, 1), (20.0, 2)):
-        each = evidence.Line.of(
-            line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0
-        )
-        found = averaging.averaged(each)
-        axes = {candidate.smooth.line.axis for candidate in found.candidates}
-        assert (line.axis in axes, len(axes)) == (True, count)
-    (other,) = axes - {line.axis}
-    every = averaging._found(each)
-    likely = [one.smooth.roughness for one in averaging._weighed(each, every).candidates]
-    beside = averaging._found(attrs.evolve(each, axis=other), parts=likely)
-    expected = [one.evidence for one in every]
-    expected += [one.evidence - np.log(len(averaging.JITTERS) + 1) for one in beside]
-    np.testing.assert_allclose(
-        [one.evidence for one in found.every], sorted(expected, reverse=True)
-    )
+        unsure = attrs.evolve(estimate, precision=estimate.precision / scale)
+        axes = {each.axis for each in posterior.average(unsure).hypotheses}
+        assert (estimate.axis in axes, len(axes)) == (True, count)
 
 
 @pytest.mark.slow
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
-    line, _ = line_of(random, periodic=True)
-    found = averaging.averaged(line)
-    other, _ = line_of(random, periodic=True)
-    beside = averaging.averaged_beside(other, found)
-    own = averaging.tied(found.candidates[0].placed, other)
-    alone = max(each.evidence for each in averaging._found(other))
-    assert beside.candidates[0].placed.positions == pytest.approx(own.positions)
-    assert beside.candidates[0].evidence > alone + 1  # nothing was spent on looking for where
+    found, other = (posterior.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
+    beside = posterior.average_beside(other, found)
+    tied = found.candidates[0].placed.positions
+    assert beside.candidates[0].placed.positions == pytest.approx(tied)
+    alone = max(each.evidence for each in posterior.plausible(other))
+    assert beside.candidates[0].evidence > alone + 1  # no position had to be found

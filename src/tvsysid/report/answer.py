@@ -11,8 +11,7 @@ import numpy as np
 
 from tvsysid.comparison import Comparison
 from tvsysid.figures.words import unit_name
-from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
-from tvsysid.methods.adaptive.words import changes
+from tvsysid.methods.adaptive.model import AdaptiveModel, Switch, changes
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis

@@ -6,65 +6,54 @@ The method finds by evidence how smooth a joint's impedance is, and where it swi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import attrs
 import numpy as np
-from scipy.ndimage import convolve1d
 
 from tvsysid.methods import base, shared
-from tvsysid.methods.adaptive import tables
-from tvsysid.methods.adaptive.averaging import (
-    Averaged,
-    Hypotheses,
-    Outcome,
-    averaged,
-    averaged_beside,
+from tvsysid.methods.adaptive.evidence import FreeEstimate, inverse_of
+from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, smoothness_of, switches_of
+from tvsysid.methods.adaptive.posterior import (
+    Candidate,
+    Hypothesis,
+    Mixture,
+    Posterior,
+    average,
+    average_beside,
 )
-from tvsysid.methods.adaptive.evidence import Line, inverse_of
-from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
-from tvsysid.methods.adaptive.moments import (
-    LOW_BAND,
+from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
+from tvsysid.methods.adaptive.regression import (
     MIN_REALIZATIONS,
-    SHORTEST,
+    MIN_SAMPLES,
     A,
     Constants,
-    Derived,
-    Normal,
+    FreeCoefficient,
     Signals,
     U,
     V,
-    constants,
+    Weighted,
+    fit_constants,
     floored,
-    gram_of,
-    normal,
+    misfit_correlation,
+    misfit_variances,
+    pooling_reach,
+    products_at_times,
+    whitening_filters,
     without_angle,
 )
-from tvsysid.methods.adaptive.noise import (
-    EXACT,
-    FLOOR,
-    Misfit,
-    alike,
-    misfit,
-    reach_of,
-    residual_products,
-    whitened,
-)
-from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
-from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
 from tvsysid.models import Diagnostics, Model, StandardError
 from tvsysid.signals import Array, Ensemble
 
-LONGEST = 3000  # samples of a realization at most
-ROUNDS = 2  # of stiffness beside a viscosity that changes
-# variance of the scores of velocity, over that of noise, above which the noise is not whitened
-MISFIT = 1.5
-UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
+MAX_SAMPLES = 3000  # of a realization
+MAX_ROUNDS = 2  # of stiffness beside a viscosity that changes
+WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
+MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
+MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
+UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
 
 
 @attrs.frozen
@@ -180,25 +169,22 @@ class AdaptiveRegression(base.Method):
                 f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr "
                 "does with one"
             )
-        if known < SHORTEST:
+        if known < MIN_SAMPLES:
             return (
-                f"it needs realizations of at least {SHORTEST} samples with derivatives, got "
-                f"{max(known, 0)} "
-                f"of {ensemble.samples} with {ensemble.context} of context; give longer ones, cut "
-                "with more context"
+                f"it needs realizations of at least {MIN_SAMPLES} samples with derivatives, got "
+                f"{max(known, 0)} of {ensemble.samples} with {ensemble.context} of context; give "
+                "longer ones, cut with more context"
             )
-        if ensemble.samples > LONGEST:
+        if ensemble.samples > MAX_SAMPLES:
             return (
-                f"it needs realizations of at most {LONGEST} samples, got {ensemble.samples}; "
+                f"it needs realizations of at most {MAX_SAMPLES} samples, got {ensemble.samples}; "
                 "decimate them"
             )
         return None
 
     def fit(self, ensemble: Ensemble) -> AdaptiveModel:
         """Return the model of an ensemble."""
-        return Identification(
-            ensemble, with_reflex(ensemble, self.emg) or Derived.of(ensemble)
-        ).model(repr(self))
+        return Identification(ensemble, Signals.of(ensemble, self.emg)).model(repr(self))
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
@@ -207,243 +193,219 @@ class AdaptiveRegression(base.Method):
         """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        reflex = None if model.beside is None else with_reflex(ensemble, self.emg, model.beside)
-        found = Identification(ensemble, reflex or Derived.of(ensemble), model.hypotheses)
+        if model.beside is None:
+            signals = Signals.of_second_order(ensemble)
+        else:
+            signals = Signals.of(ensemble, self.emg, model.beside)
+        found = Identification(ensemble, signals)
+        known = [each.axis[:2] for some in model.hypotheses.values() for each in some]
+        if all(axis == found.axis[:2] for axis in known):
+            found.known.update(model.hypotheses)
         return found.model(repr(self))
 
 
 class Stiffness(NamedTuple):
-    """Estimate of stiffness (time,), its uncertainty, and the constants beside it.
+    """Posterior of stiffness, the constants beside it, and the products that they come from."""
 
-    All count in units of the scaled signals. ``known`` (time,) is the viscosity that was taken as
-    known, 0 if it was one of the constants.
-    """
-
-    averaged: Averaged
-    values: Array
-    variance: Array
+    posterior: Posterior
     constants: Constants
-    misfit: Misfit
-    normal: tuple[Normal, Normal]
-    known: Array
+    misfit: Array
+    weighted: Weighted
+    sandwich: Weighted
 
 
 class Identification:
-    """An ensemble, reduced to its moments at each time.
+    """Identification of an ensemble.
 
-    If ``known`` hypotheses are given, no others are searched for.
+    ``coefficients`` (regressor, time) are the latest ones. If there are ``known`` hypotheses of a
+    quantity, no others are searched for.
     """
 
-    def __init__(
-        self,
-        ensemble: Ensemble,
-        signals: Signals,
-        known: Mapping[str, Hypotheses] = MappingProxyType({}),
-    ) -> None:
+    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
         self.ensemble, self.signals = ensemble, signals
-        self.gram = gram = gram_of(signals)
-        self.independent = signals.realizations[1]
-        self.coloured = True
-        followed = 1 - len(ensemble.runs) / len(ensemble)
-        periodic = followed >= 0.5 and not any(signals.edges)
+        self.known: dict[str, Sequence[Hypothesis]] = {}
+        self.whitens = True
+        self.products = products_at_times(signals.columns)
+        realizations, times = signals.columns.shape[1:]
         recorded = ensemble.recorded_angle
-        taps = USUAL_TAPS if recorded is None else DECIMATOR / recorded.shape[-1]
-        self.axis = Axis(len(self.gram), periodic, taps, realizations=signals.realizations[0])
-        first = constants(
-            without_angle(gram).sum(axis=0)[:-1],
-            np.diag(gram.sum(axis=0))[1:-1],
-            signals.holds,
+        self.axis = Axis(
+            times,
+            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
+            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
+            realizations=realizations,
+        )
+        constants = fit_constants(
+            without_angle(self.products).sum(axis=0)[:-1],
+            np.einsum("tii->i", self.products)[1:-1],
+            signals.prior_precision,
             signals.positive,
         ).values
-        seen = (gram[:, U, -1] - gram[:, U, 1:-1] @ first) / floored(gram[:, U, U])
-        self.coefficients = np.vstack([seen, np.repeat(first[:, None], self.axis.times, axis=1)])
-        alike = all(each.axis[:2] == self.axis[:2] for some in known.values() for each in some)
-        self.known = known if alike else {}
+        free = self.products[:, U, -1] - self.products[:, U, 1:-1] @ constants
+        self._update(free / floored(self.products[:, U, U]), constants)
 
-    def stiffness(self, viscosity: Array, variance: Array) -> Stiffness:
-        """Estimate stiffness beside a viscosity (time,) that is known with a variance.
-
-        The viscosity is a constant to be estimated if both are 0.
-        """
-        times, rate, signals = self.axis.times, self.signals.rate, self.signals
-        known = bool(variance.any())
-        if known:
-            self.coefficients[V] = 0.0
-        found, about, loud = self._normal(viscosity)
-        spread = inverse_of(found.angle)
-        solved = spread @ found.right[U].T
-        power, powers = (np.diag(each.steady) for each in (found, about))
-        holds = signals.holds / loud
-        holds[0] += known * UNSEEN**2 * power[0]
-        steady = constants(found.steady - found.low @ solved, power, holds, signals.positive)
-        stronger = np.sqrt(powers / np.maximum(power, np.finfo(float).tiny))
-        steady = steady._replace(covariance=steady.covariance * np.outer(stronger, stronger))
-        mixed = solved[:, :-1]
-        seen = solved[:, -1] - mixed @ steady.values
-        self.coefficients = np.vstack([seen, np.repeat(steady.values[:, None], times, axis=1)])
-        every = self.coefficients.copy()
-        every[V] += viscosity
-        beyond = misfit(self.gram, every, self.independent)
-        error = (spread if self.coloured else spread @ about.angle @ spread) * max(
-            found.excess[U], 1.0
-        )
-        error += mixed @ steady.covariance @ mixed.T
-        if known or beyond.viscosity or beyond.inertia:
-            same, moved = alike(times, rate), spread @ found.mixed
-            error += moved @ (beyond.viscosity * same + np.diag(variance)) @ moved.T
-            error += beyond.inertia * same * np.outer(mixed[:, 1], mixed[:, 1])
-        result = averaged(self._line(U, seen, error), self.known.get("stiffness", ()))
-        mean, own = result.mixture.mean(), result.mixture.variance()
-        return Stiffness(result, mean, own, steady, beyond, (found, about), viscosity)
-
-    def _normal(self, viscosity: Array) -> tuple[Normal, Normal, float]:
-        """Return two normal matrices and the mean variance of the noise.
-
-        The first gives the estimates. The inverse of the first around the second, a sandwich, gives
-        the covariance. Both are the same where the noise is whitened. It is not whitened where the
-        scores of velocity show that the residual is misfit, not noise, which whitening would
-        amplify.
-        """
-        signals, times = self.signals, self.axis.times
-        noise = residual_products(signals, self.coefficients, viscosity) / max(
-            self.independent - 1, 1
-        )
-        loud = float(np.mean(np.diag(noise))) + EXACT * float(self.gram[:, -1, -1].mean()) / len(
-            self.ensemble
-        )
-        noise.flat[:: times + 1] += FLOOR * loud
-        white = whitened(noise, self.independent, signals.rate, self.axis.periodic)
-
-        def weighed(factor: Array) -> Normal:
-            whole = low = factor.T @ factor
-            # A reflex's differences take up what decimation does to the acceleration.
-            if not isinstance(signals, WithReflex):
-                slow = convolve1d(factor, LOW_BAND, mode="constant")
-                low = slow.T @ slow
-            return normal(signals, (whole, low), self.coefficients, viscosity)
-
-        if self.coloured:
-            found = weighed(white)
-            self.coloured = found.excess[V] < MISFIT
-            if self.coloured:
-                return found, found, loud
-        return (
-            weighed(np.eye(times) / math.sqrt(loud)),
-            weighed(np.asarray(np.linalg.inv(white).T / loud, dtype=np.float64)),
-            loud,
-        )
-
-    def viscosity(self, beside: Stiffness) -> Averaged:
-        """Estimate viscosity beside a stiffness."""
-        (found, about), steady = beside.normal, beside.constants
-        spread = inverse_of(found.velocity)
-        solved, moved = spread @ found.right[V].T, spread @ found.mixed.T
-        mixed = solved[:, A - V : -1]
-        seen = beside.known + solved[:, -1] - moved @ beside.values - mixed @ steady.values[1:]
-        error = (spread if self.coloured else spread @ about.velocity @ spread) * max(
-            found.excess[V], 1.0
-        )
-        error += (moved * beside.variance) @ moved.T + mixed @ steady.covariance[1:, 1:] @ mixed.T
-        if beside.misfit.inertia:
-            error += (
-                beside.misfit.inertia
-                * alike(len(seen), self.signals.rate)
-                * np.outer(mixed[:, 0], mixed[:, 0])
-            )
-        line = self._line(V, seen, error)
-        return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
-
-    def _line(self, signal: int, seen: Array, error: Array) -> Line:
-        """Return the estimate of a signal's coefficient at each time, with its error.
-
-        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
-        move, the error is very large, however small the noise.
-        """
-        own = self.gram[:, signal, signal]
-        power = floored(own)
-        total = float(np.sum(seen * power) / np.sum(power))
-        least = 1e-6 * float(np.sqrt(np.mean(self.gram[:, -1, -1]) / np.mean(power)))
-        size, still = max(abs(total), least), own < power
-        return Line.of(
-            self.axis,
-            np.where(still, total, seen),
-            error + np.diag(still * (UNSEEN * size) ** 2),
-            size,
-        )
+    def _update(self, stiffness: Array, constants: Array) -> None:
+        over_time = np.repeat(constants[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([stiffness, over_time])
 
     def model(self, name: str) -> AdaptiveModel:
         """Identify the model.
 
         The last round searches for no switches other than those of the round before.
         """
-        stiffness = self.stiffness(*np.zeros((2, self.axis.times)))
+        stiffness = self.stiffness()
         viscosity = self.viscosity(stiffness)
-        for turn in range(ROUNDS):
-            if viscosity.probability(Outcome.constant) > 0.5:
+        for turn in range(MAX_ROUNDS):
+            if viscosity.probability(is_constant) > 0.5:
                 break
             if turn and not self.known:
-                self.known = {
-                    "stiffness": stiffness.averaged.hypotheses(),
-                    "viscosity": viscosity.hypotheses(),
-                }
-            stiffness = self.stiffness(viscosity.mixture.mean(), viscosity.mixture.variance())
+                self.known["stiffness"] = stiffness.posterior.hypotheses
+                self.known["viscosity"] = viscosity.hypotheses
+            stiffness = self.stiffness(viscosity.mixture)
             viscosity = self.viscosity(stiffness)
         return self._model(name, stiffness, viscosity)
 
-    def _model(self, name: str, stiffness: Stiffness, viscosity: Averaged) -> AdaptiveModel:
-        ensemble, edges = self.ensemble, self.signals.edges
-        unit = self.signals.scale[1] / self.signals.scale[0]
-        pooled = min(2 * reach_of(self.independent, self.signals.rate) + 1, self.axis.times)
-        freedom, many = (
-            max(1.0, (self.independent - 1) * each - 2) for each in (pooled, self.axis.times)
+    def stiffness(self, viscosity: Mixture | None = None) -> Stiffness:
+        """Estimate stiffness beside a viscosity, which is a constant if it is None."""
+        signals, rate = self.signals, self.ensemble.sampling_rate
+        over_time, variance = np.zeros((2, self.axis.times))
+        if viscosity is not None:
+            over_time, variance = viscosity.mean(), viscosity.variance()
+            self.coefficients[V] = over_time
+        weighted, sandwich, noise = self._weighted()
+        free = FreeCoefficient.of(U, weighted, sandwich)
+        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
+        precision = signals.prior_precision / noise
+        if viscosity is not None:
+            precision[0] += UNKNOWN**2 * power[0]
+        products = weighted.constants - weighted.low[U] @ free.solved
+        products[:, -1] -= (weighted.low[V] - weighted.low[U] @ free.moved) @ over_time
+        constants = fit_constants(products, power, precision, signals.positive)
+        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
+        covariance = constants.covariance * np.outer(stronger, stronger)
+        values = free.values(constants.values, over_time)
+        self._update(values, constants.values)
+        self.coefficients[V] += over_time
+        misfit = misfit_variances(self.products, self.coefficients, signals.independent)
+        changes = misfit[0] * misfit_correlation(self.axis.times, rate) + np.diag(variance)
+        error = free.error(covariance, changes, misfit[1], rate)
+        posterior = average(self._estimate(U, values, error), self.known.get("stiffness", ()))
+        constants = constants._replace(covariance=covariance)
+        return Stiffness(posterior, constants, misfit, weighted, sandwich)
+
+    def viscosity(self, beside: Stiffness) -> Posterior:
+        """Estimate viscosity beside a stiffness."""
+        free = FreeCoefficient.of(V, beside.weighted, beside.sandwich)
+        stiffness, constants = beside.posterior.mixture, beside.constants
+        error = free.error(
+            constants.covariance[1:, 1:],
+            np.diag(stiffness.variance()),
+            beside.misfit[1],
+            self.ensemble.sampling_rate,
         )
-        seen_viscosity, inertia = viscosity.mixture, stiffness.constants.values[1]
-        variance = stiffness.constants.covariance[1, 1]
-        reflex = self.signals if isinstance(self.signals, WithReflex) else None
-        if reflex is not None:
-            seen_viscosity = reflex.viscosity(seen_viscosity, stiffness.constants)
-            inertia, variance = reflex.inertia(stiffness.constants)
-        physical = seen_viscosity.above(0.0)
-        sure = np.full(self.axis.times, math.sqrt(max(variance, 0.0)))
-        errors = {
-            "stiffness": _mixture_error(
-                stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom
-            ),
-            "viscosity": _mixture_error(physical, viscosity.arc(), edges, unit, freedom),
-            "inertia": StandardError(base.padded(sure * unit, *edges), np.array(many), 0.0),
+        estimate = self._estimate(V, free.values(constants.values[1:], stiffness.mean()), error)
+        return average_beside(estimate, beside.posterior, self.known.get("viscosity", ()))
+
+    def _weighted(self) -> tuple[Weighted, Weighted, float]:
+        """Return products that give the estimates and products that give their covariance.
+
+        The third is the mean variance of the noise. The inverse of the first products around the
+        second, a sandwich, gives the covariance. Both are the same where the noise is whitened. It
+        is not whitened where the residual's products with velocity show that it is misfit, not
+        noise, which whitening would amplify.
+        """
+        signals, times = self.signals, self.axis.times
+        residual = signals.residual(self.coefficients)
+        covariance = residual.T @ residual / max(signals.independent - 1, 1)
+        torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
+        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
+        covariance.flat[:: times + 1] += WHITE_SHARE * noise
+        filters = whitening_filters(
+            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
+        )
+        if self.whitens:
+            weighted = Weighted.by(signals, filters, residual)
+            self.whitens = weighted.excess[V] < MAX_EXCESS
+            if self.whitens:
+                return weighted, weighted, noise
+        white = Weighted.by(signals, np.eye(times) / math.sqrt(noise), residual)
+        colouring = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
+        return white, Weighted.by(signals, colouring, residual), noise
+
+    def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
+        """Return the free estimate of a signal's coefficient, with its error.
+
+        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
+        move, the error is very large, however small the noise.
+        """
+        own = self.products[:, signal, signal]
+        power = floored(own)
+        mean = float(np.sum(values * power) / np.sum(power))
+        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
+        size, still = max(abs(mean), least), own < power
+        precision = inverse_of(error + np.diag(still * (UNKNOWN * size) ** 2)) * size**2
+        return FreeEstimate(self.axis, np.where(still, mean, values) / size, precision, size)
+
+    def _model(self, name: str, stiffness: Stiffness, viscosity: Posterior) -> AdaptiveModel:
+        ensemble, signals, rate = self.ensemble, self.signals, self.ensemble.sampling_rate
+        edges, times, scale = signals.edges, self.axis.times, signals.scale
+        unit, both = scale[1] / scale[0], {"stiffness": stiffness.posterior, "viscosity": viscosity}
+        # what the constants add to the read-out stiffness, viscosity and inertia
+        weights = np.zeros((3, len(stiffness.constants.values)))
+        weights[:, : signals.readout.shape[1] - 1] = signals.readout[:, 1:]
+        weights[V, 0] = 0.0
+        added = weights @ stiffness.constants.values
+        variances = np.einsum("ic,cd,id->i", weights, stiffness.constants.covariance, weights)
+        free_viscosity = viscosity.mixture.transformed(
+            signals.readout[V, V], added[V], variances[V]
+        )
+        mixtures = {
+            "stiffness": stiffness.posterior.mixture,
+            "viscosity": free_viscosity._replace(means=np.maximum(free_viscosity.means, 0.0)),
         }
-        values = stiffness.values, physical.mean(), np.full(self.axis.times, inertia)
-        impedance = unit * np.stack(values, axis=1)
+        pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
+        freedom, total_freedom = (
+            np.array(max(1.0, (signals.independent - 1) * each - 2)) for each in (pooled, times)
+        )
+        inertia_error = np.full(times, unit * math.sqrt(max(variances[A], 0.0)))
+        errors: dict[str, StandardError] = {
+            "inertia": StandardError(base.padded(inertia_error, *edges), total_freedom, 0.0)
+        }
+        for quantity, mixture in mixtures.items():
+            scaled = mixture.transformed(unit)
+            spread = base.padded(np.sqrt(scaled.variance()), *edges)
+            errors[quantity] = MixtureError(spread, freedom, both[quantity].arc(), mixture=scaled)
+        means = *(each.mean() for each in mixtures.values()), np.full(times, added[A])
+        impedance = unit * np.stack(means, axis=1)
         over_time = base.padded(impedance, *edges).T
         estimates = shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors)
-        details = {
-            "constant_stiffness": stiffness.averaged.probability(Outcome.constant),
-            "constant_viscosity": viscosity.probability(Outcome.constant),
-            "periodic": float(self.axis.periodic),
-            "reflex_shown": float(reflex is not None),
-        }
-        if reflex is None:
+        details = {f"constant_{key}": each.probability(is_constant) for key, each in both.items()}
+        details["periodic"] = float(self.axis.periodic)
+        details["reflex_shown"] = float(signals.reflex is not None)
+        if signals.reflex is None:
             details["second_order_agreement"] = self._agreement(impedance)
         else:
-            estimates["reflex_gain"] = reflex.beside.estimates["reflex_gain"]
-        both = {"stiffness": stiffness.averaged, "viscosity": viscosity}
-        rate = ensemble.sampling_rate
+            estimates["reflex_gain"] = signals.reflex.estimates["reflex_gain"]
+        below = np.minimum(free_viscosity.mean() + 1.96 * np.sqrt(free_viscosity.variance()), 0.0)
+        lost = np.sum(self.products[:, V, V] * below**2) / np.sum(self.products[:, -1, -1])
+        mean = float(np.mean(means[U]))
+        fitted = float(signals.readout[U, U] * mean + added[U])
+        warnings = *self._warnings(stiffness, mean, fitted), *contradicted(lost)
         return AdaptiveModel(
             method=name,
             sampling_rate=rate,
             time=ensemble.time,
             estimates=estimates,
             switches=tuple(
-                row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)
+                row for each in both.items() for row in switches_of(*each, unit, edges[0], rate)
             ),
             smoothness=tuple(
-                row for each in both.items() for row in tables.smoothness(*each, unit, rate)
+                row for each in both.items() for row in smoothness_of(*each, unit, rate)
             ),
-            beside=None if reflex is None else reflex.beside,
-            hypotheses={name: found.hypotheses() for name, found in both.items()},
+            beside=signals.reflex,
+            hypotheses={key: each.hypotheses for key, each in both.items()},
             diagnostics=Diagnostics(
-                tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
-                warnings=tuple(self._warnings(stiffness, seen_viscosity)),
+                sum(each.parameters() for each in both.values()) + 1,
+                warnings=warnings,
                 details=details,
             ),
         )
@@ -459,41 +421,28 @@ class Identification:
         moments = shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
         return moments.second_order_agreement(impedance, len(ensemble))
 
-    def _warnings(self, stiffness: Stiffness, viscosity: Mixture) -> Iterator[str]:
-        """Yield warnings: open decisions in one, and contradictions of second order.
-
-        The others say that the viscosity or the inertia is not that of a second-order joint.
-        """
-        open_ones = []
+    def _warnings(self, stiffness: Stiffness, mean: float, fitted: float) -> Iterator[str]:
+        """Yield what the data do not determine, and what a second-order joint does not explain."""
+        undetermined = []
         if len(self.ensemble) < MIN_TESTED_REALIZATIONS:
-            open_ones.append(
+            undetermined.append(
                 f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
-                "realizations (got "
-                f"{len(self.ensemble)}): the stiffness holds what it adds"
+                f"realizations (got {len(self.ensemble)}): the stiffness holds what it adds"
             )
-        if not stiffness.constants.told:
-            open_ones.append(
+        if not stiffness.constants.identifiable:
+            undetermined.append(
                 "viscosity and inertia, which the angle does not tell from stiffness in these "
                 "realizations"
             )
-        if open_ones:
-            yield f"these data leave open {'; and '.join(open_ones)}"
-        if isinstance(self.signals, WithReflex):
-            mean = float(np.mean(stiffness.values))
-            yield from not_of_second_order(mean, self.signals.stiffness(mean, stiffness.constants))
-            beside = self.signals.beside
-            yield from doubtful_gain(
-                beside.estimates["reflex_gain"], bool(beside.diagnostics.details["constant"])
-            )
-        below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
-        yield from contradicted(
-            np.sum(self.gram[:, V, V] * below**2) / np.sum(self.gram[:, -1, -1])
-        )
+        if undetermined:
+            yield f"these data leave open {'; and '.join(undetermined)}"
+        if self.signals.reflex is not None:
+            yield from not_of_second_order(mean, fitted)
+            gain = self.signals.reflex.estimates["reflex_gain"]
+            is_steady = bool(self.signals.reflex.diagnostics.details["constant"])
+            yield from doubtful_gain(gain, is_steady)
 
 
-def _mixture_error(
-    mixture: Mixture, arc: float, edges: tuple[int, int], unit: float, freedom: float
-) -> MixtureError:
-    scaled = mixture._replace(means=mixture.means * unit, variances=mixture.variances * unit**2)
-    spread = base.padded(np.sqrt(scaled.variance()), *edges)
-    return MixtureError(spread, np.array(freedom), arc, mixture=scaled)
+def is_constant(candidate: Candidate) -> bool:
+    """Return whether nothing changes in a candidate."""
+    return candidate.is_constant

@@ -1,323 +1,287 @@
-"""Evidence for smooth parts and switches, by small matrices.
+r"""Evidence for smooth parts and switches, by small matrices.
 
-Nothing in this module depends on realizations.
+An estimate z that is free at each time, with the precision :math:`\Lambda` of its error, is
+explained by a smooth part and by switches,
+
+.. math:: z = F w + H \Delta + e, \qquad w \sim N(0, V), \quad \Delta \sim N(0, \tau^2),
+          \quad e \sim N(0, \Lambda^{-1})
+
+Each combination of a smooth prior V, positions of switches (columns of H) and their size
+:math:`\tau` has an evidence: the probability of z with w and :math:`\Delta` integrated out. A
+smooth part that changes faster explains more, but its evidence is spread over more functions. So
+the evidence decides how fast stiffness may change.
 """
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
-from typing import NamedTuple
+import math
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotri
 
-from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
+from tvsysid.methods.adaptive.prior import (
+    AMPLITUDES,
+    LEVEL,
+    SWITCH_SIZES,
+    Axis,
+    SmoothPrior,
+    SwitchPrior,
+)
 from tvsysid.numerics import Array
+from tvsysid.numerics.gaussian import Moments, solve
 
-ROUNDING = 1e-10  # share of a matrix's trace that is rounding
-
-
-def factor_of(matrix: Array) -> Array:
-    """Return the Cholesky factor of a matrix.
-
-    If the matrix is singular to rounding, its diagonal is raised a little first.
-    """
-    factor, failed = dpotrf(
-        matrix, lower=1, clean=1
-    )  # many are small: checks around it take longer than it does
-    if failed:
-        factor, failed = dpotrf(
-            matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix)), lower=1, clean=1
-        )
-    if failed:
-        raise np.linalg.LinAlgError("a matrix of products is not positive definite")
-    return np.asarray(factor)
+ROUNDING = 1e-10  # share of a correlation matrix's trace that is rounding
+MAX_HARMONIC, MAX_WAVES = 12, 8  # that is tried, and cosines and sines of a sum
+WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
+FIRST_ODDS, SECOND_ODDS = 1 / 20, 2.0  # of a harmonic's cosine or sine, and then of the other one
+STEP = 0.2  # standard deviation of the steps beside harmonics, in mean sizes
 
 
-def inverse_of(matrix: Array) -> Array:
-    """Return the inverse of a covariance."""
-    scale = np.sqrt(np.diag(matrix))
+def inverse_of(covariance: Array) -> Array:
+    """Return the inverse of a covariance, whose diagonal is raised if it is singular."""
+    scale = np.sqrt(np.diag(covariance))
     units = np.outer(scale, scale)
-    lower = np.tril(dpotri(factor_of(matrix / units), lower=1)[0])
+    correlation = covariance / units
+    factor, failed = dpotrf(correlation, lower=1)
+    if failed:
+        jitter = ROUNDING * len(scale) * np.eye(len(scale))
+        factor, failed = dpotrf(correlation + jitter, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of an estimate is not positive definite")
+    lower = np.tril(dpotri(factor, lower=1)[0])
     return np.asarray((lower + np.tril(lower, -1).T) / units)
 
 
-def solved_by(factor: Array, right: Array) -> Array:
-    """Return the inverse of a Cholesky factor times an array."""
-    return np.asarray(dtrtrs(factor, right, lower=1)[0])
+class Steps(NamedTuple):
+    """Steps at ``positions`` as they are ``recorded`` (time, step), and their products.
 
-
-@attrs.frozen(eq=False)
-class Line:
-    """Estimates ``seen`` at each time of an axis, with the ``precision`` (time, time) of errors.
-
-    Both count in the mean ``size``.
-    """
-
-    axis: Axis
-    seen: Array
-    precision: Array
-    size: float
-
-    @classmethod
-    def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
-        """Return the line of estimates with the covariance of their error."""
-        return cls(axis, seen / size, inverse_of(covariance) * size**2, size)
-
-    @cached_property
-    def weighted(self) -> Array:
-        """Return the precision times the estimates, shape (time,)."""
-        return self.precision @ self.seen
-
-    @cached_property
-    def features(self) -> Array:
-        """Return the features of the smooth part, shape (time, feature)."""
-        return self.axis.features()
-
-    @cached_property
-    def gram(self) -> Array:
-        """Return the features times the precision times the features."""
-        return self.features.T @ (self.precision @ self.features)
-
-    @cached_property
-    def cross(self) -> Array:
-        """Return the features times the weighted estimates."""
-        return self.features.T @ self.weighted
-
-    def columns(self, positions: Array) -> Columns:
-        """Return steps at positions in samples, as they are recorded, with their products."""
-        steps = self.axis.seen(positions)
-        weighted = self.precision @ steps
-        power = np.einsum("tc,tc->c", steps, weighted)
-        return Columns(
-            positions, steps, weighted, self.features.T @ weighted, power, steps.T @ self.weighted
-        )
-
-
-class Columns(NamedTuple):
-    """Steps at ``positions`` as they are recorded, ``seen`` (time, step), and their products.
-
-    ``weighted`` are the steps times the precision. Their products are ``features`` (feature, step)
-    with the features, ``power`` (step,) with themselves, and ``cross`` (step,) with the estimates.
+    ``weighted`` (time, step) are the steps times the precision. ``features`` (feature, step) are
+    their products with the features of the smooth part. ``explained`` (coefficient, step) is the
+    part of the steps that the smooth part explains. ``power`` (step,) are the squares of what is
+    left of them, and ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
-    seen: Array
+    recorded: Array
     weighted: Array
     features: Array
+    explained: Array
     power: Array
     cross: Array
 
-    def take(self, index: NDArray[np.intp] | slice) -> Columns:
-        """Return some of the columns; a slice copies nothing."""
-        return Columns(*(each[..., index] for each in self))
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Join steps side by side."""
+        return cls(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+
+    def take(self, index: NDArray[np.intp] | slice) -> Steps:
+        """Return some of the steps; a slice copies nothing."""
+        return Steps(*(each[..., index] for each in self))
+
+    def products(self, other: Steps) -> Array:
+        """Return the products with other steps, shape (step, other)."""
+        own = self.recorded.T @ other.weighted
+        return np.asarray(own - self.explained.T @ other.explained)
+
+    def log_evidence(self, periodic: bool) -> Array:
+        """Return the log evidence for the steps together, by switch prior."""
+        return log_evidence(self.products(self)[None], self.cross[None], periodic)[:, 0]
+
+    def log_evidence_with(
+        self, further: Steps, balanced: bool, sizes: Sequence[float] = SWITCH_SIZES
+    ) -> Array:
+        """Return the log evidence for the steps and each further one, shape (prior, further)."""
+        gram, mixed = self.products(self)[None], self.products(further)
+        return log_evidence(gram, self.cross[None], balanced, sizes, (further, mixed))
 
 
-class Smooth:
-    """A line explained by one smooth part.
+@attrs.frozen(eq=False)
+class FreeEstimate:
+    """Estimate at each time of an axis, with the ``precision`` (time, time) of its error.
 
-    ``evidence`` is the log evidence relative to the empty model.
+    Values and precision are in units of the mean ``size``.
     """
 
-    def __init__(self, line: Line, roughness: Roughness) -> None:
-        self.line, self.roughness = line, roughness
-        self.kept = np.flatnonzero(roughness.weights)
-        self.root = np.sqrt(roughness.weights[self.kept])
-        whole = len(self.kept) == len(roughness.weights)
-        gram = line.gram if whole else line.gram[np.ix_(self.kept, self.kept)]
-        system = gram * self.root[:, None] * self.root
-        system.flat[:: len(system) + 1] += 1.0
-        self.factor = factor_of(system)
-        self.answer = self.solved(self.root * line.cross[self.kept])
-        self.evidence = 0.5 * float(self.answer @ self.answer) - float(
-            np.log(np.diag(self.factor)).sum()
-        )
-
-    @property
-    def score(self) -> float:
-        """Return the log evidence plus the log prior."""
-        return self.evidence + self.roughness.log_prior
-
-    @property
-    def left(self) -> float:
-        """Return the chi-square that the smooth part leaves."""
-        return float(self.line.seen @ self.line.weighted - self.answer @ self.answer)
-
-    def solved(self, right: Array) -> Array:
-        """Return the inverse of the Cholesky factor times an array."""
-        return solved_by(self.factor, right)
-
-    def reduced(self, features: Array) -> Array:
-        """Return the part of columns that the smooth part explains, shape (coefficient, column).
-
-        ``features`` are the columns' products with the features.
-        """
-        return self.solved(self.root[:, None] * features[self.kept])
-
-    def products(self, columns: Columns) -> Products:
-        """Return the products of columns, less the part that the smooth part explains."""
-        taken = self.reduced(columns.features)
-        return Products(columns, taken, columns.cross - self.answer @ taken)
+    axis: Axis
+    values: Array
+    precision: Array
+    size: float
 
     @cached_property
-    def spread(self) -> Array:
-        """Return a factor of the smooth part's posterior covariance, shape (coefficient, time)."""
-        return self.solved(self.root[:, None] * self.line.features[:, self.kept].T)
+    def weighted(self) -> Array:
+        """Precision times the values, shape (time,)."""
+        return self.precision @ self.values
+
+    @cached_property
+    def features(self) -> Array:
+        """Features of the smooth part, shape (time, feature)."""
+        return self.axis.features()
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Moments of the features and the values, in which the noise has unit variance."""
+        return Moments(
+            self.features.T @ (self.precision @ self.features),
+            self.features.T @ self.weighted,
+            float(self.values @ self.weighted),
+            len(self.values),
+        )
+
+    def steps(self, positions: Array) -> Steps:
+        """Return steps at positions, with their products."""
+        recorded = self.axis.steps(positions, recorded=True)
+        weighted = self.precision @ recorded
+        return Steps(
+            positions,
+            recorded,
+            weighted,
+            features=self.features.T @ weighted,
+            explained=np.zeros((0, len(positions))),
+            power=np.einsum("tc,tc->c", recorded, weighted),
+            cross=recorded.T @ self.weighted,
+        )
 
 
-class Products(NamedTuple):
-    """Columns beside a smooth part.
+class SmoothFit:
+    """Free estimate explained by one smooth part.
 
-    ``taken`` (coefficient, column) is the part of them that the smooth part explains. ``cross`` are
-    their products with the estimates that it leaves.
+    ``score`` is the log evidence relative to no smooth part and no constant, plus the log prior.
+    ``residual`` is the chi-square that the smooth part leaves. ``mean`` (coefficient,) are the
+    coefficients of the smooth part, in units in which their posterior is white.
     """
 
-    columns: Columns
-    taken: Array
-    cross: Array
+    def __init__(self, estimate: FreeEstimate, prior: SmoothPrior) -> None:
+        self.estimate, self.prior = estimate, prior
+        self._kept = np.flatnonzero(prior.variances)
+        moments = estimate.moments.take(self._kept)
+        self._posterior = solve(moments, 1 / prior.variances[self._kept])
+        self.mean = self.whitened(estimate.moments.cross)
+        self.residual = self._posterior.left
+        explained = float(self.mean @ self.mean)
+        self.score = prior.log_prior + 0.5 * (explained - self._posterior.log_determinant)
 
-    def diagonal(self) -> Array:
-        """Return the squares of the columns, shape (column,)."""
-        return np.asarray(self.columns.power - np.einsum("kc,kc->c", self.taken, self.taken))
+    def whitened(self, products: Array) -> Array:
+        """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""
+        return np.asarray(self._posterior.inverse_factor @ products[self._kept])
 
-    def between(self, other: Products) -> Array:
-        """Return the products with other columns, shape (column, other)."""
-        return np.asarray(self.columns.seen.T @ other.columns.weighted - self.taken.T @ other.taken)
+    @cached_property
+    def features(self) -> Array:
+        """Features over time in the units of ``mean``, shape (time, coefficient)."""
+        return self.whitened(self.estimate.features.T).T
 
-    def take(self, index: NDArray[np.intp] | slice) -> Products:
-        """Return the products of some columns."""
-        return Products(self.columns.take(index), self.taken[:, index], self.cross[index])
-
-    def put(self, place: int, other: Products, index: int) -> Products:
-        """Return the products with one column replaced by another's."""
-        out = self.take(np.arange(len(self.cross)))
-        for mine, theirs in zip(
-            (*out.columns, out.taken, out.cross),
-            (*other.columns, other.taken, other.cross),
-            strict=True,
-        ):
-            mine[..., place] = theirs[..., index]
-        return out
-
-
-class Sizes(NamedTuple):
-    """Prior of the sizes of switches.
-
-    ``spread`` is their standard deviation in mean sizes. ``balanced`` says whether the switches
-    over a period add up to zero.
-    """
-
-    spread: float
-    balanced: bool
+    def beside(self, steps: Steps) -> Steps:
+        """Return what the smooth part leaves of steps."""
+        explained = self.whitened(steps.features)
+        return steps._replace(
+            explained=explained,
+            power=steps.power - np.einsum("kc,kc->c", explained, explained),
+            cross=steps.cross - self.mean @ explained,
+        )
 
 
-@lru_cache(maxsize=4)
-def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
-    """Return the priors of sizes; they are equally likely.
-
-    If the interval is periodic, ramps between switches may cancel.
-    """
-    return tuple(
-        Sizes(spread, balanced)
-        for balanced in ((False, True) if periodic else (False,))
-        for spread in SIZES
-    )
-
-
-@lru_cache(maxsize=64)
-def directions(count: int, balanced: bool) -> Array:
-    """Return orthonormal directions (switch, direction) of the sizes of ``count`` switches."""
-    if not balanced:
-        return np.eye(count)
-    out = np.zeros((count, max(count - 1, 0)))
-    for place in range(1, count):
-        out[:place, place - 1], out[place, place - 1] = 1 / place, -1
-        out[:, place - 1] /= np.sqrt(1 + 1 / place)
-    return out
-
-
-class Jumps(NamedTuple):
-    """Log evidence for some switches, and posterior of their sizes."""
-
-    evidence: float
-    mean: Array
-    covariance: Array
-
-
-def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
-    """Return the evidence for switches, and their sizes, from products.
-
-    ``gram`` (switch, switch) are the products of the switches with each other, ``cross`` (switch,)
-    those with the estimates.
-    """
-    if sizes.balanced and len(cross) == 1:
-        return Jumps(-np.inf, np.zeros(1), np.zeros((1, 1)))
-    turn = directions(len(cross), sizes.balanced)
-    system = turn.T @ gram @ turn
-    system.flat[:: len(system) + 1] += sizes.spread**-2
-    factor = factor_of(system)
-    half = solved_by(factor, turn.T)
-    answer = half @ cross
-    log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(
-        np.log(sizes.spread)
-    )
-    return Jumps(0.5 * float(answer @ answer) - 0.5 * log_determinant, answer @ half, half.T @ half)
-
-
-def jumps_of_every_size(gram: Array, cross: Array, periodic: bool) -> Array:
-    """Return the log evidence for switches (..., size) with each of :func:`every_sizes`.
-
-    ``gram`` (..., switch, switch) are the products of switches with each other, ``cross`` (...,
-    switch) those with the estimates. The eigenvalues of ``gram`` serve all sizes.
-    """
-    variance, out = np.square(SIZES)[:, None], []
-    for balanced in (False, True) if periodic else (False,):
-        turn = directions(cross.shape[-1], balanced)
-        values, vectors = np.linalg.eigh(turn.T @ gram @ turn)
-        answer = (cross @ turn)[..., None, :] @ vectors
-        left = 1 + variance * np.maximum(values, 0.0)[..., None, :]
-        found = 0.5 * np.sum(variance * answer**2 / left - np.log(left), axis=-1)
-        out.append(found if turn.shape[1] else np.full(found.shape, -np.inf))
-    return np.concatenate(out, axis=-1)
-
-
-def one_more(
-    own: Products,
+def log_evidence(
     gram: Array,
     cross: Array,
-    mixed: Array,
-    power: Array,
     balanced: bool,
-    spreads: tuple[float, ...],
+    sizes: Sequence[float] = SWITCH_SIZES,
+    further: tuple[Steps, Array] | None = None,
 ) -> Array:
-    """Return the log evidence (spread, column) for some switches and each other in turn.
+    r"""Return the log evidence for sets of switches, by switch prior, shape (prior, set).
 
-    Rank-one updates add the others, one at a time. ``own`` are the products of the others with the
-    estimates, ``power`` (column,) their squares, and ``mixed`` (column, switch) their products with
-    the switches. The switches' own products are ``gram`` and ``cross``. The eigenvalues of ``gram``
-    serve all ``spreads`` of :class:`Sizes`.
+    The priors are those of free ``sizes``, and then of ``balanced`` ones. ``gram`` (set, switch,
+    switch) are the products of the switches with each other, ``cross`` (set, switch) those with the
+    estimate. With A the posterior precision of n switches' sizes, and b = ``cross``,
+
+    .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
+              A = G + \tau^{-2} 1
+
+    The eigenvalues of the Gram matrix G serve all priors. Balanced sizes have the condition that
+    their sum is zero, whose posterior mean is :math:`1^T A^{-1} b`, and variance :math:`1^T A^{-1}
+    1`. One switch more updates the formulas by a row and a column, so that there may be many
+    ``further`` ones, each beside a single set. Their products with that set are the second part.
     """
-    count, wanted = len(cross), own.cross
-    if balanced and not count:
-        return np.full((len(spreads), len(wanted)), -np.inf)
-    turn = directions(count, balanced)
-    turned = mixed @ turn
-    if balanced:  # one switch more, and as much less of all others
-        scale, mean = (1 + 1 / count) ** -0.5, np.full(count, 1 / count)
-        power = (power - 2 * mixed @ mean + mean @ gram @ mean) * scale**2
-        turned = ((mean @ gram - mixed) @ turn) * scale
-        wanted = (mean @ cross - wanted) * scale
-    values, vectors = np.linalg.eigh(turn.T @ gram @ turn)
-    answer, turned = cross @ turn @ vectors, turned @ vectors
-    variance = np.square(spreads)[:, None]
-    taken = 1 + variance * np.maximum(values, 0.0)
-    share = variance / taken
-    before = 0.5 * np.sum(share * answer**2 - np.log(taken), axis=1, keepdims=True)
-    left = 1 + variance * np.maximum(power - share @ (turned**2).T, 0.0)
-    return np.asarray(
-        before
-        + 0.5 * variance * (wanted - share * answer @ turned.T) ** 2 / left
-        - 0.5 * np.log(left)
+    prior, count = np.square(sizes)[:, None] ** -1.0, cross.shape[-1]
+    values, vectors = np.linalg.eigh(gram)
+    precision = np.maximum(values, 0.0) + prior[:, :, None]
+    along, ones = (cross[:, None] @ vectors)[:, 0], vectors.sum(axis=1)
+    square, total, variance = (
+        np.sum(each / precision, axis=-1) for each in (along**2, along * ones, ones**2)
     )
+    log_determinant = np.log(precision).sum(axis=-1)
+    if further is not None:
+        steps, count = further[0], count + 1
+        mixed = vectors[0].T @ further[1]
+        left = np.maximum(steps.power - (1 / precision[:, 0]) @ mixed**2, 0.0) + prior
+        answer = steps.cross - (along / precision[:, 0]) @ mixed
+        one = 1 - (ones / precision[:, 0]) @ mixed
+        square, total = square + answer**2 / left, total + answer * one / left
+        variance = variance + one**2 / left
+        log_determinant = log_determinant + np.log(left)
+    free = np.asarray(0.5 * (square - log_determinant + count * np.log(prior)))
+    if not balanced:
+        return free
+    if count < 2:  # one balanced switch is none
+        return np.concatenate([free, np.full(free.shape, -np.inf)])
+    condition = total**2 / variance + np.log(variance * prior / count)
+    return np.concatenate([free, free - 0.5 * condition])
+
+
+def size_covariance(gram: Array, prior: SwitchPrior) -> Array:
+    """Return the posterior covariance (..., switch, switch) of the sizes of switches."""
+    inverse = np.linalg.inv(gram + np.eye(gram.shape[-1]) / prior.size**2)
+    if prior.balanced:
+        ones = inverse.sum(axis=-1, keepdims=True)
+        inverse = inverse - ones @ ones.swapaxes(-1, -2) / ones.sum(axis=-2, keepdims=True)
+    return np.asarray(inverse)
+
+
+def few_harmonics(estimate: FreeEstimate, steps: Steps) -> Iterator[SmoothPrior]:
+    """Yield priors of sums of few cosines and sines.
+
+    The most evident one is added to a constant and some steps, again and again. Each has a standard
+    deviation of its own, one of AMPLITUDES.
+    """
+    count = 1 + 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
+    features = steps.features[:count]
+    gram = np.block(
+        [[estimate.moments.gram[:count, :count], features], [features.T, steps.products(steps)]]
+    )
+    cross = np.append(estimate.moments.cross[:count], steps.cross)
+    sizes = np.square(AMPLITUDES)[:, None]
+    variances = np.full(len(cross), STEP**2)
+    variances[:count] = 0.0
+    variances[0] = LEVEL**2
+    log_prior = math.log(WAVES_PROBABILITY) - (count - 1) / 2 * math.log1p(
+        FIRST_ODDS * (2 + SECOND_ODDS)
+    )
+    for _ in range(min(MAX_WAVES, count - 1)):
+        known = np.flatnonzero(variances)
+        inverse = np.linalg.inv(gram[np.ix_(known, known)] + np.diag(1 / variances[known]))
+        gain = inverse @ gram[known, 1:count]
+        power = np.diag(gram)[1:count] - np.einsum("kc,kc->c", gain, gram[known, 1:count])
+        left = 1 + sizes * np.maximum(power, 0.0)
+        has = variances[1:count] > 0
+        odds = np.log(
+            np.where(has.reshape(-1, 2)[:, ::-1].ravel(), SECOND_ODDS, FIRST_ODDS) / len(sizes)
+        )
+        wanted = cross[1:count] - cross[known] @ gain
+        evidence = odds + 0.5 * (sizes * wanted**2 / left - np.log(left))
+        evidence[:, has] = -np.inf
+        size, wave = divmod(int(np.argmax(evidence)), count - 1)
+        log_prior += odds[wave]
+        variances[1 + wave] = sizes[size, 0]
+        weights = np.zeros(len(estimate.moments.cross))
+        weights[:count] = variances[:count]
+        top = (int(np.flatnonzero(weights)[-1]) + 1) // 2
+        yield SmoothPrior(
+            "few harmonics",
+            math.sqrt(weights[1:].sum() / 2),
+            estimate.axis.period / top,
+            float(log_prior),
+            weights,
+        )

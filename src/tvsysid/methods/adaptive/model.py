@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import attrs
@@ -10,7 +11,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from tvsysid.dataset_layout import Labelled
-from tvsysid.methods.adaptive.mixture import Hypothesis, Mixture
+from tvsysid.methods.adaptive.posterior import Hypothesis, Mixture, Posterior
+from tvsysid.methods.adaptive.search import CLOSE
 from tvsysid.methods.cascade.result import JointCascadeModel
 from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
@@ -146,3 +148,92 @@ def _columns(axis: str, rows: tuple[NamedTuple, ...]) -> Labelled:
         f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows])
         for name in rows[0]._fields
     }
+
+
+MIN_PROBABILITY, MIN_SWITCH_PROBABILITY = 0.01, 0.05  # of what is listed
+CERTAIN = 0.995  # probability of a switch that is not mentioned
+
+
+def smoothness_of(
+    quantity: str, posterior: Posterior, unit: float, rate: float
+) -> Iterator[Smoothness]:
+    """Return the smooth parts that are likely, the most probable first."""
+    size = posterior.candidates[0].smooth.estimate.size * unit
+    probabilities: dict[tuple[str, float, float], float] = {}
+    for each, probability in zip(posterior.candidates, posterior.probabilities, strict=True):
+        key = each.smooth.prior[:3]
+        probabilities[key] = probabilities.get(key, 0.0) + float(probability)
+    for key in sorted(probabilities, key=lambda each: -probabilities[each]):
+        if probabilities[key] >= MIN_PROBABILITY:
+            kind, amplitude, length = key
+            yield Smoothness(quantity, kind, amplitude * size, length / rate, probabilities[key])
+
+
+def switches_of(
+    quantity: str, posterior: Posterior, unit: float, missing: int, rate: float
+) -> list[Switch]:
+    """Return the switches that are likely enough to be listed, in the order of time.
+
+    Those of a candidate are left out where a better candidate has one nearby.
+    """
+    estimate = posterior.candidates[0].smooth.estimate
+    axis, scale, weights = estimate.axis, estimate.size * unit, posterior.weights
+    kept = posterior.candidates[: len(weights)]
+    rows, listed = list[Switch](), np.zeros(0)
+    for candidate, own in zip(kept, posterior.over_time, strict=True):
+        before, placed = listed, candidate.placed
+        for place, position in enumerate(placed.positions):
+            if (np.abs(axis.offset(before, position)) < CLOSE).any():
+                continue
+            listed = np.append(listed, position)
+            near = [
+                (np.abs(axis.offset(each.placed.positions, position)) < CLOSE).any()
+                for each in kept
+            ]
+            offsets = axis.offset(placed.windows[place], position)
+            order = np.argsort(offsets)
+            total = np.cumsum(placed.probabilities[place][order])
+            ends = np.minimum(np.searchsorted(total, [0.025, 0.975]), len(order) - 1)
+            early, late = offsets[order][ends]
+            time = (position + missing) / rate
+            row = Switch(
+                quantity,
+                time,
+                earliest=time + min(early, 0.0) / rate,
+                latest=time + max(late, 0.0) / rate,
+                size=scale * own.sizes[0, place],
+                size_error=scale * math.sqrt(own.covariance[0, place, place]),
+                probability=min(float(weights @ near), 1.0),  # rounding may exceed it
+            )
+            if row.probability >= MIN_SWITCH_PROBABILITY:
+                rows.append(row)
+    return sorted(rows, key=lambda row: row.time)
+
+
+def changes(model: AdaptiveModel) -> list[str]:
+    """Describe how stiffness changes: its switches in the order of time, smooth changes, a reflex.
+
+    The band of a switch's size is that of 95 %.
+    """
+    lines, where = [], ""
+    for each in model.switches:
+        if each.quantity != "stiffness":
+            continue
+        sure, share = each.probability >= CERTAIN, f", probability {100 * each.probability:.0f} %"
+        kind = (
+            "switch" if sure else "probable switch" if each.probability > 0.5 else "possible switch"
+        )
+        lines.append(
+            f"{kind} at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
+            f"{'' if sure else share}"
+        )
+        where = " between switches" if each.probability > 0.5 else where
+    smooth = 1 - sum(
+        row.probability
+        for row in model.smoothness
+        if (row.quantity, row.kind) == ("stiffness", "none")
+    )
+    lines.append(f"smooth change{where}: probability {100 * smooth:.0f} %")
+    if model.beside is not None:
+        lines.append("the torque of a stretch reflex is separated")
+    return lines

@@ -1,6 +1,8 @@
-r"""Priors of a function of time: a constant, perhaps a smooth Gaussian process, and switches.
+r"""Prior of a function of time: a constant, perhaps a smooth Gaussian process, and switches.
 
 .. math:: x(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
+
+All sizes are in units of the function's mean size, all times in samples.
 """
 
 from __future__ import annotations
@@ -10,50 +12,61 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from tvsysid.numerics import Array
 
-LEVEL = 30.0  # standard deviation of the constant, in mean sizes
-AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # of the smooth part, in mean sizes
-SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, in mean sizes
-SHORTEST, RATIO = (
-    4.0,
-    1.6,
-)  # length in samples of the roughest smooth part, and from one to the next
-LONGEST = (
-    1 / 1.2
-)  # period below which lengths are tried; from half of it on one harmonic is all that is left
-FAINT = 1e-7  # share of the first harmonic's variance below which others are left out
-DECIMATOR = 15  # samples before decimation to either side that its filter reaches
-USUAL_TAPS = 1.5  # samples that it reaches after a decimation by 10
-LOW_PASS = 0.33  # standard deviation in samples of what it smears
+LEVEL = 30.0  # standard deviation of the constant
+AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # standard deviations of the smooth part
+MIN_LENGTH = 4.0  # samples, of the roughest smooth part
+LENGTH_RATIO = 1.6  # from one length to the next
+MAX_LENGTH = 1 / 1.2  # periods; from half a period on, one harmonic is all that is left
+MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out
+MAX_HARMONICS = 160  # shorter lengths are left out of long realizations
+SWITCH_SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch
+DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
+USUAL_TAPS = 1.5  # samples that it reaches after decimation by 10
+LOW_PASS = 0.33  # standard deviation of the decimation filter's impulse response in samples
 JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # samples, that are tried
-HARMONICS = 160  # at most: what is shorter is left out of long realizations
 
 
-class Roughness(NamedTuple):
-    """A smooth part of a function of time.
+class SmoothPrior(NamedTuple):
+    """Prior of a constant and a smooth part.
 
-    It has a ``kind``, a standard deviation in mean sizes, a length in samples, and a log prior
-    probability. ``weights`` (feature,) are variances, in squares of the mean size, of a constant
-    and of cosines and sines.
+    The smooth part has a ``kind``, a standard deviation, a length, and a log prior probability.
+    ``variances`` (feature,) are those of a constant, and of cosines and sines.
     """
 
     kind: str
     amplitude: float
     length: float
     log_prior: float
-    weights: Array
+    variances: Array
+
+
+class SwitchPrior(NamedTuple):
+    """Prior of the sizes of switches: their standard deviation.
+
+    If they are ``balanced``, the sizes within a period add up to zero.
+    """
+
+    size: float
+    balanced: bool
+
+
+def switch_priors(periodic: bool) -> list[SwitchPrior]:
+    """Return the priors of switches, which are equally likely."""
+    kinds = (False, True) if periodic else (False,)
+    return [SwitchPrior(size, balanced) for balanced in kinds for size in SWITCH_SIZES]
 
 
 class Axis(NamedTuple):
-    """Sampled time axis of a function.
+    """Time axis of a function, and how a recording smears its switches.
 
-    It has ``times`` samples. If ``periodic``, the end continues at the beginning. ``taps`` are
-    samples to either side over which a low-pass before sampling smears a step, 0 for none.
-    ``jitter`` is the standard deviation in samples of a switch's time between ``realizations``. It
-    makes their mean change gradually.
+    The axis has ``times`` samples. If ``periodic``, the end continues at the beginning. ``taps``
+    are the samples to either side over which a low-pass before sampling smears a step, 0 for none.
+    ``jitter`` is the standard deviation of a switch's time between ``realizations``.
     """
 
     times: int
@@ -64,123 +77,96 @@ class Axis(NamedTuple):
 
     @property
     def period(self) -> int:
-        """Return the period of the Fourier series in samples.
+        """Period of the Fourier series.
 
-        Without repetition it is twice as long as the interval, so that it represents any process.
+        Without repetition it is twice as long as the axis, so that it represents any process.
         """
         return self.times if self.periodic else 2 * self.times
 
     @property
     def harmonics(self) -> int:
-        """Return the number of harmonics that the shortest length needs."""
-        return min(HARMONICS, max(1, int(0.78 * self.period / SHORTEST)))
+        """Number of harmonics that the shortest length needs."""
+        return min(MAX_HARMONICS, max(1, int(0.78 * self.period / MIN_LENGTH)))
 
     def features(self) -> Array:
         """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
-        turns = (
-            2
-            * np.pi
-            * np.outer(np.arange(self.times), np.arange(1, self.harmonics + 1))
-            / self.period
-        )
+        harmonics = np.arange(1, self.harmonics + 1)
+        turns = 2 * np.pi * np.outer(np.arange(self.times), harmonics) / self.period
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(self.times, -1)
         return np.concatenate([np.ones((self.times, 1)), waves], axis=1)
 
-    def late(self, positions: Array) -> Array:
-        """Return by how many samples times are later than positions, shape (time, position).
+    def offset(self, later: ArrayLike, earlier: ArrayLike) -> Array:
+        """Return the time from one position to another, at most half a period if periodic."""
+        offset = np.subtract(later, earlier)
+        if self.periodic:
+            offset -= self.times * np.floor(offset / self.times + 0.5)
+        return offset
 
-        On a periodic axis, this is at most half a period.
+    def distances(self, positions: Array, others: Array) -> Array:
+        """Return the distances between two sets of positions, shape (position, other)."""
+        return np.abs(self.offset(positions[:, None], others))
+
+    def steps(self, positions: Array, recorded: bool = False) -> Array:
+        """Return unit steps at positions, averaged over realizations, shape (time, position).
+
+        ``recorded`` steps are smeared by the low-pass, too. On a periodic axis, a step is a
+        sawtooth that jumps by 1.
         """
-        late = np.arange(self.times)[:, None] - positions
-        return np.asarray(
-            late - self.times * np.floor(late / self.times + 0.5) if self.periodic else late
-        )
-
-    def sharp(self, late: Array) -> Array:
-        """Return the values of unit steps, ``late`` samples after each step.
-
-        On a periodic axis, a step is a sawtooth that jumps by 1.
-        """
-        step = (late >= 0).astype(np.float64)
-        return np.asarray(step - 0.5 - late / self.times if self.periodic else step)
-
-    def steps(self, positions: Array) -> Array:
-        """Return steps at positions in samples, averaged over realizations, (time, position)."""
-        late = self.late(positions)
-        out = self.sharp(late)
+        late = self.offset(np.arange(self.times)[:, None], positions)
         if self.jitter:
-            out += ndtr(late / self.jitter) - (late >= 0)
-        return out
+            smear = math.hypot(self.jitter, LOW_PASS * (self.taps > 0) * recorded)
+            steps = ndtr(late / smear)
+        else:
+            steps = np.asarray(late >= 0, dtype=np.float64)
+            if recorded and self.taps:
+                near = np.abs(late) < self.taps
+                steps[near] = np.interp(late[near], *_smeared_step(self.taps))
+        return np.asarray(steps - 0.5 - late / self.times if self.periodic else steps)
 
-    def uneven(self, positions: Array) -> Array:
-        """Return the variance of the mean over realizations of steps, shape (time, position).
-
-        The steps come at different times in different realizations.
-        """
+    def jitter_variance(self, positions: Array) -> Array:
+        """Return the variance of the mean of jittered unit steps, shape (time, position)."""
         if not self.jitter:
             return np.zeros((self.times, len(positions)))
-        share = ndtr(self.late(positions) / self.jitter)
+        share = ndtr(self.offset(np.arange(self.times)[:, None], positions) / self.jitter)
         return np.asarray(share * (1 - share) / self.realizations)
-
-    def seen(self, positions: Array) -> Array:
-        """Return the steps as they are recorded."""
-        late = self.late(positions)
-        out = self.sharp(late)
-        if self.jitter:
-            out += ndtr(late / math.hypot(self.jitter, LOW_PASS * (self.taps > 0))) - (late >= 0)
-        elif self.taps:
-            near = np.abs(late) < self.taps
-            out[near] += smeared(late[near], self.taps) - (late[near] >= 0)
-        return out
 
 
 @lru_cache(maxsize=8)
-def _smeared_table(taps: float) -> tuple[Array, Array]:
-    grid = np.linspace(-taps, taps, 1201)
-    density = np.sinc(grid) * (0.54 + 0.46 * np.cos(np.pi * grid / taps))
-    total = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
-    return grid, total / total[-1]
-
-
-def smeared(late: Array, taps: float) -> Array:
-    """Return a step after a decimation filter, at times in samples.
-
-    The filter is a Hamming-windowed sinc.
-    """
-    return np.interp(late, *_smeared_table(taps))
+def _smeared_step(taps: float) -> tuple[Array, Array]:
+    """Return times and a unit step after a decimation filter, which is a Hamming-windowed sinc."""
+    late = np.linspace(-taps, taps, 1201)
+    response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / taps))
+    step = np.concatenate([[0.0], np.cumsum((response[1:] + response[:-1]) / 2)])
+    return late, step / step[-1]
 
 
 @lru_cache(maxsize=16)
-def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
-    """Return the smooth parts that are tried, with their prior probabilities.
+def smooth_priors(axis: Axis) -> tuple[SmoothPrior, ...]:
+    """Return the priors of the smooth part, the first of which is none.
 
-    No smooth part has 1/2. Squared-exponential parts and Matérn 3/2 parts, which suit corners,
-    share the other half.
+    None has probability 1/2. Squared-exponential processes and Matérn 3/2 processes, which suit
+    corners, share the other half.
     """
-    period, harmonic = axis.period, np.arange(1, axis.harmonics + 1)
-    shapes: list[tuple[str, float, float, Array]] = []
-
-    def add(kind: str, length: float, amplitudes: tuple[float, ...], spectrum: Array) -> None:
-        kept = np.where(spectrum >= FAINT * spectrum[0], spectrum, 0.0)
-        shapes.extend((kind, a, length, a**2 * kept / kept.sum()) for a in amplitudes)
-
-    length = shortest = max(SHORTEST, 0.78 * period / (axis.harmonics + 1))
-    while length < period * LONGEST:
-        add("smooth", length, AMPLITUDES, np.exp(-2 * (np.pi * harmonic * length / period) ** 2))
-        length *= RATIO
-    length = shortest * RATIO**2
-    while length < period * LONGEST:
-        spectrum = (1 + (2 * np.pi * harmonic * length / period) ** 2 / 3) ** -2.0
-        add("with corners", length, AMPLITUDES[1:], spectrum)
-        length *= RATIO**2
-    # A prior weight of 0.98 for no smooth part would reduce the random error by up to a tenth where
-    # stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in 40 s
-    # of PRBS.
-    share = math.log(0.5 / max(len(shapes), 1))
+    harmonic = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
+    shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))
+    count = math.ceil(math.log(axis.period * MAX_LENGTH / shortest, LENGTH_RATIO))
+    lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
+    spectra = [
+        *(("smooth", x, AMPLITUDES, np.exp(-((harmonic * x) ** 2) / 2)) for x in lengths),
+        *(
+            ("with corners", x, AMPLITUDES[1:], (1 + (harmonic * x) ** 2 / 3) ** -2.0)
+            for x in lengths[2::2]
+        ),
+    ]
+    # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
+    # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
+    # 40 s of PRBS.
+    log_prior = math.log(0.5 / max(sum(len(amplitudes) for _, _, amplitudes, _ in spectra), 1))
     none = np.zeros(2 * axis.harmonics + 1)
     none[0] = LEVEL**2
-    out = [Roughness("none", 0.0, math.inf, math.log(0.5), none)]
-    for kind, amplitude, length, spectrum in shapes:
-        weights = np.concatenate([[LEVEL**2], np.repeat(spectrum, 2)])
-        out.append(Roughness(kind, amplitude, length, share, weights))
+    out = [SmoothPrior("none", 0.0, math.inf, math.log(0.5), none)]
+    for kind, length, amplitudes, spectrum in spectra:
+        kept = np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0)
+        shape = np.concatenate([[0.0], np.repeat(kept / kept.sum(), 2)])
+        out += [SmoothPrior(kind, a, length, log_prior, none + a**2 * shape) for a in amplitudes]
     return tuple(out)

@@ -1,286 +1,342 @@
-"""Deterministic search for the sets of switches with the greatest evidence."""
+"""Search for the sets of switches with the greatest evidence; it is deterministic."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import nlargest
 from typing import NamedTuple
 
+import attrs
 import numpy as np
-from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, one_more
-from tvsysid.methods.adaptive.placing import (
-    APART,
-    Found,
-    Windows,
-    best_sizes,
-    distance,
-    refined,
-    together,
+from tvsysid.methods.adaptive.evidence import (
+    FreeEstimate,
+    SmoothFit,
+    Steps,
 )
-from tvsysid.methods.adaptive.prior import SIZES
+from tvsysid.methods.adaptive.prior import switch_priors
 from tvsysid.numerics import Array
 
-FINE, COARSE, PAIRS = (
-    400,
-    200,
-    100,
-)  # positions that are tried: of one more switch, of the first, of a pair at most
-POLISHED, ABOUT = (
-    1 / 8,
-    1.5,
-)  # samples to which positions are polished after each step, and how far they may move
-STEPS, MOST = 60, 12  # of the search, and switches at most
-GAIN = 50.0  # log evidence that a further switch is taken to bring at most
-NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
-FAINT = 1e-12  # share of all precision below which there is none
-PARTED, PARTS = (
-    6,
-    3,
-)  # switches at most of the best sets of each number, and how many of these are polished
+# positions that are tried at most
+MAX_POSITIONS = 400  # of one more switch
+MAX_FIRST = 200  # of the first switch
+MAX_PAIRED = 100  # of each of the first two switches
+FIRST_SIZE = 0.2  # standard deviation of the first one or two switches, in mean sizes
+MAX_STEPS = 60  # of the search
+MAX_SWITCHES = 12
+MIN_GAIN = 1e-6  # log evidence of a step below which the search beside a smooth part ends
+MAX_GAIN = 50.0  # log evidence that a further switch is expected to bring at most
+SLACK = 5.0  # log evidence below the best down to which a set without gain counts
+MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
+NEGLIGIBLE = 1e-12  # share of all precision
 REACH = 12.0  # log evidence below the best down to which sets are kept
-MOST_SETS = 8  # that are kept
-START = Sizes(0.2, False)
+MAX_SETS = 8  # that are kept
+SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
+SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
+MIN_DISTANCE = 1.0  # samples between two switches
+CLOSE = 3.0  # samples within which one of two switches may represent both
+SWEEPS = 4  # of all switches, each placed beside the others, at most
 
 
-class State(NamedTuple):
+class Placed(NamedTuple):
+    """Switches at their most probable ``positions`` beside a smooth part, and their ``score``.
+
+    Each switch may also lie at other positions: it has a window of them and their probabilities.
+    ``log_volume`` is the log of the weight of all positions together, in samples.
+    """
+
+    positions: Array
+    score: float
+    windows: tuple[Array, ...]
+    probabilities: tuple[Array, ...]
+    log_volume: float
+
+    @property
+    def total(self) -> float:
+        """Score of the switches at any position."""
+        return self.score + self.log_volume
+
+
+@attrs.frozen(eq=False)
+class Windows:
+    """Steps at finely spaced positions around samples, calculated once for each sample.
+
+    ``spacing`` and ``reach`` are in samples.
+    """
+
+    estimate: FreeEstimate
+    spacing: float = PLACED
+    reach: float = REFINE_REACH
+    _steps: dict[int, Steps] = attrs.field(factory=dict)
+    _beside: dict[tuple[int, SmoothFit], Steps] = attrs.field(factory=dict)
+
+    def around(self, position: float, smooth: SmoothFit) -> Steps:
+        """Return the steps around a position beside a smooth part."""
+        centre = round(position)
+        if (centre, smooth) not in self._beside:
+            if centre not in self._steps:
+                count, axis = round(self.reach / self.spacing), self.estimate.axis
+                positions = centre + self.spacing * np.arange(-count, count + 1.0)
+                if axis.periodic:
+                    positions = np.mod(positions, axis.times)
+                else:
+                    positions = positions[(positions > 0) & (positions <= axis.times - 1)]
+                self._steps[centre] = self.estimate.steps(positions)
+            self._beside[centre, smooth] = smooth.beside(self._steps[centre])
+        return self._beside[centre, smooth]
+
+
+def score_of(switches: Steps, smooth: SmoothFit) -> float:
+    """Return the log evidence for switches beside a smooth part, plus the log prior."""
+    axis = smooth.estimate.axis
+    evidence = float(switches.log_evidence(axis.periodic).max())
+    return smooth.score + evidence - len(switches.positions) * math.log(axis.times)
+
+
+def refine_positions(
+    positions: Sequence[float] | Array, smooth: SmoothFit, windows: Windows
+) -> Placed:
+    """Move switches to their most probable positions, each beside the others, until none moves."""
+    axis, count = smooth.estimate.axis, len(positions)
+    own = smooth.beside(smooth.estimate.steps(np.array(positions, dtype=np.float64)))
+    prior = switch_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
+    around = list(own.positions[:, None])
+    weights = [np.ones(1)] * count
+    for _ in range(SWEEPS if count > 1 else count):
+        before = own.positions
+        for place in range(count):
+            others = own.take(np.delete(np.arange(count), place))
+            window = windows.around(own.positions[place], smooth)
+            value = others.log_evidence_with(window, prior.balanced, (prior.size,))[-1]
+            near = axis.distances(window.positions, others.positions) < MIN_DISTANCE
+            value[near.any(axis=1)] = -np.inf
+            best = int(np.argmax(value))
+            if not np.isfinite(value[best]):
+                continue
+            new = window.take(slice(best, best + 1))
+            own = Steps.joined([own.take(slice(place)), new, own.take(slice(place + 1, None))])
+            around[place], weights[place] = window.positions, np.exp(value - value[best])
+        if np.array_equal(own.positions, before):
+            break
+    order = np.argsort(own.positions)
+    return Placed(
+        own.positions[order],
+        score_of(own, smooth),
+        tuple(around[place] for place in order),
+        tuple(weights[place] / weights[place].sum() for place in order),
+        float(sum(math.log(each.sum() * windows.spacing) for each in weights)),
+    )
+
+
+def merge_close(placed: Placed, smooth: SmoothFit, windows: Windows) -> Placed:
+    """Remove one of two close switches where that raises the evidence.
+
+    On the grid of the search, two switches may represent one.
+    """
+    while len(placed.positions) > 1:
+        gaps = np.abs(smooth.estimate.axis.offset(placed.positions, np.roll(placed.positions, 1)))
+        close = [int(gap) for gap in np.flatnonzero(gaps < CLOSE)]
+        tried = [
+            refine_positions(np.delete(placed.positions, place), smooth, windows)
+            for gap in close
+            for place in (gap, gap - 1)
+        ]
+        best = max(tried, key=lambda each: each.total, default=placed)
+        if best.total <= placed.total:
+            break
+        placed = best
+    return placed
+
+
+class Proposal(NamedTuple):
     """Positions of switches beside a smooth part, their score, and the gain of the last step.
 
     REACH is added to the gain of the first step, which then counts as 2 REACH at least. A smooth
-    part is not searched if further switches had to gain more than that, or GAIN, to make it the
-    best. The bound of :func:`first_states` is less sharp, because it includes the noise of all
-    samples.
+    part is not searched if further switches had to gain more than that, or MAX_GAIN, to make it the
+    best.
     """
 
-    places: tuple[float, ...]
+    positions: tuple[float, ...]
     score: float
-    gain: float = math.inf
+    gain: float
 
 
 class Grid:
-    """Positions that are tried, and the distance between two of them."""
+    """Steps at all positions that are tried."""
 
-    def __init__(self, line: Line) -> None:
-        self.line, times = line, line.axis.times
-        self.step = max(0.5, times / FINE)
-        count = int(times / self.step)
-        first = 0 if line.axis.periodic else 1  # a step before the first sample is none
-        self.fine = line.columns(np.arange(first, count, dtype=np.float64) * self.step)
-        count = len(self.fine.positions)
-        apart = -(-count // COARSE)
-        further = -(-count // (apart * PAIRS))
-        self.coarse, self.pairs = slice(None, None, apart), slice(None, None, apart * further)
-        self.coarse_pairs = slice(None, None, further)  # of the coarse ones
-        pairs = self.fine.take(self.pairs)
-        self.pair_gram = pairs.seen.T @ pairs.weighted
+    def __init__(self, estimate: FreeEstimate) -> None:
+        times = estimate.axis.times
+        spacing = max(0.5, times / MAX_POSITIONS)
+        first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
+        self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
+        count = len(self.steps.positions)
+        every = -(-count // MAX_FIRST)
+        self.paired = slice(None, None, -(-count // (every * MAX_PAIRED)))
+        self.first = self.steps.take(slice(None, None, every))
+        pairs = self.first.take(self.paired)
+        self.pair_gram = pairs.products(pairs)
         self.log_positions = math.log(times)
-        self.windows = Windows(line, POLISHED, ABOUT * max(1.0, self.step))
+        self.windows = Windows(estimate, SEARCHED, SEARCH_REACH * max(1.0, spacing))
 
 
-def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
+def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Proposal]:
     """Return the best of no switch, one switch and two opposite ones beside each smooth part.
 
     Switches add at most half of the chi-square that a smooth part leaves, less a log prior. If even
-    this bound is far below the best score, no switches are searched for.
+    this bound is far below the best score, no switches are searched for. The bound is not sharp,
+    because it includes the noise of all samples.
     """
-    columns, best = grid.fine.take(grid.coarse), max(smooth.score for smooth in smooths)
+    best = max(smooth.score for smooth in smooths)
     return [
-        _first(smooth, grid, columns)
-        if smooth.score + smooth.left / 2 - grid.log_positions > best - REACH
-        else State((), smooth.score, -math.inf)
+        _first(smooth, grid)
+        if smooth.score + smooth.residual / 2 - grid.log_positions > best - REACH
+        else Proposal((), smooth.score, -math.inf)
         for smooth in smooths
     ]
 
 
-def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
-    products = smooth.products(columns)
-    variance = START.spread**2
-    power = 1 + variance * products.diagonal()
-    single = 0.5 * (variance * products.cross**2 / power - np.log(power)) - grid.log_positions
-    pair_value, pair = _pair(products.take(grid.coarse_pairs), grid)
-    best, ends = int(np.argmax(single)), columns.positions[grid.coarse_pairs]
-    options = [(0.0, ()), (float(single[best]), (float(columns.positions[best]),))]
-    options.append((pair_value - 2 * grid.log_positions, tuple(float(ends[k]) for k in pair)))
-    value, places = max(options)
-    return State(places, smooth.score + value, max(value, REACH) + REACH)
+def _first(smooth: SmoothFit, grid: Grid) -> Proposal:
+    steps, variance = smooth.beside(grid.first), FIRST_SIZE**2
+    ratio = 1 + variance * steps.power
+    single = 0.5 * (variance * steps.cross**2 / ratio - np.log(ratio)) - grid.log_positions
+    ends = steps.take(grid.paired)
+    gram = grid.pair_gram - ends.explained.T @ ends.explained
+    ratio = 1 + variance * np.maximum((ends.power[:, None] + ends.power) / 2 - gram, 0.0)
+    square = variance / 2 * (ends.cross[:, None] - ends.cross) ** 2 / ratio
+    pair = 0.5 * (square - np.log(ratio)) - 2 * grid.log_positions
+    best, both = int(np.argmax(single)), np.unravel_index(np.argmax(pair), pair.shape)
+    value, positions = max(
+        (0.0, ()),
+        (float(single[best]), (float(steps.positions[best]),)),
+        (float(pair[both]), tuple(sorted(map(float, ends.positions[list(both)])))),
+    )
+    return Proposal(positions, smooth.score + value, max(value, REACH) + REACH)
 
 
-def _pair(products: Products, grid: Grid) -> tuple[float, tuple[int, int]]:
-    """Return the log evidence for the best pair of opposite switches."""
-    gram = grid.pair_gram - products.taken.T @ products.taken
-    power, variance = np.diag(gram), START.spread**2
-    square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
-    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square
-    best = int(np.argmax(value))  # a logarithm that is positive is still to be subtracted
-    able = np.flatnonzero(value >= value.flat[best] - 0.5 * math.log(square.flat[best]))
-    values = value.flat[able] - 0.5 * np.log(square.flat[able])
-    best = int(np.argmax(values))
-    first, second = sorted(divmod(int(able[best]), len(value)))
-    return float(values[best]), (first, second)
+def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid) -> Proposal:
+    """Return the best set one step from a proposal.
+
+    A step removes a switch, moves one, replaces two neighbours by one, or adds one. ``steps`` are
+    those of the grid beside the smooth part.
+    """
+    axis, count = smooth.estimate.axis, len(proposal.positions)
+    own = smooth.beside(smooth.estimate.steps(np.array(proposal.positions)))
+    singles = [[place] for place in range(count)]
+    neighbours = [[place, place + 1] for place in range(count - 1)]
+    neighbours += [[0, count - 1]] * (axis.periodic and count > 2)
+    options = []
+    for removed in [*singles, *neighbours, *([[]] if count < MAX_SWITCHES else [])]:
+        rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
+        if len(removed) == 1:
+            options.append((score_of(rest, smooth), tuple(rest.positions)))
+        value = rest.log_evidence_with(steps, axis.periodic).max(axis=0)
+        near = axis.distances(steps.positions, rest.positions) < MIN_DISTANCE
+        value[near.any(axis=1)] = -np.inf
+        best = int(np.argmax(value))
+        score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
+        options.append((score, (*rest.positions, steps.positions[best])))
+    placed = refine_positions(sorted(max(options)[1]), smooth, grid.windows)
+    return Proposal(tuple(placed.positions), placed.score, placed.score - proposal.score)
 
 
-class Walk:
-    """Sets of switches beside one smooth part, each a step from the one before."""
-
-    def __init__(self, smooth: Smooth, grid: Grid) -> None:
-        self.smooth, self.grid = smooth, grid
-        self.products = smooth.products(grid.fine)
-        self.power = self.products.diagonal()
-        self.known: dict[float, tuple[Products, Array]] = {}
-
-    def at(self, places: tuple[float, ...]) -> tuple[Products, Array]:
-        """Return steps at places, and their products with those on the grid, (position, step)."""
-        for place in places:
-            if place not in self.known:
-                step = self.smooth.products(self.grid.line.columns(np.array([place])))
-                self.known[place] = step, self.products.between(step)
-        if not places:
-            return self.products.take(np.zeros(0, dtype=np.intp)), np.zeros((len(self.power), 0))
-        steps, mixed = zip(*(self.known[place] for place in places), strict=True)
-        return together(list(steps)), np.concatenate(mixed, axis=1)
-
-    def score(self, places: tuple[float, ...]) -> float:
-        """Return the score of a set."""
-        if not places:
-            return self.smooth.score
-        steps = self.at(places)[0]
-        best = best_sizes(steps, self.grid.line.axis.periodic)[1]
-        return self.smooth.score + best - len(places) * self.grid.log_positions
-
-    def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
-        """Return the best score of a set and one more switch, and the place of that switch."""
-        steps, mixed = self.at(places)
-        gram, kinds = (
-            steps.between(steps),
-            (False, True) if self.grid.line.axis.periodic else (False,),
-        )
-        found = [
-            one_more(self.products, gram, steps.cross, mixed, self.power, each, SIZES)
-            for each in kinds
-        ]
-        best, positions = np.max(found, axis=(0, 1)), self.grid.fine.positions
-        for place in places:
-            best[distance(self.grid.line, positions, place) < APART] = -np.inf
-        top = int(np.argmax(best))
-        score = self.smooth.score + float(best[top]) - (len(places) + 1) * self.grid.log_positions
-        return score, float(positions[top])
-
-    def polished(self, places: tuple[float, ...]) -> tuple[float, ...]:
-        """Move the switches to positions between those of the grid.
-
-        This may raise the score more than another switch.
-        """
-        placed = refined(Found(np.array(places), self.smooth), self.grid.windows)
-        return tuple(float(each) for each in placed.positions)
-
-    def best_step(self, state: State) -> State:
-        """Return the best of one switch less, one elsewhere or for two neighbours, or one more."""
-        places, count = state.places, len(state.places)
-        fewer = [places[:j] + places[j + 1 :] for j in range(count)]
-        options = [(self.score(each), each) for each in fewer]
-        bases = [*fewer, *(fewer[j][:j] + fewer[j][j + 1 :] for j in range(count - 1))]
-        if self.grid.line.axis.periodic and count > 2:
-            bases.append(places[1:-1])
-        for each in [*bases, *([places] if count < MOST else [])]:
-            score, place = self.scan(each)
-            options.append((score, tuple(sorted((*each, place)))))
-        found = self.polished(max(options)[1])
-        score = self.score(found)
-        return State(found, score, score - state.score)
-
-    def at_once(self, places: tuple[float, ...]) -> Iterator[State]:
-        """Yield the best of all :func:`partitions` after :meth:`polished`.
-
-        Their scores on the grid only say which of them to polish.
-        """
-        parts = dict.fromkeys(partitions(self.grid.line, places))
-        for each in map(self.polished, nlargest(PARTS, parts, key=self.score)):
-            yield State(each, self.score(each))
-
-
-def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator[tuple[float, ...]]:
     """Yield the best set of each number of switches, as if the noise were white.
 
-    Dynamic programming finds the levels between them (Bellman 1961).
-
-    A step-by-step search would miss several switches of which none alone is worth much. On a
-    periodic axis, the cycle is cut at the first of the ``places``, with or without a switch there.
+    Dynamic programming finds the levels between them (Bellman 1961). It finds several switches
+    together, each of which alone has little evidence, so that steps of one switch would miss them.
+    On a periodic axis, the cycle is cut at the first of the ``positions``, with or without a switch
+    there.
     """
-    times, periodic = line.axis.times, line.axis.periodic
-    cut = round(places[0]) % times if periodic and places else 0
-    weights = np.roll(np.diag(line.precision), -cut)
-    edges = np.append(np.arange(0, times, -(-times // COARSE)), times)
-    sums = [
-        np.append(0.0, np.cumsum(each))[edges]
-        for each in (weights, weights * np.roll(line.seen, -cut))
-    ]
+    times, periodic = estimate.axis.times, estimate.axis.periodic
+    cut = round(positions[0]) % times if periodic and positions else 0
+    weights = np.roll(np.diag(estimate.precision), -cut)
+    edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
+    # sums between an edge and each edge before it
     power, cross = (
-        np.subtract.outer(each, each) for each in sums
-    )  # of all between an edge and one before
+        np.subtract.outer(sums, sums)
+        for sums in (
+            np.append(0.0, np.cumsum(each))[edges]
+            for each in (weights, weights * np.roll(estimate.values, -cut))
+        )
+    )
     before = np.tri(len(edges), k=-1, dtype=bool)
-    gains = np.where(before, cross**2 / np.maximum(power, FAINT * power.max()), -np.inf)
-    best, chosen = gains[:, 0], list[NDArray[np.intp]]()
-    for count in range(1, min(PARTED, len(edges) - 2) + 1):
+    gains = np.where(before, cross**2 / np.maximum(power, NEGLIGIBLE * power.max()), -np.inf)
+    best, chosen = gains[:, 0], []
+    for count in range(1, min(MAX_JOINT, len(edges) - 2) + 1):
         whole = best + gains
         chosen.append(np.argmax(whole, axis=1))
-        best = np.take_along_axis(whole, chosen[-1][:, None], axis=1)[:, 0]
+        best = whole.max(axis=1)
         switches, last = list[float](), len(edges) - 1
         for each in reversed(chosen):
             last = each[last]
             switches.append(float((edges[last] + cut) % times))
         yield tuple(sorted(switches))
-        if periodic and count < PARTED:
+        if periodic and count < MAX_JOINT:
             yield tuple(sorted([*switches, float(cut)]))
 
 
-def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
-    """Return sets of switches near the best score, best first, and the empty one."""
+def propose_switches(
+    smooths: Sequence[SmoothFit], grid: Grid, proposals: Sequence[Proposal]
+) -> list[tuple[tuple[float, ...], SmoothFit]]:
+    """Return sets of switches near the best score, best first, and the empty one.
+
+    Each comes with the smooth part beside which it was found. The search begins with the
+    ``proposals``, one for each smooth part. It always goes on beside the smooth part that has the
+    best score.
+    """
     scores: dict[tuple[float, ...], tuple[float, int]] = {}
 
-    def note(state: State, key: int) -> None:
-        scores[state.places] = max(scores.get(state.places, (-np.inf, key)), (state.score, key))
+    def note(proposal: Proposal, key: int) -> None:
+        known = scores.get(proposal.positions, (-math.inf, key))
+        scores[proposal.positions] = max(known, (proposal.score, key))
 
-    for key, state in enumerate(states):
-        note(state, key)
-    walks: dict[int, Walk] = {}
-    open_ones, closed_at = dict(enumerate(states)), set()
-    for _ in range(STEPS):
+    def refined(positions: tuple[float, ...], key: int, gain: float) -> Proposal:
+        placed = refine_positions(positions, smooths[key], grid.windows)
+        return Proposal(tuple(placed.positions), placed.score, gain)
+
+    for key, proposal in enumerate(proposals):
+        note(proposal, key)
+    steps: dict[int, Steps] = {}
+    still_open, closed_at = dict(enumerate(proposals)), set()
+    for _ in range(MAX_STEPS):
         best = max(scores.values())[0]
-        able = {
-            key: state
-            for key, state in open_ones.items()
-            if state.score + min(state.gain, GAIN) > best
-            and (key in walks or state.places not in closed_at)
-        }
+        able = [
+            key
+            for key, each in still_open.items()
+            if each.score + min(each.gain, MAX_GAIN) > best
+            and (key in steps or each.positions not in closed_at)
+        ]
         if not able:
             break
-        key = max(able, key=lambda each: able[each].score)
-        if key not in walks:
-            walk = walks[key] = Walk(smooths[key], grid)
-            if open_ones[key].places:
-                places = walk.polished(open_ones[key].places)
-                open_ones[key] = State(places, walk.score(places), open_ones[key].gain)
-                note(open_ones[key], key)
-        after = walks[key].best_step(open_ones[key])
-        if after.score > best - NEARLY:
+        key = max(able, key=lambda each: still_open[each].score)
+        proposal = still_open[key]
+        if key not in steps:
+            steps[key] = smooths[key].beside(grid.steps)
+            proposal = refined(proposal.positions, key, proposal.gain)
+            note(proposal, key)
+        after = best_switch(proposal, smooths[key], steps[key], grid)
+        if after.score > best - SLACK:
             note(after, key)
-        if after.gain <= 1e-6:
-            closed_at.add(open_ones.pop(key).places)
-            del walks[key]  # its products are as large as the grid's
-            continue
-        open_ones[key] = after
-    walk, best = walks.get(0) or Walk(smooths[0], grid), max(scores.values())[0]
-    walks.clear()  # one is enough from here on
-    for state in walk.at_once(states[0].places):
-        if state.score > best - NEARLY:
-            note(state, 0)
+        if after.gain > MIN_GAIN:
+            still_open[key] = after
+        else:
+            closed_at.add(proposal.positions)
+            del still_open[key], steps[key]
+    best = max(scores.values())[0]
+    joint = set(joint_update(smooths[0].estimate, proposals[0].positions))
+
+    def score_at(positions: tuple[float, ...]) -> float:
+        own = smooths[0].estimate.steps(np.array(positions))
+        return score_of(smooths[0].beside(own), smooths[0])
+
+    for positions in nlargest(MAX_REFINED, joint, key=score_at):
+        proposal = refined(positions, 0, 0.0)
+        if proposal.score > best - SLACK:
+            note(proposal, 0)
     scores.pop((), None)
-    best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
-    near = sorted(
-        ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH),
-        reverse=True,
-    )
-    sets = [Found(np.array(places), smooths[key]) for _, key, places in near]
-    return [*sets[:MOST_SETS], Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]
+    none = max(smooths, key=lambda smooth: smooth.score)
+    best = max([none.score, *(score for score, _ in scores.values())])
+    near = [(*found, positions) for positions, found in scores.items() if found[0] > best - REACH]
+    sets = [(positions, smooths[key]) for _, key, positions in sorted(near, reverse=True)]
+    return [*sets[:MAX_SETS], ((), none)]

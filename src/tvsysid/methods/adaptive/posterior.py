@@ -1,0 +1,371 @@
+"""Posterior of a function of time: all plausible models, weighted by their evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import attrs
+import numpy as np
+
+from tvsysid.methods.adaptive.evidence import (
+    FreeEstimate,
+    SmoothFit,
+    few_harmonics,
+    log_evidence,
+    size_covariance,
+)
+from tvsysid.methods.adaptive.prior import (
+    JITTERS,
+    Axis,
+    SmoothPrior,
+    SwitchPrior,
+    smooth_priors,
+    switch_priors,
+)
+from tvsysid.methods.adaptive.search import (
+    Grid,
+    Placed,
+    Windows,
+    first_proposals,
+    merge_close,
+    propose_switches,
+    refine_positions,
+)
+from tvsysid.numerics import Array
+from tvsysid.numerics.bands import arc_length
+
+MAX_MODELS = 32  # that count
+MIN_WEIGHT = 0.002  # of a model, and probability of a position, that count
+MAX_POSITIONS = 24  # of a switch, in a model that has all the weight
+SAME = 0.26  # samples within which two sets of switches are the same
+MAX_SMEARED = 6  # switches up to which it is tried how steps are smeared
+SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
+OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
+
+
+class Mixture(NamedTuple):
+    """Weights, means, variances of normal distributions at each time, (time, component)."""
+
+    weights: Array
+    means: Array
+    variances: Array
+
+    def mean(self) -> Array:
+        """Return the mean of the mixture, shape (time,)."""
+        return np.asarray(np.einsum("tc,tc->t", self.weights, self.means))
+
+    def variance(self) -> Array:
+        """Return the variance of the mixture, shape (time,)."""
+        apart = self.means - self.mean()[:, None]
+        return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
+
+    def transformed(self, scale: float, offset: float = 0.0, variance: float = 0.0) -> Mixture:
+        """Return the mixture times a scale, plus a number that has a variance of its own."""
+        return Mixture(
+            self.weights, scale * self.means + offset, scale**2 * self.variances + variance
+        )
+
+
+class Hypothesis(NamedTuple):
+    """A prior of the smooth part, and switches at positions in samples, smeared by an axis."""
+
+    axis: Axis
+    prior: SmoothPrior
+    positions: Array
+
+
+class Candidate(NamedTuple):
+    """A smooth part, switches and the prior of their sizes.
+
+    ``evidence`` is the log evidence, including the prior.
+    """
+
+    smooth: SmoothFit
+    placed: Placed
+    prior: SwitchPrior
+    evidence: float
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether nothing changes."""
+        return not len(self.placed.positions) and self.smooth.prior.kind == "none"
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What the candidate assumes."""
+        return Hypothesis(self.smooth.estimate.axis, self.smooth.prior, self.placed.positions)
+
+    def over_time(self, positions: Array) -> OverTime:
+        """Return the posterior over time for sets of positions (set, switch) of the switches."""
+        smooth, sets = self.smooth, positions.shape
+        steps = smooth.beside(smooth.estimate.steps(positions.ravel()))
+        true_steps = smooth.estimate.axis.steps(positions.ravel())
+        recorded, weighted, explained, shapes = (
+            each.reshape(len(each), *sets).swapaxes(0, 1)
+            for each in (
+                *(steps.recorded, steps.weighted, steps.explained),
+                true_steps - smooth.features @ steps.explained,
+            )
+        )
+        gram = recorded.swapaxes(1, 2) @ weighted - explained.swapaxes(1, 2) @ explained
+        covariance = size_covariance(gram, self.prior)
+        sizes = covariance @ steps.cross.reshape(*sets, 1)
+        means = smooth.features @ smooth.mean + (shapes @ sizes)[..., 0]
+        variances = np.einsum("tc,tc->t", smooth.features, smooth.features) + np.einsum(
+            "stc,stc->st", shapes @ covariance, shapes
+        )
+        return OverTime(means.T, variances.T, sizes[..., 0], covariance, shapes)
+
+    def mixture(self, best: OverTime, weight: float) -> Mixture:
+        """Return the posterior at each time.
+
+        ``best`` is the one with all switches at their most probable positions. The switch nearest
+        to a time takes all its positions, the others stay there.
+        """
+        axis, placed = self.smooth.estimate.axis, self.placed
+        if not len(placed.positions):
+            return Mixture(np.ones(best.means.shape), best.means, best.variances)
+        nearest = np.argmin(axis.distances(np.arange(float(axis.times)), placed.positions), axis=1)
+        count = max(4, round(MAX_POSITIONS * weight))
+        out = np.empty((3, axis.times, count))
+        for place, window in enumerate(zip(placed.windows, placed.probabilities, strict=True)):
+            rows = nearest == place
+            positions = np.repeat(placed.positions[None], count, axis=0)
+            positions[:, place], out[0, rows] = thinned(*window, count)
+            moved = self.over_time(positions)
+            out[1:, rows] = moved.means[rows], moved.variances[rows]
+        out[2] += axis.jitter_variance(placed.positions) @ best.sizes.T**2
+        return Mixture(*out)
+
+
+class OverTime(NamedTuple):
+    """Posterior over time for sets of positions of switches.
+
+    ``means`` and ``variances`` have shape (time, set). ``sizes`` (set, switch) are those of the
+    switches, with a ``covariance``. The values depend on them by ``shapes`` (set, time, switch).
+    """
+
+    means: Array
+    variances: Array
+    sizes: Array
+    covariance: Array
+    shapes: Array
+
+
+def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Array]:
+    """Return so many positions and their weights; each represents an equal share of probability.
+
+    Positions with a weight of 0 fill up the number.
+    """
+    kept = probabilities > MIN_WEIGHT
+    if not kept.any():
+        kept = probabilities == probabilities.max()
+    window, weights = window[kept], probabilities[kept] / probabilities[kept].sum()
+    bins = np.minimum((np.cumsum(weights) - weights / 2) * count, count - 1).astype(int)
+    rising = np.argsort(weights)
+    best = np.full(count, rising[-1])
+    best[bins[rising]] = rising  # the last one of a bin, which is the most probable, is kept
+    return window[best], np.bincount(bins, weights, count).astype(np.float64)
+
+
+class Posterior(NamedTuple):
+    """Candidates, the best first, and the mixture of those that count, with their weights."""
+
+    candidates: list[Candidate]
+    weights: Array
+    over_time: list[OverTime]
+    mixture: Mixture
+
+    @classmethod
+    def of(cls, candidates: list[Candidate]) -> Posterior:
+        """Return the posterior of all candidates."""
+        candidates = sorted(candidates, key=lambda each: -each.evidence)
+        evidence = np.array([each.evidence for each in candidates])[:MAX_MODELS]
+        weights = np.exp(evidence - evidence[0])
+        weights /= weights.sum()
+        weights = weights[weights >= MIN_WEIGHT]
+        weights /= weights.sum()
+        kept = candidates[: len(weights)]
+        over_time = [each.over_time(each.placed.positions[None]) for each in kept]
+        parts = [
+            each.mixture(best, weight)
+            for each, best, weight in zip(kept, over_time, weights, strict=True)
+        ]
+        shares, means, variances = (
+            np.concatenate(each, axis=1) for each in zip(*parts, strict=True)
+        )
+        shares = shares * np.repeat(weights, [len(each.weights.T) for each in parts])
+        used = np.argsort(shares == 0, axis=1, kind="stable")[:, : (shares > 0).sum(axis=1).max()]
+        mixture = Mixture(
+            *(np.take_along_axis(x, used, axis=1) for x in (shares, means, variances))
+        )
+        size = candidates[0].smooth.estimate.size
+        return cls(candidates, weights, over_time, mixture.transformed(size))
+
+    @property
+    def probabilities(self) -> Array:
+        """Probability of every candidate."""
+        share = np.exp([each.evidence - self.candidates[0].evidence for each in self.candidates])
+        return np.asarray(share / share.sum())
+
+    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
+        """Return the probability of all candidates of a kind together."""
+        return float(self.probabilities @ [wanted(each) for each in self.candidates])
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Hypotheses that count, the most probable first."""
+        return tuple(each.hypothesis for each in self.candidates[: len(self.weights)])
+
+    def arc(self) -> float:
+        """Return the length of the path of the scaled estimate, for simultaneous bands."""
+        means = np.column_stack([each.means for each in self.over_time])
+        apart = np.sqrt(self.weights) * (means - (means @ self.weights)[:, None])
+        features = np.column_stack([self._factor(), apart])
+        return arc_length(features, np.eye(len(features.T)))
+
+    def parameters(self) -> float:
+        """Return the best candidate's effective number of parameters, and of switch times."""
+        precision, factor = self.candidates[0].smooth.estimate.precision, self._factor()
+        positions = self.candidates[0].placed.positions
+        return float(np.sum(factor * (precision @ factor))) + len(positions)
+
+    def _factor(self) -> Array:
+        """Return a factor (time, coefficient) of the covariance of the best candidate."""
+        best = self.over_time[0]
+        values, vectors = np.linalg.eigh(best.covariance[0])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return np.column_stack([self.candidates[0].smooth.features, best.shapes[0] @ root])
+
+
+def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posterior:
+    """Average all plausible models of a free estimate, weighted by their evidence.
+
+    If there are ``known`` hypotheses, only these are averaged.
+
+    A low-pass before sampling smears a step, and so do realizations that switch at different times.
+    Each is tried where there are steps. The usual low-pass has a prior probability of 1/2. What the
+    data leave open is averaged.
+    """
+    if known:
+        return Posterior.of(plausible(attrs.evolve(estimate, axis=known[0].axis), known=known))
+    candidates = plausible(estimate)
+    found = Posterior.of(candidates)
+    best = found.candidates[0]
+    without = found.probability(lambda each: not len(each.placed.positions))
+    if without > 0.5 or len(best.placed.positions) > MAX_SMEARED:
+        return found
+    usual = estimate.axis
+    axes = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
+    smeared = [attrs.evolve(estimate, axis=axis) for axis in (usual, *axes)]
+    scores = [_score(best, each) for each in smeared]
+    other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(axes))
+    if scores[other] + log_prior < scores[0] - OPEN:
+        return found
+    priors = [each.prior for each in found.hypotheses]
+    beside = plausible(smeared[other], priors=priors)
+    beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
+    return Posterior.of(candidates + beside)
+
+
+def _score(best: Candidate, estimate: FreeEstimate) -> float:
+    """Return the score of a candidate's switches beside another estimate."""
+    smooth, windows = SmoothFit(estimate, best.smooth.prior), Windows(estimate, SMEAR_SPACING)
+    return refine_positions(best.placed.positions, smooth, windows).total
+
+
+def average_beside(
+    estimate: FreeEstimate, other: Posterior, known: Sequence[Hypothesis] = ()
+) -> Posterior:
+    """Average models of an estimate that may switch where another does.
+
+    The prior probability is 1/2 that it switches where the other's best candidate does. Other
+    switches are searched for only where some seem to be there at first.
+    """
+    best = other.candidates[0]
+    estimate = attrs.evolve(estimate, axis=best.smooth.estimate.axis)
+    return Posterior.of(plausible(estimate, best.placed, known))
+
+
+def plausible(
+    estimate: FreeEstimate,
+    others: Placed | None = None,
+    known: Sequence[Hypothesis] = (),
+    priors: Sequence[SmoothPrior] = (),
+) -> list[Candidate]:
+    """Return all plausible candidates, with steps smeared as the estimate's axis says.
+
+    ``others`` are switches of another estimate. If there are ``known`` hypotheses or ``priors`` of
+    the smooth part, no other priors are used.
+    """
+    axis = estimate.axis
+    kinds = {each.variances.tobytes(): each for each in [*priors, *(each.prior for each in known)]}
+    smooths = [SmoothFit(estimate, each) for each in kinds.values() or smooth_priors(axis)]
+    tied = []
+    if others is not None and len(others.positions):
+        # No position is to be found, so that none is penalised.
+        volume = len(others.positions) * math.log(axis.times) + math.log(0.5)
+        tied.append(others._replace(log_volume=volume))
+    if known:
+        fits = dict(zip(kinds, smooths, strict=True))
+        sets = {
+            tuple(each.positions): fits[each.prior.variances.tobytes()] for each in reversed(known)
+        }
+        proposals = list(sets.items())
+    else:
+        grid = Grid(estimate)
+        first = first_proposals(smooths, grid)
+        if others is not None and not first[0].positions:
+            evidence = [each.evidence for each in weighed(smooths, tied)]
+            if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
+                return weighed(smooths, [Placed(np.zeros(0), 0.0, (), (), 0.0)])
+        proposals = propose_switches(smooths, grid, first)
+    windows, found = Windows(estimate), list[Placed]()
+    for positions, smooth in proposals:
+        placed = refine_positions(positions, smooth, windows)
+        found += [placed, merge_close(placed, smooth, windows)]
+    candidates = sorted(weighed(smooths, distinct(found, axis)), key=lambda each: each.evidence)
+    best_of = {id(each.placed): each for each in candidates}.values()
+    found = [refine_positions(each.placed.positions, each.smooth, windows) for each in best_of]
+    if not kinds:  # beside the best set of switches, and beside none
+        for each in {not len(each.placed.positions): each for each in candidates}.values():
+            sums = few_harmonics(estimate, estimate.steps(each.placed.positions))
+            smooths += [SmoothFit(estimate, prior) for prior in sums]
+    return weighed(smooths, [*distinct(found, axis), *tied])
+
+
+def distinct(sets: Sequence[Placed], axis: Axis) -> list[Placed]:
+    """Return sets of switches without repetitions."""
+    out: list[Placed] = []
+    for placed in sets:
+        alike = [each for each in out if len(each.positions) == len(placed.positions)]
+        gaps = [np.abs(axis.offset(each.positions, placed.positions)) for each in alike]
+        if not any((gap < SAME).all() for gap in gaps):
+            out.append(placed)
+    return out
+
+
+def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Placed]) -> list[Candidate]:
+    """Return every smooth part with every set of switches and every prior of their sizes."""
+    estimate = smooths[0].estimate
+    axis, priors, out = estimate.axis, switch_priors(estimate.axis.periodic), list[Candidate]()
+    ends = np.cumsum([len(each.positions) for each in sets])
+    steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
+    beside = [smooth.beside(steps) for smooth in smooths]
+    gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
+    for placed, end in zip(sets, ends, strict=True):
+        count = len(placed.positions)
+        if not count:
+            out += [Candidate(smooth, placed, priors[0], smooth.score) for smooth in smooths]
+            continue
+        own = slice(end - count, end)
+        evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
+        log_prior = placed.log_volume - count * math.log(axis.times) - math.log(len(priors))
+        for prior, values in zip(priors, evidence + log_prior, strict=True):
+            out += [
+                Candidate(smooth, placed, prior, smooth.score + float(value))
+                for smooth, value in zip(smooths, values, strict=True)
+            ]
+    return out

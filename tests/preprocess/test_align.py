@@ -1,9 +1,8 @@
-import attrs
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.virtual import perfect, simulated
+from tests.virtual import perfect
 
 import tvsysid as tv
 
@@ -44,13 +43,7 @@ def test_large_shifts_are_excluded():
     step = tv.preprocess.align(late_by([0, 33, -10, -50, 32]), "target")
     np.testing.assert_array_equal(step.kept, [True, False, True, False, True])
     np.testing.assert_allclose(step.reached[[1, 3]], [33 / RATE, 50 / RATE])
-    assert step.limit == 0.25
-    assert len(step.judged) == 5
-
-
-def test_realizations_with_different_shifts_do_not_follow_each_other():
-    step = tv.preprocess.align(late_by([3, 3, 5]), "target")
-    assert [list(run) for run in step.ensemble.runs] == [[0, 1], [2]]
+    assert [list(run) for run in step.ensemble.runs] == [[0], [1], [2]]  # no longer in a row
 
 
 def test_a_delay_is_found_under_a_perturbation():
@@ -62,34 +55,11 @@ def test_a_delay_is_found_under_a_perturbation():
     assert 0.002 < shifts.std() < 0.010
 
 
-@pytest.mark.slow
-def test_voluntary_torque_is_aligned_to_the_sample():
-    simulation = simulated(1)
-    voluntary = tv.preprocess.prepare(
-        attrs.evolve(simulation.recording, torque=simulation.pathways["voluntary"]),
-        task_limit=None,
-        residual_limit=None,
-    ).recorded
-    by = np.random.default_rng(0).integers(-20, 21, len(voluntary))
-    rows = [np.roll(row, shift) for row, shift in zip(voluntary.torque, by, strict=True)]
-    moved = attrs.evolve(voluntary, torque=rows)
-    own, found = (tv.preprocess.align(each, "target").shifts for each in (voluntary, moved))
-    inside = np.abs(own) < 0.3  # the seam of the roll is outside of the search
-    assert inside.sum() > 290
-    np.testing.assert_allclose((found - own)[inside] * RATE, by[inside], atol=1)
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (
-            {"reference": "goal"},
-            "there is no 'goal'; the signals are 'angle', 'torque', 'target', 'emg'",
-        ),
-        (
-            {"search": 1.5},
-            "shifts of up to 1.5 s need that much context, but the realizations have 1 s",
-        ),
+        ({"reference": "goal"}, "there is no 'goal'"),
+        ({"search": 1.5}, "up to 1.5 s need that much context, but the realizations have 1 s"),
         ({"search": 0.0}, "search must be a positive number"),
         ({"max_shift": 0.01}, "every realization needs a shift of more than 0.01 s"),
     ],

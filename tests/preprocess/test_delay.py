@@ -25,7 +25,7 @@ def test_torque_is_shifted_and_samples_without_torque_are_cut(delay):
         np.testing.assert_array_equal(np.diff(aligned.channels["emg"][trial]).round(9), 0.001)
 
 
-def test_inertia_is_recovered_and_models_state_the_correction(tmp_path):
+def test_inertia_is_recovered_and_the_model_states_the_correction():
     noise = tv.simulate.FilteredNoise()
     recording = tv.simulate.Joint().simulate(60, perturbation=noise, snr_db=20, seed=1).recording
     late = tv.Recording(recording.angle[3:], recording.torque[:-3], 1000.0, start=recording.start)
@@ -41,13 +41,7 @@ def test_inertia_is_recovered_and_models_state_the_correction(tmp_path):
     assert np.nanmean(tv.BasisIRF().identify(wrong).inertia) < 0.014
     model = tv.BasisIRF().identify(right)
     assert np.nanmean(model.inertia) == pytest.approx(0.02, rel=0.06)
-    tv.recordings.write_ensemble(tmp_path / "ensemble.nc", right)
-    stated = [
-        model.diagnostics.details["delay_removed"],
-        model.to_xarray().attrs["delay_removed"],
-        tv.recordings.load_ensemble(tmp_path / "ensemble.nc").delay_removed,
-    ]
-    assert stated == [delay] * 3
+    assert model.diagnostics.details["delay_removed"] == right.delay_removed == delay
 
 
 @pytest.mark.parametrize(

@@ -75,12 +75,14 @@ def test_kept_realizations_are_untouched_and_limits_are_those_of_all(name, seed,
     np.testing.assert_allclose(step.half_width, limit * step.judged.std(axis=0, ddof=1))
 
 
-@steps
-def test_limits_that_are_not_positive_are_refused(name):
-    with pytest.raises(tv.InputError, match="limit must be a positive number"):
-        STEPS[name](clean(0), limit=0.0)
-
-
-def test_a_cutoff_above_half_the_rate_is_refused():
-    with pytest.raises(tv.InputError, match=r"cutoff must be a number from 0\.1 to 62\.72"):
-        STEPS["residual"](clean(0), cutoff=64.0)
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("task component", {"limit": 0.0}, "limit must be a positive number"),
+        ("residual", {"limit": 0.0}, "limit must be a positive number"),
+        ("residual", {"cutoff": 64.0}, r"cutoff must be a number from 0\.1 to 62\.72"),
+    ],
+)
+def test_impossible_limits_are_refused(name, settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        STEPS[name](clean(0), **settings)

@@ -85,33 +85,18 @@ def test_realizations_near_short_ends_are_left_out_and_counted():
     assert tv.preprocess.prepare(recording, ends=0.5, reference=None).recorded.left_out == 0
 
 
-def test_steps_can_be_left_out():
+def test_steps_can_be_left_out_and_channels_pass_the_others():
     recording = simulated(1).recording
-    prepare = tv.preprocess.prepare
-    plain = prepare(recording, reference=None, task_limit=None, residual_limit=None)
+    emg, posture = 0.1 * recording.torque, np.arange(len(recording)) / 1e3
+    recording = attrs.evolve(recording, channels={"emg": emg, "posture": posture})
+    settings = {"reference": None, "task_limit": None, "residual_limit": None}
+    plain = tv.preprocess.prepare(recording, **settings, channels=("emg",))
     assert not plain.steps
     assert len(plain.recorded) == len(plain.ensemble) == plain.kept.sum() == 300
-    assert plain.ensemble.context == 64
-    np.testing.assert_allclose(plain.ensemble.torque.mean(axis=0), 0, atol=1e-9)
-    assert list(prepare(recording, reference=None).steps) == ["task component", "residual"]
-
-
-def test_channels_pass_every_step():
-    recording = simulated(1, "noise").recording
-    recording = attrs.evolve(
-        recording,
-        channels={
-            **recording.channels,
-            "emg": 0.1 * recording.torque,
-            "posture": np.arange(len(recording)) / 1e3,
-        },
-    )
-    ensemble = tv.preprocess.prepare(recording, channels=("emg",)).ensemble
-    assert ensemble.mean_subtracted
-    assert list(ensemble.channels) == ["target", "emg", "posture"]
-    np.testing.assert_allclose(ensemble.channels["emg"], 0.1 * ensemble.torque, atol=1e-9)
-    assert ensemble.channels["posture"].mean(axis=0).min() > 1
-    with pytest.raises(
-        tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'target'"
-    ):
-        tv.preprocess.prepare(recording, channels=("EMG",))
+    channels = plain.ensemble.channels
+    np.testing.assert_allclose(channels["emg"], 0.1 * plain.ensemble.torque, atol=1e-9)
+    assert channels["posture"].mean(axis=0).min() > 1
+    some = tv.preprocess.prepare(recording, reference=None)
+    assert list(some.steps) == ["task component", "residual"]
+    with pytest.raises(tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque'"):
+        tv.preprocess.prepare(recording, reference=None, channels=("EMG",))

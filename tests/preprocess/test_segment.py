@@ -13,13 +13,10 @@ def recording_of(samples, **settings):
 
 def test_context_comes_from_the_record():
     ensemble = tv.preprocess.segment(recording_of(1000), period=2.0)
-    assert ensemble.context == 50
-    assert (len(ensemble), ensemble.left_out) == (3, 2)
+    assert (len(ensemble), ensemble.context, ensemble.left_out) == (3, 50, 2)
     np.testing.assert_array_equal(ensemble.onsets, [2.0, 4.0, 6.0])
-    for row, onset in enumerate(ensemble.onsets):
-        np.testing.assert_array_equal(
-            ensemble.angle[row], np.arange(100 * onset - 50, 100 * onset + 250)
-        )
+    expected = 100 * ensemble.onsets[:, None] + np.arange(-50, 250)
+    np.testing.assert_array_equal(ensemble.angle, expected)
     assert "2 left out: too near the ends" in repr(ensemble)
 
 
@@ -27,8 +24,7 @@ def test_without_context_every_realization_is_kept():
     recording = recording_of(1000, channels={"emg": -np.arange(1000.0)})
     ensemble = tv.preprocess.segment(recording, period=2.0, context=0)
     assert (len(ensemble), ensemble.left_out) == (5, 0)
-    np.testing.assert_array_equal(ensemble.angle.ravel(), np.arange(1000))
-    np.testing.assert_array_equal(ensemble.channels["emg"], -ensemble.angle)
+    np.testing.assert_array_equal(-ensemble.channels["emg"].ravel(), np.arange(1000))
 
 
 @pytest.mark.parametrize("start", [-1.0, -0.3, 0.7, 12.5])
@@ -55,17 +51,10 @@ def test_trials_are_cut_each_for_itself():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (
-            {"period": 20.0},
-            "no realization of 20 s with 0.5 s of context .* fits into a trial of 10 s",
-        ),
-        (
-            {"period": 1.005},
-            "1.005 s is not a whole number of samples at 100 Hz; give a rate at which it is one",
-        ),
+        ({"period": 20.0}, "no realization of 20 s with 0.5 s of .* fits into a trial of 10 s"),
+        ({"period": 1.005}, "1.005 s is not a whole number of samples at 100 Hz"),
         ({"period": None, "context": 6.0}, "no realization with 6 s of context"),
         ({"period": "long"}, "period must be a positive number, got 'long'"),
-        ({"period": 1e-9}, "not a whole number of samples at 100 Hz"),
         ({"period": 2.0, "context": -1.0}, "context must be a number of zero or more"),
     ],
 )
@@ -82,23 +71,16 @@ def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
     np.testing.assert_allclose(centred.angle.mean(axis=0), 0, atol=1e-10)
     np.testing.assert_allclose(centred.torque.mean(axis=0), 0, atol=1e-10)
     np.testing.assert_array_equal(centred.channels["emg"], values)
-    again = tv.preprocess.subtract_mean(centred)
-    np.testing.assert_allclose(again.angle, centred.angle, atol=1e-10)
 
 
-@pytest.mark.parametrize(("samples", "left_out"), [(300, "context 0.5 s;"), (600, "2 left out")])
-def test_the_mean_of_one_realization_is_not_subtracted(samples, left_out):
-    ensemble = tv.preprocess.segment(recording_of(samples, start=-0.5 if samples < 400 else 0), 2.0)
-    with pytest.raises(
-        tv.InputError, match=f"at least two realizations, got Ensemble.1 realization .*{left_out}"
-    ):
-        tv.preprocess.subtract_mean(ensemble)
-
-
-def test_realizations_that_are_all_alike_are_refused(random):
-    row = random.normal(size=20) * 0.1
-    ensemble = tv.Ensemble(np.tile(row, (7, 1)), random.normal(size=(7, 20)), 100.0)
-    with pytest.raises(tv.InputError, match="the angle is the same in all 7 realizations"):
+@pytest.mark.parametrize(
+    ("realizations", "message"),
+    [(1, "at least two realizations, got Ensemble"), (7, "the angle is the same in all 7")],
+)
+def test_one_realization_and_those_that_are_all_alike_are_refused(random, realizations, message):
+    torque = random.normal(size=(realizations, 20))
+    ensemble = tv.Ensemble(np.tile(torque[0], (realizations, 1)), torque, 100.0)
+    with pytest.raises(tv.InputError, match=message):
         tv.preprocess.subtract_mean(ensemble)
 
 
@@ -149,15 +131,12 @@ def test_trimmed_ends_can_serve_as_context():
     trimmed = tv.preprocess.trim(two_trials(), ends=1.0, margin=0.5)
     expected = np.concatenate([np.arange(50, 650), np.arange(750, 1450)])
     np.testing.assert_array_equal(trimmed.angle, expected)
-    np.testing.assert_array_equal(trimmed.torque, -expected)
     np.testing.assert_array_equal(trimmed.channels["target"], 2 * expected)
-    assert trimmed.trial_starts == (0, 600)
     np.testing.assert_allclose(trimmed.time[[0, 50, 600]], [-0.5, 0.0, -0.5])
     cut = tv.preprocess.segment(trimmed, period=1.0, context=0.5)
     assert (len(cut), cut.left_out) == (5 + 6, 0)
-    np.testing.assert_array_equal(
-        cut.angle[:, cut.core][:, 0], [*range(100, 600, 100), *range(800, 1400, 100)]
-    )
+    firsts = [*range(100, 600, 100), *range(800, 1400, 100)]
+    np.testing.assert_array_equal(cut.angle[:, cut.context], firsts)
 
 
 @pytest.mark.parametrize(

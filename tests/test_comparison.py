@@ -1,6 +1,5 @@
 """Several methods on one ensemble, and predictions of realizations that were held out."""
 
-import copy
 import pickle
 
 import attrs
@@ -35,11 +34,6 @@ class Unused(tv.Method):
         raise ZeroDivisionError("by zero")
 
 
-class Unskippable(Unused):
-    def skip(self, ensemble):
-        return {}["reason"]
-
-
 def test_it_gives_the_same_as_each_method_by_itself():
     ensemble = ensemble_of()
     found = tv.compare(ensemble, ["sds", tv.BasisIRF()])
@@ -54,11 +48,8 @@ def test_it_gives_the_same_as_each_method_by_itself():
     assert len(table) == 2 * ensemble.samples
     upper = table[table.method == "sds"].viscosity_upper
     np.testing.assert_array_equal(upper, found.bands["sds"]["viscosity"][1])
-    row = found.summary().iloc[0]
-    assert row["stiffness (N·m/rad)"] == pytest.approx(alone.stiffness.mean())
-    assert row["lowest (N·m/rad)"] == alone.stiffness.min()
-    for again in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
-        assert again.over_time().equals(table)
+    assert found.summary().iloc[0]["lowest (N·m/rad)"] == alone.stiffness.min()
+    assert pickle.loads(pickle.dumps(found)).over_time().equals(table)
 
 
 def test_any_quantity_and_any_pathway_comes_through():
@@ -72,11 +63,7 @@ def test_any_quantity_and_any_pathway_comes_through():
     table = found.over_time()
     assert (table.offset_upper > table.offset).all()
     assert np.isnan(table.stiffness_upper).all()  # the mean of realizations has no band
-    dataset = model.to_xarray(ensemble)
-    assert dataset.stiffness.dims == ("realization", "time")
-    assert dataset.torque_reflex.attrs["units"] == "N m"
-    with pytest.raises(ValueError, match="conflicting sizes for dimension 'realization'"):
-        model.to_xarray(ensemble.select([0, 1, 2]))
+    assert model.to_xarray(ensemble).torque_reflex.dims == ("realization", "time")
 
 
 @pytest.mark.parametrize(
@@ -84,7 +71,6 @@ def test_any_quantity_and_any_pathway_comes_through():
     [
         ([Level()], "needs the channel 'emg' .scheduling, V., the ensemble has no further channel"),
         ([Unused()], r"^Unused: ZeroDivisionError: by zero \(test_comparison.py, line"),
-        ([Unskippable()], r"Unskippable: KeyError: 'reason' \(test_comparison.py, line"),
         ([Unused(), Unused()], "two methods have the name Unused"),
         ([], "expected at least one method, got none"),
     ],
@@ -96,11 +82,8 @@ def test_methods_that_cannot_be_compared(methods, message):
 
 def test_a_method_that_is_skipped_or_fails_leaves_the_others():
     found = tv.compare(ensemble_of(), [Level(), Unused(), "esm", "esm"])
-    assert [list(each) for each in (found.models, found.skipped, found.failed)] == [
-        ["esm"],
-        ["Level"],
-        ["Unused"],
-    ]
+    outcomes = [list(each) for each in (found.models, found.skipped, found.failed)]
+    assert outcomes == [["esm"], ["Level"], ["Unused"]]
 
 
 def test_settings_are_chosen_from_the_data_if_asked():
@@ -118,26 +101,14 @@ def test_a_channel_either_keeps_its_mean_or_loses_it():
         tv.methods.centered_channels([Driven(), Level()])
 
 
-def test_names_in_a_dataset_are_told_apart():
-    error = tv.StandardError(np.ones(200), 9)
-    names = ("stiffness", "offset", "offset_lower")
-    estimates = {name: tv.Estimate(np.ones(200), "V", error=error) for name in names}
-    model = tv.Model.of(ensemble_of(), estimates=estimates)
-    with pytest.raises(tv.InputError, match="two variables have the name 'offset_lower'"):
-        model.to_xarray()
-
-
 def by_hand(raw, method, folds):
     """Held-out VAF of whole realizations, by subtracting the means of the realizations kept."""
     out = np.full(len(raw), np.nan)
     for part in np.array_split(np.arange(len(raw)), folds):
-        kept = np.setdiff1d(np.arange(len(raw)), part)
-        model = method.identify(tv.preprocess.subtract_mean(raw.select(kept)))
-        angle, torque = (
-            raw.signal(name)[part] - raw.signal(name)[kept].mean(axis=0)
-            for name in ("angle", "torque")
-        )
-        left = attrs.evolve(raw.select(part), angle=angle, torque=torque)
+        kept = raw.select(np.setdiff1d(np.arange(len(raw)), part))
+        model, left = method.identify(tv.preprocess.subtract_mean(kept)), raw.select(part)
+        angle, torque = left.angle - kept.angle.mean(axis=0), left.torque - kept.torque.mean(axis=0)
+        left = attrs.evolve(left, angle=angle, torque=torque)
         out[part] = tv.metrics.vaf(left.torque[:, left.core], model.predict(left))
     return out
 

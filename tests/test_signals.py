@@ -16,28 +16,18 @@ def angle(random):
     ("change", "message"),
     [
         ({"angle": []}, r"angle: expected samples over time, got an array of shape \(0,\)"),
-        (
-            {"angle": np.zeros((500, 2))},
-            r"angle: expected samples over time, got an array of shape \(500, 2\)",
-        ),
         ({"angle": ["a"] * 500}, "angle: expected real numbers, got values of type <U1"),
-        ({"angle": np.ones(500, dtype=complex)}, "got values of type complex128"),
         ({"angle": [[1.0], [1.0, 2.0]]}, "angle: expected real numbers, got values of type object"),
         ({"torque": np.zeros(499)}, r"torque: expected the angle's shape \(500,\), got \(499,\)"),
         ({"angle": np.full(500, 0.1)}, "angle: all 500 values are 0.1, so"),
-        ({"torque": np.full(500, 5.0)}, "torque: all 500 values are 5, so"),
         ({"sampling_rate": True}, "sampling_rate must be a positive number of hertz, got True"),
         ({"trial_starts": (0, 100.5)}, "trial_starts: expected increasing"),
         ({"start": "now"}, "start must be a finite number, got 'now'"),
-        ({"sampling_rate": 0}, "positive number of hertz, got 0"),
-        ({"sampling_rate": float("nan")}, "positive number of hertz, got nan"),
-        ({"sampling_rate": "fast"}, "positive number of hertz, got 'fast'"),
         (
             {"channels": {"emg": np.zeros(3)}},
             r"channel 'emg': expected the angle's shape \(500,\), got \(3,\)",
         ),
         ({"trial_starts": (0, 500)}, "trial_starts: expected increasing"),
-        ({"trial_starts": (5,)}, "trial_starts: expected increasing"),
     ],
 )
 def test_a_recording_refuses_what_it_cannot_use(angle, change, message):
@@ -46,18 +36,12 @@ def test_a_recording_refuses_what_it_cannot_use(angle, change, message):
         tv.Recording(**settings)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", ["angle", "torque"])
-def test_values_that_are_not_finite_are_counted_and_located(angle, name, bad):
-    values = angle.copy()
-    values[[17, 40]] = bad
-    with pytest.raises(
-        tv.InputError, match=f"{name}: 2 of 500 values are NaN or infinite, the first at time 17"
-    ):
-        tv.Recording(**({"angle": angle, "torque": angle, "sampling_rate": 100.0} | {name: values}))
-
-
-def test_masked_samples_are_refused(angle):
+@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+def test_values_that_are_not_finite_are_counted_and_located(angle, bad):
+    values = np.where(np.isin(np.arange(500), [17, 40]), bad, angle)
+    text = "torque: 2 of 500 values are NaN or infinite, the first at time 17"
+    with pytest.raises(tv.InputError, match=text):
+        tv.Recording(angle, values, 100.0)
     with pytest.raises(tv.InputError, match="angle: 1 of 500 values are NaN"):
         tv.Recording(np.ma.masked_equal(angle, angle[3]), angle, 100.0)
 
@@ -65,13 +49,8 @@ def test_masked_samples_are_refused(angle):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            {"angle": np.zeros(500)},
-            r"angle: expected samples over realization and time, got an array of shape \(500,\)",
-        ),
-        ({"torque": np.zeros((10, 49))}, "torque: expected the angle's shape"),
+        ({"angle": np.zeros(500)}, "angle: expected samples over realization and time, got an"),
         ({"context": 25}, "from 0 to 24"),
-        ({"context": -1}, "from 0 to 24"),
         ({"context": 1.5}, "whole number of samples"),
         ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
         ({"recorded_angle": np.ones((10, 49, 2))}, "recorded_angle: expected the angle's shape"),
@@ -108,7 +87,7 @@ def test_signals_are_kept_as_they_are_and_cannot_be_changed(kind):
         ensemble.sampling_rate = 5.0
 
 
-@pytest.mark.parametrize("index", [[], [10], [[1]], [True, False], [0.0], [-30, 2]])
+@pytest.mark.parametrize("index", [[], [10], [[1]], [True, False]])
 def test_select_refuses_what_is_not_there(angle, index):
     ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0)
     with pytest.raises(tv.InputError, match="select: "):
@@ -148,34 +127,20 @@ def test_runs_join_realizations_that_follow_each_other(angle):
         [0, 1, 2, 3],
         [4, 5, 6, 7, 8, 9],
     ]
-    gap = np.arange(10) * 0.5 + np.where(np.arange(10) > 6, 0.5, 0.0)
-    assert runs(onsets=gap) == [list(range(7)), [7, 8, 9]]
     shuffled = np.array([3, 0, 1, 2, 4, 5, 6, 7, 8, 9]) * 0.5
     assert runs(onsets=shuffled) == [[1, 2, 3, 0, 4, 5, 6, 7, 8, 9]]
 
 
 def test_select_takes_everything_along(random):
     angle, torque, emg = random.normal(size=(3, 10, 60))
-    recorded = np.stack([angle, angle], axis=-1)
-    ensemble = tv.Ensemble(
-        angle,
-        torque,
-        100.0,
-        context=5,
-        onsets=np.arange(10.0),
-        channels={"emg": emg},
-        recorded_angle=recorded,
-    )
-    chosen = ensemble.select([4, 4, 1])
+    more = {"onsets": np.arange(10.0), "channels": {"emg": emg}, "recorded_angle": emg[..., None]}
+    chosen = tv.Ensemble(angle, torque, 100.0, 5, **more).select([4, 4, 1])
     np.testing.assert_array_equal(chosen.onsets, [4, 4, 1])
-    np.testing.assert_array_equal(chosen.signal("angle"), angle[[4, 4, 1]])
-    np.testing.assert_array_equal(chosen.signal("emg"), emg[[4, 4, 1]])
-    np.testing.assert_array_equal(chosen.recorded_angle, recorded[[4, 4, 1]])
-    assert len(ensemble.select(np.arange(10) > 6)) == 3
-    with pytest.raises(
-        tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque', 'emg'"
-    ):
-        ensemble.signal("EMG")
+    for values in (chosen.signal("emg"), chosen.recorded_angle[..., 0]):
+        np.testing.assert_array_equal(values, emg[[4, 4, 1]])
+    assert len(chosen.select(np.arange(3) > 1)) == 1
+    with pytest.raises(tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'emg'"):
+        chosen.signal("EMG")
 
 
 def test_a_reference_loses_its_mean_and_a_scheduling_variable_keeps_it(random):

@@ -42,12 +42,9 @@ def test_draws_repeat_and_more_only_add():
     few = bootstrap(method, ensemble, 3, seed=1, progress=lambda *done: calls.append(done))
     more = bootstrap(method, ensemble, 5, seed=1)
     assert calls == [(1, 3), (2, 3), (3, 3)]
-    assert list(few.draws) == ["stiffness", "viscosity", "inertia"]
-    for name, draws in few.draws.items():
-        np.testing.assert_array_equal(draws, more.draws[name][:3])
+    for name in ("stiffness", "viscosity", "inertia"):
+        np.testing.assert_array_equal(few.draws[name], more.draws[name][:3])
     assert "3 draws of BasisIRF" in repr(few)
-    narrow, wide = (np.subtract(*few.band("stiffness", level)) for level in (0.5, 0.95))
-    assert (narrow > wide).all()
 
 
 @pytest.mark.slow
@@ -73,13 +70,6 @@ class Fragile(Mean):
         return super().fit(ensemble)
 
 
-class OnlyTheWhole(Mean):
-    def fit(self, ensemble):
-        if len(np.unique(ensemble.onsets)) < len(ensemble):
-            raise ValueError("twice the same")
-        return super().fit(ensemble)
-
-
 def test_a_draw_that_fails_is_left_out_with_a_warning():
     text = r"of 200 draws \(the first: LinAlgError: SVD did not"
     with pytest.warns(tv.DataQualityWarning, match=text) as caught:
@@ -93,8 +83,8 @@ def test_a_draw_that_fails_is_left_out_with_a_warning():
     np.testing.assert_array_equal(draws[~lost], sound[~lost])
     for lower, upper in (found.band(), found.band(simultaneous=True)):
         assert (lower < upper).all()
-    with pytest.raises(tv.InputError, match=r"200 of 200 draws .* at least 2 are needed"):
-        bootstrap(OnlyTheWhole(), ensemble_of(), 200, seed=1)
+    with pytest.raises(tv.InputError, match=r"could not identify 2 of 3 draws .* at least 2 are"):
+        bootstrap(Fragile((0, 2, 3, 4)), ensemble_of(), 3, seed=2)
 
 
 @pytest.mark.slow
@@ -111,12 +101,6 @@ def test_simultaneous_band_holds_all_times_together(random):
     each_time, together = np.mean(held, axis=0)
     assert each_time < 0.85
     assert 0.88 <= together < 1.0
-
-
-def test_single_draws_do_not_warn():
-    with pytest.warns(tv.DataQualityWarning, match="fewer than the 25 lags") as caught:
-        bootstrap(tv.EnsembleIRF(), ensemble_of(40.0), 3, seed=1)
-    assert len(caught) == 1
 
 
 @pytest.mark.parametrize(
@@ -136,32 +120,28 @@ def test_too_few_draws_or_realizations_are_refused(realizations, count, seed, me
 class Scheduled(tv.Method):
     """Stiffness over a measured variable, a gain over time, and an offset of each realization."""
 
-    names: tuple[str, ...] = ("stiffness", "gain", "offset")
     step: float = 0.0
 
     def fit(self, ensemble):
         level = ensemble.torque.std()
-        estimates = {
-            "stiffness": tv.Estimate(np.full(3, level), "N m/rad", ("emg",)),
-            "gain": tv.Estimate(np.full(ensemble.samples, level), "N m/V"),
-            "offset": tv.Estimate(np.full(len(ensemble), level), "N m", ("realization",)),
-        }
         return tv.Model.of(
             ensemble,
-            estimates={name: estimates[name] for name in self.names},
+            estimates={
+                "stiffness": tv.Estimate(np.full(3, level), "N m/rad", ("emg",)),
+                "gain": tv.Estimate(np.full(ensemble.samples, level), "N m/V"),
+                "offset": tv.Estimate(np.full(len(ensemble), level), "N m", ("realization",)),
+            },
             coordinates={"emg": np.arange(3) * (1 + self.step * level)},
             pathways=lambda other: {"intrinsic": np.zeros((len(other), other.samples))},
         )
 
 
 def test_estimates_over_a_measured_variable_are_drawn():
-    ensemble = ensemble_of()
-    found = bootstrap(Scheduled(), ensemble, 5, seed=1)
+    found = bootstrap(Scheduled(), ensemble_of(), 5, seed=1)
     shapes = {name: draws.shape for name, draws in found.draws.items()}
     assert shapes == {"stiffness": (5, 3), "gain": (5, 200)}
     assert re.search("5 draws.*: stiffness ±.*, gain ±.* N m/V", repr(found))
     lower, upper = found.band("stiffness", simultaneous=True)
-    assert (lower < found.model.estimates["stiffness"].values).all()
-    assert (upper > lower).all()
-    moving = bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
+    assert (lower < upper).all()
+    moving = bootstrap(Scheduled(step=1.0), ensemble_of(), 5, seed=1)
     assert np.isnan(moving.draws["stiffness"]).all()

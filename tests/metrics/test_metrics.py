@@ -140,15 +140,9 @@ def test_bandpass_is_the_third_order_butterworth(random):
     ("call", "message"),
     [
         (lambda: metrics.random_error([1.0, 2.0]), r"axes \(trial, time\), got shape \(2,\)"),
-        (
-            lambda: metrics.bias_error([[1.0, 2.0]], [1.0]),
-            r"one value for each of 2 times, got shape \(1,\)",
-        ),
+        (lambda: metrics.bias_error([[1.0, 2.0]], [1.0]), "one value for each of 2 times"),
         (lambda: metrics.rise_time([0.0], [[1.0, 2.0]]), "one value for each of 2 estimates"),
-        (
-            lambda: metrics.coverage([[0.0]], [[1.0]], [0.5, 0.5]),
-            "expected lower and upper of axes",
-        ),
+        (lambda: metrics.coverage([[0.0]], [[1.0]], [0.5, 0.5]), "expected lower and upper"),
         (lambda: metrics.vaf([[1.0]], [[1.0, 2.0]]), "of the same shape"),
         (lambda: metrics.bandpassed_vaf([[1.0]], [[1.0]], 15.0), "rises within 0 to 7.5 Hz"),
     ],

@@ -27,9 +27,10 @@ def _trials(estimates: ArrayLike) -> Array:
 
 
 def _errors(estimates: ArrayLike, truth: ArrayLike | None = None) -> Array:
-    """Return estimates less truth, or their mean, at times with an estimate in every trial.
+    """Return the errors of estimates at times with an estimate in every trial.
 
-    A single NaN for each trial if there is no such time.
+    Without a truth, they are the deviations from the mean over trials. If there is no such time,
+    each trial has a single NaN.
     """
     values = _trials(estimates)
     true = values.mean(axis=0) if truth is None else np.asarray(truth, dtype=np.float64)
@@ -238,8 +239,8 @@ def coverage(
 def share_covered(covered: ArrayLike, weights: ArrayLike | None = None) -> Value:
     """Return the coverage from whether each band holds the truth.
 
-    ``covered`` (trial, time) is 1 where it does, 0 where not, NaN where there is no band. Weights
-    and result are those of :func:`coverage`.
+    ``covered`` (trial, time) is 1 where the band holds the truth, 0 where it does not, and NaN
+    where there is no band. Weights and result are those of :func:`coverage`.
 
     Examples
     --------

@@ -89,7 +89,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.nan_to_num(np.abs(errors / values), nan=np.inf)
         worst = 0 if relative[0] >= relative[2] else 2
-        fits.append((float(relative[worst]), worst, values[worst], errors[worst]))
+        fits.append((relative[worst], worst, values[worst], errors[worst]))
     size, worst, value, error = min(fits)
     size = 100 * min(size, MAX_RELATIVE_ERROR)
     name, unit = ("inertia", "kg·m²") if worst else ("stiffness", "N·m/rad")
@@ -144,7 +144,7 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
     given = data.given
     scaled = []
     for values in (given.angle, given.torque):
-        size = float(values.std())
+        size = values.std()
         scaled.append(np.round(values[:, given.core] / (size if size > 0 else 1.0), DIGITS))
     _, first, which = np.unique(
         np.concatenate(scaled, axis=1), axis=0, return_index=True, return_inverse=True
@@ -191,8 +191,8 @@ def mean_left(data: FittedEnsemble, which: str) -> Measured:
         raise NotApplicable("the mean over realizations has been subtracted")
     values = data.ensemble.signal(which)[:, data.ensemble.core]
     count, unit = len(values), {"angle": "rad", "torque": "N·m"}[which]
-    size = float(np.sqrt(np.mean(values.mean(axis=0) ** 2)))
-    expected = math.sqrt(float(values.var(axis=0, ddof=1).mean()) / count)
+    size = np.sqrt(np.mean(values.mean(axis=0) ** 2))
+    expected = math.sqrt(values.var(axis=0, ddof=1).mean() / count)
     ratio = size / expected if expected > 0 else math.inf
     beyond = FAULTS[f"mean-{which}"].beyond(ratio)
     # Products of each realization with the mean of the others, without its neighbours.
@@ -201,7 +201,7 @@ def mean_left(data: FittedEnsemble, which: str) -> Measured:
     shared = np.where(near, 0.0, values @ values.T).sum(axis=1)
     significant = beyond and p_value_of(shared) < SIGNIFICANT
     offsets = values.mean(axis=1)
-    offset, error = abs(float(offsets.mean())), float(offsets.std(ddof=1)) / math.sqrt(count)
+    offset, error = abs(offsets.mean()), offsets.std(ddof=1) / math.sqrt(count)
     if offset > 0 and p_value(offset, error, count) < SIGNIFICANT / 10:
         significant, ratio = True, max(ratio, offset / error if error > 0 else math.inf)
     what = (
@@ -220,7 +220,7 @@ def unmoved_times(data: FittedEnsemble) -> Iterator[str]:
             f"samples, the first at {still[0] / data.rate:.3g} s: no stiffness is identifiable "
             "there"
         )
-    ringing = float(np.mean(angle_inflation(data.angle, data.rate) > MAX_INFLATION))
+    ringing = np.mean(angle_inflation(data.angle, data.rate) > MAX_INFLATION)
     if ringing > MAX_RINGING:
         yield (
             f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: "

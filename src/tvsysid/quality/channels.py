@@ -31,10 +31,10 @@ def same_channel(data: FittedEnsemble) -> Measured:
     Noise, viscosity and inertia keep that of a joint below 100 %.
     """
     angle, torque = data.angle, data.torque
-    size = math.sqrt(float(np.sum(angle**2)) * float(np.sum(torque**2)))
+    size = math.sqrt(np.sum(angle**2) * np.sum(torque**2))
     if size == 0:
         raise NotApplicable("a channel does not move")
-    value = 100 * abs(float(np.sum(angle * torque))) / size
+    value = 100 * abs(np.sum(angle * torque)) / size
     return Measured(value, f"the correlation of angle and torque is {value:.4g} %")
 
 
@@ -76,7 +76,7 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
 )
 def angle_unit(data: FittedEnsemble) -> Measured:
     """Return the size of the movement."""
-    size = float(np.sqrt(np.mean(data.core("angle") ** 2)))
+    size = np.sqrt(np.mean(data.core("angle") ** 2))
     return Measured(
         size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
     )
@@ -96,7 +96,7 @@ def angle_unit(data: FittedEnsemble) -> Measured:
 def torque_unit(data: FittedEnsemble) -> Measured:
     """Return the size of the mean stiffness."""
     (value, *_), (error, *_) = _impedance(data)
-    size = abs(float(value))
+    size = abs(value)
     return Measured(size, f"the mean stiffness is {value:.4g} N·m/rad", size > SURE * error)
 
 

@@ -57,7 +57,7 @@ def delay(data: FittedEnsemble) -> Measured:
     samples = shift if gain > FAR else 0.0
     for _ in range(STEPS):
         step = _remaining_delay(data.advance(samples))[0]
-        samples += float(np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES))
+        samples += np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES)
     aligned = data.advance(samples)
     value = 1000 * samples / data.rate
     step, error, change = (1000 * each / data.rate for each in _remaining_delay(aligned))
@@ -72,7 +72,7 @@ def delay(data: FittedEnsemble) -> Measured:
         what += f" ({value + change:+.2g} ms where lower frequencies count more)"
     changes = []
     for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
-        old, new = (float(each.mean_impedance[0][place]) for each in (data, aligned))
+        old, new = (each.mean_impedance[0][place] for each in (data, aligned))
         share = 100 * (old - new) / abs(new) if new else math.inf
         percent = f" ({share:+.0f} %)" if abs(share) < MAX_SHOWN_CHANGE else ""
         changes.append(f"{name} {old:.3g} instead of {new:.3g} {unit}{percent}")
@@ -104,10 +104,9 @@ def _remaining_delay(data: FittedEnsemble) -> tuple[float, float, float]:
     scores = whitened - step * weights
     by_part = np.array([each.sum() for each in np.array_split(scores, PARTS, axis=1)])
     variances = [
-        float(np.sum(each**2)) * len(each) / (len(each) - 1)
-        for each in (scores.sum(axis=1), by_part)
+        np.sum(each**2) * len(each) / (len(each) - 1) for each in (scores.sum(axis=1), by_part)
     ]
-    error = math.sqrt(max(variances)) / float(weights.sum())
+    error = math.sqrt(max(variances)) / weights.sum()
     return step, error, float(plain.sum() / plain_weights.sum()) - step
 
 
@@ -116,7 +115,7 @@ def _other_cause(
 ) -> str:
     """Describe what else in these data looks like a delay in ms, or return an empty text."""
     inertia, smooth = (
-        float(values[2]) for values, _ in (aligned.mean_impedance, aligned.smooth_impedance)
+        values[2] for values, _ in (aligned.mean_impedance, aligned.smooth_impedance)
     )
     is_noise = not inertia / MAX_INERTIA_RATIO < smooth < MAX_INERTIA_RATIO * inertia
     if is_noise and (abs(value) < LARGE_DELAY_MS or not is_clear):
@@ -180,7 +179,7 @@ def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrderFit]:
     reach = _reach(data)
 
     def best(shifts: Array) -> tuple[float, SecondOrderFit]:
-        fits = ((float(shift), data.regressors.fit(_later(data, shift))) for shift in shifts)
+        fits = ((shift, data.regressors.fit(_later(data, shift))) for shift in shifts)
         return min(fits, key=lambda pair: pair[1].left)
 
     whole, _ = best(np.arange(-reach, reach + 1.0))

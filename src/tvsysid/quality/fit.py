@@ -21,26 +21,25 @@ MIN_LONG_BINS = 10  # bins are not lengthened beyond the realization's length ov
 class SecondOrderFit:
     r"""Least-squares fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta`.
 
-    Stiffness k and viscosity b have one value in each bin of time, shape (bin,). ``motion`` is
-    angle, velocity and acceleration, shape (3, realization, time), ``torque`` is y in N·m, shape
-    (realization, time), and ``bins`` is the bin of each sample. ``left`` is the share of the
-    torque's power that the fit does not explain, 1 for a torque of zero.
+    ``torque`` is y in N·m, shape (realization, time). ``weights`` are k, b and I in each bin of
+    time, shape (bin, 3). ``left`` is the share of the torque's power that the fit does not explain,
+    1 for a torque of zero.
     """
 
-    motion: Array
+    regressors: Regressors
     torque: Array
-    rate: float
-    bins: NDArray[np.int64]
-    stiffness: Array
-    viscosity: Array
-    inertia: float
+    weights: Array
     left: float
+
+    @property
+    def motion(self) -> Array:
+        """Angle, velocity and acceleration, shape (3, realization, time)."""
+        return self.regressors.motion
 
     @property
     def impedance(self) -> Array:
         """Stiffness, viscosity and inertia at each sample, shape (3, time)."""
-        inertia = np.full(len(self.bins), self.inertia)
-        return np.stack([self.stiffness[self.bins], self.viscosity[self.bins], inertia])
+        return self.weights[self.regressors.bins].T
 
     @cached_property
     def parts(self) -> Array:
@@ -54,7 +53,8 @@ class SecondOrderFit:
 
     def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
         """Return the fit to some of the realizations."""
-        return Regressors(self.motion[:, realizations], self.rate).fit(self.torque[realizations])
+        motion = self.motion[:, realizations]
+        return Regressors(motion, self.regressors.rate).fit(self.torque[realizations])
 
 
 class Regressors:
@@ -66,9 +66,9 @@ class Regressors:
     """
 
     def __init__(self, motion: Array, rate: float) -> None:
-        self._motion, self._rate = motion, rate
-        self._bins = time_bins(motion.shape[2], motion.shape[1], rate)
-        self._edges = np.flatnonzero(np.diff(self._bins, prepend=-1))
+        self.motion, self.rate = motion, rate
+        self.bins = time_bins(motion.shape[2], motion.shape[1], rate)
+        self._edges = np.flatnonzero(np.diff(self.bins, prepend=-1))
         self._gram = np.stack([self._moments(each) for each in motion], axis=2)
         inner = self._gram[:, :2, :2]
         ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
@@ -78,7 +78,7 @@ class Regressors:
 
     def _moments(self, signal: Array) -> Array:
         """Return sums of motion times a signal in each bin, shape (bin, 3)."""
-        products = np.stack([np.einsum("rt,rt->t", each, signal) for each in self._motion])
+        products = np.stack([np.einsum("rt,rt->t", each, signal) for each in self.motion])
         return np.add.reduceat(products, self._edges, axis=1).T
 
     def _solve(self, moments: Array) -> Array:
@@ -91,19 +91,15 @@ class Regressors:
 
     def fit(self, torque: Array) -> SecondOrderFit:
         """Fit to a torque, shape (realization, time)."""
-        moments, total = self._moments(torque), float(np.sum(torque**2))
+        moments, total = self._moments(torque), np.sum(torque**2)
         by_torque = self._solve(moments)
         common = self._unexplained(moments, by_torque)
         inertia = common / self._free if self._free > 0 else 0.0
         weights = by_torque - inertia * self._by_motion
         weights = np.pad(weights, ((0, 0), (0, 1)), constant_values=inertia)
         fitted = (self._gram @ weights[..., None])[..., 0]
-        explained = float(np.sum(weights * (2 * moments - fitted)))
-        left = 1 - explained / total if total > 0 else 1.0
-        stiffness, viscosity, _ = weights.T
-        return SecondOrderFit(
-            self._motion, torque, self._rate, self._bins, stiffness, viscosity, inertia, left
-        )
+        explained = np.sum(weights * (2 * moments - fitted))
+        return SecondOrderFit(self, torque, weights, 1 - explained / total if total > 0 else 1.0)
 
 
 def time_bins(samples: int, realizations: int, rate: float) -> NDArray[np.int64]:

@@ -183,16 +183,13 @@ class FittedEnsemble:
     def relative_stiffness(self) -> Array:
         """Stiffness of each realization over the median, shape (realization,)."""
         grams, moments = self.own_fits
-        stiffness = 1 + np.einsum("rb,rb->r", np.linalg.pinv(grams, hermitian=True)[:, 0], moments)
-        usual = float(np.median(stiffness))
-        return np.asarray(stiffness / usual) if usual > 0 else stiffness
+        inverse = np.linalg.pinv(grams, hermitian=True)
+        return _over_median(1 + np.einsum("rb,rb->r", inverse[:, 0], moments))
 
     @cached_property
     def relative_noise(self) -> Array:
         """RMS of the whitened residual of each realization over the median, (realization,)."""
-        size = np.sqrt(np.mean(self.white_residual**2, axis=1))
-        usual = float(np.median(size))
-        return np.asarray(size / usual) if usual > 0 else np.ones_like(size)
+        return _over_median(np.sqrt(np.mean(self.white_residual**2, axis=1)))
 
     def loneliness(self, which: str) -> Array:
         """Return the distance of each sample from the median beside it, over the usual.
@@ -265,3 +262,8 @@ class FittedEnsemble:
         later = between(old.torque, samples - whole)
         signals["torque"] = later[:, cut + whole : width - cut + whole]
         return FittedEnsemble(self.given, attrs.evolve(old, **signals, context=old.context - cut))
+
+
+def _over_median(values: Array) -> Array:
+    usual = np.median(values)
+    return np.asarray(values / usual if usual > 0 else values)

@@ -13,7 +13,7 @@ from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE,
 from tvsysid.quality.statistics import FOLDS, SIGNIFICANT, p_value, p_value_of, without
 from tvsysid.signals import Array
 
-TINY = float(np.finfo(float).tiny)
+TINY = np.finfo(float).tiny
 # Of realizations unlike the others: robust standard deviations from the median, smallest relative
 # differences of stiffness and of the whole response, and ratio to the usual noise.
 MAX_DISTANCE, MIN_STIFFNESS_CHANGE, MIN_RESPONSE_CHANGE, MIN_NOISE_RATIO = 6.0, 0.3, 0.2, 1.7
@@ -61,7 +61,7 @@ def drift(data: FittedEnsemble) -> Measured:
         for each in data.halves:
             each.require()
         fits = [each.mean_impedance for each in data.halves]
-        (before, after), errors = ([float(fit[part][0]) for fit in fits] for part in (0, 1))
+        (before, after), errors = ([fit[part][0] for fit in fits] for part in (0, 1))
         if not math.isfinite(after - before):
             raise NotApplicable(NOT_IDENTIFIABLE)
         change, error = after - before, math.hypot(*errors)
@@ -101,13 +101,13 @@ def offset(data: FittedEnsemble, which: str) -> Measured:
     """Return the change of the realizations' means along a line, from the first to the last."""
     data.require(MIN_TESTED_REALIZATIONS, response=False)
     values = data.core(which)
-    means, size = values.mean(axis=1), float(np.sqrt(values.var(axis=1).mean()))
+    means, size = values.mean(axis=1), np.sqrt(values.var(axis=1).mean())
     if size == 0:
         raise NotApplicable(f"the {which} does not move")
     line, unit = offset_line(data, which), {"angle": "rad", "torque": "N·m"}[which]
     change, count = float(line[data.order[-1]] - line[data.order[0]]), len(means)
-    power = float(np.sum(np.linspace(-0.5, 0.5, count) ** 2))
-    error = math.sqrt(float(np.sum((means - means.mean() - line) ** 2)) / (count - 2) / power)
+    power = np.sum(np.linspace(-0.5, 0.5, count) ** 2)
+    error = math.sqrt(np.sum((means - means.mean() - line) ** 2) / (count - 2) / power)
     what = (
         f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± "
         f"{error:.1g} {unit}"
@@ -139,11 +139,11 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     grams, moments = data.own_fits
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
     stiffness, noise = data.relative_stiffness, data.relative_noise
-    power = float(np.mean(data.white_residual**2))
+    power = np.mean(data.white_residual**2)
     own = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
-    is_loud = level > MAX_DISTANCE * ROBUST * float(np.median(np.abs(level)))
+    is_loud = level > MAX_DISTANCE * ROBUST * np.median(np.abs(level))
     outlying = (noise > MIN_NOISE_RATIO) & is_loud
     for values, least, variance in (
         (stiffness, MIN_STIFFNESS_CHANGE, power * own),
@@ -151,7 +151,7 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     ):
         distance = np.abs(values - np.median(values))
         # The stiffness of a realization that hardly moved is uncertain.
-        usual = np.maximum(ROBUST * float(np.median(distance)), np.sqrt(variance))
+        usual = np.maximum(ROBUST * np.median(distance), np.sqrt(variance))
         outlying |= (distance > MAX_DISTANCE * usual) & (distance > least)
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
@@ -223,11 +223,11 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
         weights = np.where(far, np.outer(pattern, pattern), 0.0)
         products = np.einsum("rj,jl,rl->r", change[out], weights, change[out])
         variances[out] = products / (PARTS * np.sum(weights**2))
-    variance = max(0.0, float(variances.mean()))
+    variance = max(0.0, variances.mean())
     significant = variance > 0 and p_value_of(variances) < SIGNIFICANT
     if data.explained < MIN_EXPLAINED and not significant:
         raise NotApplicable(NO_RESPONSE)
-    size = math.sqrt(float(np.mean(data.fit.impedance[0] ** 2)) + variance)
+    size = math.sqrt(np.mean(data.fit.impedance[0] ** 2) + variance)
     value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
     what = (
         f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) "
@@ -253,7 +253,7 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     fit, change, rate = data.fit, data.white_fit, data.rate
     relative = np.pad(change.impedance, ((0, 0), (data.whitening, 0)), "edge")
     behaviour = (fit.impedance * (1 + relative))[:2]
-    rest = fit.torque - fit.parts[2] * (1 + change.inertia)
+    rest = fit.torque - fit.parts[2] * (1 + change.impedance[2, 0])
     step = max(1, round(SHIFT_STEP_S * rate))
     reach = behaviour.shape[1] // 4 // step
     shifts = np.arange(-reach, reach + 1) * step
@@ -300,13 +300,13 @@ def _local_noise(data: FittedEnsemble) -> Array:
     size = min(max(1, round(NOISE_WINDOW_S * data.rate)), data.white_residual.shape[1])
     power = uniform_filter1d(data.white_residual**2, size, axis=1, mode="nearest")
     usual = np.median(power, axis=0)
-    return np.asarray(np.maximum(usual, MIN_NOISE_POWER * float(usual.mean()) + TINY))
+    return np.asarray(np.maximum(usual, MIN_NOISE_POWER * usual.mean() + TINY))
 
 
 def _varies(data: FittedEnsemble) -> bool:
     """Whether the stiffness varies over a realization, alike in odd and even realizations."""
-    mean = max(abs(float(np.mean(data.fit.stiffness))), TINY)
+    stiffness = data.fit.weights[:, 0]
     halves = [data.fit.of(slice(half, None, 2)).impedance[0] for half in (0, 1)]
-    if np.std(data.fit.stiffness) < MIN_VARIATION * mean or np.std(halves, axis=1).min() == 0:
-        return False
-    return float(np.corrcoef(*halves)[0, 1]) > MIN_REPEAT
+    varies = np.std(stiffness) >= MIN_VARIATION * max(abs(stiffness.mean()), TINY)
+    varies &= np.std(halves, axis=1).min() > 0
+    return bool(varies and np.corrcoef(*halves)[0, 1] > MIN_REPEAT)

@@ -10,6 +10,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
+from tvsysid.numerics.bases import FourierSeries
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fitted import MIN_EXPLAINED, FittedEnsemble
 from tvsysid.quality.statistics import SIGNIFICANT
@@ -67,14 +68,14 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     beside = np.abs(cycles - np.round(cycles)) * longest / given
     is_harmonic = beside < (NEAR_DRIFTING if data.finding("drift").found else NEAR)
     coherent = np.where(is_beat | is_harmonic, 0.0, coherent)
-    amplitude = 200 * np.sqrt(power) / float(np.sum(data.white_parts[0] ** 2))
+    amplitude = 200 * np.sqrt(power) / np.sum(data.white_parts[0] ** 2)
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
-    independent = max(1.0, len(frequencies) * RESOLUTION)
-    chance = max(0.0, 1 - float(coherent[best]) / len(data)) ** (len(data) - 1)
+    chance = max(0.0, 1 - coherent[best] / len(data)) ** (len(data) - 1)
+    chance *= max(1.0, len(frequencies) * RESOLUTION)  # of independent frequencies
     # A line near a harmonic is that harmonic of a period near the given one.
     number = max(1, round(cycles[best]))
     number = number if abs(cycles[best] - number) < NEAR_HARMONIC * number else 1
-    period = number / float(frequencies[best])
+    period = number / frequencies[best]
     digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
     what = (
         f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, "
@@ -86,7 +87,7 @@ def wrong_period(data: FittedEnsemble) -> Measured:
             f"; if that should be {given:g} s, the sampling rate is {round(factor)} times "
             f"{'higher' if period > given else 'lower'} than stated"
         )
-    return Measured(float(amplitude[best]), what, independent * chance < SIGNIFICANT)
+    return Measured(amplitude[best], what, chance < SIGNIFICANT)
 
 
 def shorter_period(data: FittedEnsemble) -> list[str]:
@@ -100,23 +101,21 @@ def shorter_period(data: FittedEnsemble) -> list[str]:
         return []
     angle, (steady, _) = fit.motion[0], data.mean_impedance
     left = fit.torque - np.tensordot(steady, fit.motion, 1)
+    count = min(MAX_HARMONICS, int(MAX_CHANGE_HZ * given))
     samples = np.arange(data.region.start, data.region.stop) - data.ensemble.context
-    numbers = np.arange(1, min(MAX_HARMONICS, int(MAX_CHANGE_HZ * given)) + 1)
-    phase = numbers[:, None] * (2 * np.pi * samples / data.ensemble.samples)
-    waves = np.concatenate([np.cos(phase), np.sin(phase), np.ones((1, len(samples)))])
+    waves = FourierSeries(count)(samples / data.ensemble.samples).T
     gram = (waves * np.einsum("rt,rt->t", angle, angle)) @ waves.T
     inverse = np.linalg.pinv(gram, hermitian=True)
     weights = inverse @ (waves @ np.einsum("rt,rt->t", angle, left))
-    influence = ((left - angle * (weights @ waves)) * angle) @ waves.T @ inverse
+    scores = ((left - angle * (weights @ waves)) * angle) @ waves.T @ inverse
     power, noise = (
-        values[:-1].reshape(2, -1).sum(axis=0)
-        for values in (weights**2, np.sum(influence**2, axis=0))
+        squares[1:].reshape(-1, 2).sum(axis=1)
+        for squares in (weights**2, np.sum(scores**2, axis=0))
     )
-    mean = abs(float(steady[0] + weights[-1]))
     for parts, words in ((3, "three times"), (2, "twice")):
-        own = numbers % parts == 0
-        repeats, differs = float(power[own].sum()), float(power[~own].sum())
-        varies = math.sqrt(repeats / 2) > MIN_VARIATION * mean
+        own = np.arange(1, count + 1) % parts == 0
+        repeats, differs = power[own].sum(), power[~own].sum()
+        varies = repeats > (MIN_VARIATION * (steady[0] + weights[0])) ** 2
         is_noise = differs < min(MAX_DIFFERENCE**2 * repeats, MIN_POWER * noise[~own].sum())
         if varies and is_noise and repeats > MIN_POWER * noise[own].sum():
             return [
@@ -138,7 +137,7 @@ def _trials(data: FittedEnsemble) -> list[NDArray[np.intp]]:
 def _longest(data: FittedEnsemble) -> float:
     """Return the duration in s of the longest trial, as far as it was cut."""
     onsets = np.asarray(data.ensemble.onsets)
-    return max(float(np.ptp(onsets[trial])) for trial in _trials(data)) + data.ensemble.duration
+    return max(np.ptp(onsets[trial]) for trial in _trials(data)) + data.ensemble.duration
 
 
 def lines(scores: Array, data: FittedEnsemble) -> tuple[Array, Array, Array]:

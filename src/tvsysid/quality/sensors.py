@@ -64,10 +64,10 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     if len(values) < 2 * tied_count:
         raise NotApplicable(f"it takes {2 * tied_count} realizations")
     deviations, ordered = values - values.mean(axis=0), np.sort(values, axis=0)
-    size = float(np.std(deviations))
+    size = np.std(deviations)
     ranges = ordered[tied_count - 1 :] - ordered[: 1 - tied_count]
     bottom, top = (ranges[end] <= TIE_TOLERANCE * size for end in (0, -1))
-    tied = float((top | bottom).mean())
+    tied = (top | bottom).mean()
     if tied == 0:
         return Measured(0.0, f"no {which} stays at a limit")
     middle = len(values) // 2 - tied_count + 1
@@ -102,10 +102,10 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     """Return the smallest step between values of the angle, which shows before any filter only."""
     angle = data.given.angle[:, data.given.core]
     values = np.sort(angle - angle.mean(axis=0), axis=0)
-    size, steps = float(np.std(values)), np.diff(values, axis=0)
-    step = float(np.min(steps, initial=np.inf, where=steps > MIN_STEP * size))
+    size, steps = np.std(values), np.diff(values, axis=0)
+    step = np.min(steps, initial=np.inf, where=steps > MIN_STEP * size)
     # A signal of two levels, such as a PRBS, is not coarse.
-    value = 100 * step / size if float(np.ptp(values, axis=0).max()) > 1.5 * step else 0.0
+    value = 100 * step / size if np.ptp(values, axis=0).max() > 1.5 * step else 0.0
     what = f"the angle is recorded in steps of {value:.2g} % of its standard deviation"
     return Measured(value, what)
 
@@ -150,7 +150,7 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
         times |= _held_torque(data)[:, : times.shape[1]]
     if not times.any():
         return Measured(0.0, f"the {which} is there throughout")
-    seconds, concerned = float(times.sum()) / data.rate, indices(times.any(axis=1))
+    seconds, concerned = times.sum() / data.rate, indices(times.any(axis=1))
     begin = data.seconds(int(np.argmax(times[concerned[0]])))
     what = (
         f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first "
@@ -167,9 +167,9 @@ def _lost_windows(data: FittedEnsemble, which: str, samples: int) -> NDArray[np.
         _window_power(each, each, samples) for each in (response, measured, data.white_residual)
     )
     common = np.abs(_window_power(response, measured, samples))
-    usual = float(np.median(left))
+    usual = np.median(left)
     if which == "torque":
-        lost = expected > max(float(np.median(expected)), LOUD_RATIO * usual)
+        lost = expected > max(np.median(expected), LOUD_RATIO * usual)
         lost &= (there < STILL_SHARE * expected) & (common < 2 * STILL_SHARE * expected)
         # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss
         # when whitened.
@@ -219,7 +219,7 @@ def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
         _change_power(each, slow) for each in (fit.torque, fit.parts.sum(axis=0), fit.residual)
     )
     is_still = measured < STILL_SHARE * expected
-    is_still &= expected > LOUD_RATIO * float(np.median(left))
+    is_still &= expected > LOUD_RATIO * np.median(left)
     is_still = maximum_filter1d(is_still, slow, axis=1)[:, data.whitening :]
     return np.asarray(held | (is_still & at_fit(is_silent, NOISE_PAST_SAMPLES)))
 
@@ -312,7 +312,7 @@ def mains(recording: Recording) -> Measured:
 def spikes(data: FittedEnsemble, which: str) -> Measured:
     """Return the height of the highest spike."""
     heights = data.spike_heights[which]
-    value = float(heights.max())
+    value = heights.max()
     if value == 0:
         return Measured(0.0, "none")
     realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)

@@ -110,21 +110,21 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Measured:
     instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
     # All times count alike. The angle moves farther where the joint is soft, and a sum of squares
     # dwells there.
-    power = np.bincount(fit.bins, np.mean(instrument[0] ** 2, axis=0)) / np.bincount(fit.bins)
-    power = power[fit.bins]
+    bins = fit.regressors.bins
+    power = (np.bincount(bins, np.mean(instrument[0] ** 2, axis=0)) / np.bincount(bins))[bins]
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", instrument / power, fit.motion))
     # Change of stiffness by each realization. The residual has no part in the whole movement, so
     # its products with that, which are noise, are left out.
     change = (instrument - fit.motion) / power
     missing = np.einsum("a,art,rt->r", inverse[0], change, fit.residual)
-    open_loop = float(fit.stiffness[fit.bins].mean())
-    closed = open_loop + float(missing.sum())
+    open_loop = fit.impedance[0].mean()
+    closed = open_loop + missing.sum()
     what = (
         f"the mean stiffness is {open_loop:.3g} N·m/rad in open loop, {closed:.3g} with "
         f"{reference!r} as the reference, which predicts {_percent(explained)} of the angle; "
         f"identify by --method kbr:reference={reference},weighting=residual"
     )
-    value = -100 * float(missing.sum()) / abs(closed)
+    value = -100 * missing.sum() / abs(closed)
     return Measured(value, what, p_value_of(missing) < SIGNIFICANT)
 
 

@@ -1,3 +1,5 @@
+"""The fit that checks share, its statistics, and the rate at which both are made."""
+
 import attrs
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
-from tvsysid.numerics.interpolation import between
+from tvsysid.quality.fit import Regressors, time_bins
 from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.repetition import lines
 from tvsysid.quality.resampling import lowered
 from tvsysid.quality.statistics import FOLDS, gained, innovations, p_value_of, without
 
@@ -17,21 +20,7 @@ from tvsysid.quality.statistics import FOLDS, gained, innovations, p_value_of, w
 def test_a_p_value_is_that_of_students_t(seed, count, mean):
     scores = np.random.default_rng(seed).normal(mean, size=count)
     assert p_value_of(scores) == pytest.approx(ttest_1samp(scores, 0).pvalue, rel=1e-6)
-
-
-def test_too_few_realizations_prove_nothing():
-    assert p_value_of(np.full(7, 1.0) + 1e-9 * np.arange(7)) == 1.0
-
-
-def slow_gain(target, regressors):
-    """Fit to all other realizations, and count what is predicted of those left out."""
-    left = 0.0
-    for out in np.array_split(np.arange(len(target)), FOLDS):
-        kept = np.setdiff1d(np.arange(len(target)), out)
-        fitted = regressors[:, kept].reshape(len(regressors), -1).T
-        weights = np.linalg.lstsq(fitted, target[kept].ravel(), rcond=None)[0]
-        left += np.sum((target[out] - np.tensordot(weights, regressors[:, out], 1)) ** 2)
-    return 1 - left / np.sum(target**2)
+    assert p_value_of(scores[:7]) == 1.0  # too few prove nothing
 
 
 @given(st.integers(0, 100), st.integers(8, 20))
@@ -39,36 +28,27 @@ def test_gain_is_that_of_cross_validation(seed, realizations):
     random = np.random.default_rng(seed)
     regressors = random.normal(size=(3, realizations, 30))
     target = 0.3 * regressors[1] + random.normal(size=(realizations, 30))
-    share, _ = gained(target, regressors)
-    assert share == pytest.approx(slow_gain(target, regressors), abs=1e-6)
+    left = 0.0
+    for out in np.array_split(np.arange(realizations), FOLDS):
+        kept = np.setdiff1d(np.arange(realizations), out)
+        rows = regressors[:, kept].reshape(3, -1).T
+        weights = np.linalg.lstsq(rows, target[kept].ravel(), rcond=None)[0]
+        left += np.sum((target[out] - np.tensordot(weights, regressors[:, out], 1)) ** 2)
+    assert gained(target, regressors)[0] == pytest.approx(1 - left / np.sum(target**2), abs=1e-6)
+    rest = without(target, regressors)
+    np.testing.assert_allclose(np.einsum("art,rt->a", regressors, rest), 0, atol=1e-6)
 
 
-def test_noise_predicts_nothing_and_its_p_value_is_fair():
+def test_noise_predicts_nothing_whatever_its_colour():
     random = np.random.default_rng(1)
     found = [
         gained(random.normal(size=(40, 50)), random.normal(size=(5, 40, 50))) for _ in range(200)
     ]
-    shares = np.array([share for share, _ in found])
-    assert abs(shares.mean()) < 0.005
-    certain = np.mean([share > 0 and probability < 0.05 for share, probability in found])
-    assert certain < 0.05
-
-
-def test_the_p_value_is_fair_for_slow_noise():
-    """The sum over a realization of slow noise times an independent input.
-
-    Student's t holds, whatever the colour.
-    """
-    random = np.random.default_rng(2)
+    assert abs(np.mean([share for share, _ in found])) < 0.005
+    assert np.mean([share > 0 and chance < 0.05 for share, chance in found]) < 0.05
     noise = np.cumsum(random.normal(size=(300, 20, 100)), axis=2)
     scores = np.einsum("nrt,nrt->nr", noise, random.normal(size=noise.shape))
     assert kstest([p_value_of(each) for each in scores], "uniform").pvalue > 0.01
-
-
-def test_without_leaves_nothing_that_the_regressors_explain(random):
-    regressors, target = random.normal(size=(4, 10, 50)), random.normal(size=(10, 50))
-    left = without(target, regressors)
-    np.testing.assert_allclose(np.einsum("art,rt->a", regressors, left), 0, atol=1e-6)
 
 
 def test_innovations_of_a_known_process(random):
@@ -100,19 +80,17 @@ def test_a_rate_that_does_not_divide_is_lowered_between_samples(samples, context
     random = np.random.default_rng(0)
     frequency, phase = random.uniform(0.5, 4, (2, 10, 6, 1)), random.uniform(0, 6, (2, 10, 6, 1))
 
-    def signals(time):
+    def signals(samples, rate, context):
+        time = np.arange(-context, samples + context) / rate
         return np.sin(2 * np.pi * frequency * time + phase).sum(axis=2)
 
-    ensemble = tv.Ensemble(
-        *signals((np.arange(samples + 2 * context) - context) / 1000), 1000.0, context=context
-    )
-    lower = lowered(ensemble)
+    lower = lowered(tv.Ensemble(*signals(samples, 1000, context), 1000.0, context=context))
     assert lower.samples == low
-    assert lower.duration == pytest.approx(ensemble.duration)
-    truth = signals((np.arange(low + 2 * lower.context) - lower.context) / lower.sampling_rate)
+    assert lower.duration == pytest.approx(samples / 1000)
+    truth = signals(low, lower.sampling_rate, lower.context)
     inner = slice(3, -3)  # odd reflection at the ends is not what the signal does there
-    np.testing.assert_allclose(lower.angle[:, inner], truth[0][:, inner], atol=0.02)
-    np.testing.assert_allclose(lower.torque[:, inner], truth[1][:, inner], atol=0.02)
+    found = np.stack([lower.angle, lower.torque])
+    np.testing.assert_allclose(found[..., inner], truth[..., inner], atol=0.02)
 
 
 def test_realizations_too_short_for_a_lower_rate_keep_theirs():
@@ -122,29 +100,13 @@ def test_realizations_too_short_for_a_lower_rate_keep_theirs():
     assert FittedEnsemble.of(ensemble).whitening == (61 - 24) // 3
 
 
-@pytest.mark.parametrize("later", [-0.5, 0.25, 0.5])
-def test_values_between_samples(later):
-    time = np.arange(200)
-    wave = np.sin(2 * np.pi * 0.3 * time + 1.0)[None]
-    np.testing.assert_allclose(
-        between(wave, later)[0, 20:-20],
-        np.sin(2 * np.pi * 0.3 * (time + later) + 1.0)[20:-20],
-        atol=2e-3,
-    )
-
-
-def test_a_synchronised_fit_is_that_of_the_record_without_delay():
+def test_a_torque_that_was_late_is_that_of_the_record_without_delay():
     recording = simulated(40.0)
-    plain, delayed = (
-        FittedEnsemble.of(cut(recording)),
-        FittedEnsemble.of(cut(late(recording, 0.03))),
-    )
+    plain, delayed = (FittedEnsemble.of(cut(each)) for each in (recording, late(recording, 0.03)))
     mended = delayed.advance(3)
     assert mended.ensemble.context == plain.ensemble.context - 3
-    core = plain.ensemble.core
-    np.testing.assert_allclose(
-        mended.torque[1:-1, mended.ensemble.core], plain.torque[1:-1, core], atol=0.02
-    )
+    inner, core = mended.torque[1:-1, mended.ensemble.core], plain.ensemble.core
+    np.testing.assert_allclose(inner, plain.torque[1:-1, core], atol=0.02)
     assert delayed.explained < 0.9 < mended.explained
 
 
@@ -159,14 +121,47 @@ def test_the_mean_impedance_and_its_error_are_right():
     np.testing.assert_allclose(errors.mean(axis=0), values.std(axis=0, ddof=1), rtol=0.3)
 
 
-def test_the_order_is_that_of_recording(clean):
-    shuffled = clean.select(np.random.default_rng(0).permutation(len(clean)))
+def test_the_fit_is_of_deviations_in_the_order_of_recording(clean):
+    offset = attrs.evolve(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
+    shuffled = offset.select(np.random.default_rng(0).permutation(len(clean)))
     data = FittedEnsemble.of(shuffled)
     assert (np.diff(data.ensemble.onsets[data.order]) > 0).all()
+    expected = FittedEnsemble.of(clean).fit.residual
+    np.testing.assert_allclose(data.fit.residual[data.order], expected, atol=1e-9)
 
 
-def test_the_fit_is_of_deviations(clean):
-    offset = attrs.evolve(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
-    np.testing.assert_allclose(
-        FittedEnsemble.of(offset).fit.residual, FittedEnsemble.of(clean).fit.residual, atol=1e-9
-    )
+@given(st.integers(0, 100), st.integers(3, 30), st.integers(20, 60))
+def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
+    random = np.random.default_rng(seed)
+    motion = random.normal(size=(3, realizations, samples))
+    torque = random.normal(size=(realizations, samples))
+    fit = Regressors(motion, 100.0).fit(torque)
+    inside = fit.regressors.bins == np.arange(len(fit.weights))[:, None]
+    columns = [(order * inside[:, None]).reshape(len(inside), -1) for order in motion[:2]]
+    dense = np.vstack([*columns, motion[2].reshape(1, -1)]).T
+    solution, left, *_ = np.linalg.lstsq(dense, torque.ravel(), rcond=None)
+    np.testing.assert_allclose(fit.weights[:, :2].T.ravel(), solution[:-1], atol=1e-8)
+    np.testing.assert_allclose(fit.weights[:, 2], solution[-1], atol=1e-8)
+    assert fit.left == pytest.approx(left[0] / np.sum(torque**2))
+    assert np.sum(fit.residual**2) == pytest.approx(left[0])
+
+
+@given(st.integers(10, 500), st.integers(2, 300), st.sampled_from([20.0, 100.0, 128.0]))
+def test_bins_cover_all_samples_and_hold_enough(samples, realizations, rate):
+    bins = time_bins(samples, realizations, rate)
+    assert len(bins) == samples
+    assert set(np.diff(bins)) <= {0, 1}
+    length = np.bincount(bins).min()
+    assert length >= max(1, min(round(0.05 * rate), samples))
+    assert length * realizations >= 100 or length >= samples // 10
+
+
+def test_lines_are_those_of_a_slow_sum():
+    data = FittedEnsemble.of(cut(simulated(40.0)))
+    frequency, coherent, power = lines(data.white_residual, data)
+    time = data.ensemble.onsets[:, None] + np.arange(data.white_residual.shape[1]) / data.rate
+    turns = np.exp(-2j * np.pi * frequency[:, None, None] * time)
+    own = np.einsum("rt,frt->fr", data.white_residual, turns)
+    expected, alone = np.abs(own.sum(axis=1)) ** 2, np.sum(np.abs(own) ** 2, axis=1)
+    np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(coherent, expected / alone, rtol=1e-6, atol=1e-9)

@@ -9,7 +9,7 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
-from tvsysid.quality.fit import Regressors, time_bins
+from tvsysid.quality.fit import Regressors
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.repetition import lines
 from tvsysid.quality.resampling import lowered
@@ -144,16 +144,6 @@ def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
     np.testing.assert_allclose(fit.weights[:, 2], solution[-1], atol=1e-8)
     assert fit.left == pytest.approx(left[0] / np.sum(torque**2))
     assert np.sum(fit.residual**2) == pytest.approx(left[0])
-
-
-@given(st.integers(10, 500), st.integers(2, 300), st.sampled_from([20.0, 100.0, 128.0]))
-def test_bins_cover_all_samples_and_hold_enough(samples, realizations, rate):
-    bins = time_bins(samples, realizations, rate)
-    assert len(bins) == samples
-    assert set(np.diff(bins)) <= {0, 1}
-    length = np.bincount(bins).min()
-    assert length >= max(1, min(round(0.05 * rate), samples))
-    assert length * realizations >= 100 or length >= samples // 10
 
 
 def test_lines_are_those_of_a_slow_sum():

@@ -110,23 +110,21 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:
     """Return the share of the angle that repeats, or is noise, where no torque responds to it."""
-    edge = NOISE_BAND * data.rate
+    edge, given = NOISE_BAND * data.rate, data.ensemble
     white = 100 * PowerSpectrum.of(data.core("angle"), data.rate).shares((edge, np.inf))[0]
-    value, what = (
-        white,
+    shares = {
         f"{white:.0f} % of the variance by which the angle differs between realizations lies above "
-        f"{edge:g} Hz",
-    )
-    if not data.ensemble.mean_subtracted:
-        angle = data.ensemble.angle[:, data.ensemble.core]
-        varying = angle - angle.mean()
-        common = float(np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2))
-        common = 100 * max(0.0, common - 1 / len(angle))
-        words = f"{common:.0f} % of the angle's variance is common to all realizations"
-        value, what = max((value, what), (common, words))
+        f"{edge:g} Hz": white
+    }
+    if not given.mean_subtracted:
+        varying = given.angle[:, given.core] - given.angle[:, given.core].mean()
+        common = np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2) - 1 / len(data)
+        common = 100 * max(0.0, common)
+        shares[f"{common:.0f} % of the angle's variance is common to all realizations"] = common
+    what = max(shares, key=shares.__getitem__)
     if data.explained >= MIN_EXPLAINED:
         return Measured(0.0, f"{what}, but the torque answers what differs")
-    return Measured(value, f"{what}, and {NO_RESPONSE} where realizations differ")
+    return Measured(shares[what], f"{what}, and {NO_RESPONSE} where realizations differ")
 
 
 @check(

@@ -205,22 +205,19 @@ def diagnose(
     delay = level.finding("delay")
     data = level.advance(delay.value * level.rate / 1000 if delay.significant else 0.0)
     subjects = dict.fromkeys(AS_GIVEN, given) | {"delay": level}
-    optional = {"loop-bias": reference} | dict.fromkeys(OF_RECORDING, recording)
-    is_same = given.finding("same-channel").found
-    found = {}
-    for name in FAULTS:
-        if name in optional and optional[name] is None:
-            continue
-        if is_same and name not in OF_ANY_SIGNAL:
-            found[name] = not_judged(name, "angle and torque are one signal")
-        elif not repeats and name in OF_REPETITION:
-            found[name] = not_judged(name, "the behaviour is not repeated")
-        elif name in OF_RECORDING:
-            found[name] = judge(name, recording)
-        elif name == "loop-bias":
-            found[name] = judge(name, data, reference)
-        else:
-            found[name] = subjects.get(name, data).finding(name)
+    further = dict.fromkeys(OF_RECORDING, (recording,)) | {"loop-bias": (data, reference)}
+    found = {
+        name: judge(name, *further[name])
+        if name in further
+        else subjects.get(name, data).finding(name)
+        for name in FAULTS
+        if name not in further or further[name][-1] is not None
+    }
+    reasons = {} if repeats else dict.fromkeys(OF_REPETITION, "the behaviour is not repeated")
+    if found["same-channel"].found:
+        others = [name for name in found if name not in OF_ANY_SIGNAL]
+        reasons |= dict.fromkeys(others, "angle and torque are one signal")
+    found |= {name: not_judged(name, reason) for name, reason in reasons.items()}
     remarks = [] if found["narrow-excitation"].found else [*amount.unmoved_times(given)]
     if repeats and not any(found[name].found for name in MISLEADING):
         remarks += repetition.shorter_period(data)

@@ -199,14 +199,14 @@ def main() -> None:
         found = {}
         for name, methods in groups.items():
             store = (
-                chosen.store / f"{chosen.part}-{number}-{name}-{chosen.trials}.zarr"
+                chosen.store / f"{chosen.part}-{number}-{name}-{chosen.trials}"
                 if chosen.store
                 else None
             )
             if store is not None and name == chosen.method and chosen.anew:
                 shutil.rmtree(store, ignore_errors=True)
             study = study_of(settings, methods, chosen.trials)
-            found[name] = tv.study.run(study, store=store, workers=1).load()
+            found[name] = tv.study.run(study, folder=store, workers=1)
         add_rows(
             shown,
             study_of(settings, [chosen.method], chosen.trials),
@@ -334,11 +334,14 @@ def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
 
     Least squares knows the waveform but for its mean and size.
     """
-    setting, (system, perturbation) = study.setting_of(scenario), study.simulated(scenario)
+    setting, (system, perturbation) = (
+        tv.study.trials.Setting.of(study, scenario),
+        study.simulated(scenario),
+    )
     rows, found = [], []
     for trial in range(study.trials):
-        made = setting.simulated(system, perturbation, study.seed_of(scenario, trial))
-        ensemble = tv.preprocess.subtract_mean(setting.cut(made.recording))
+        made = setting.simulate(system, perturbation, study.seed_of(scenario, trial))
+        ensemble = setting.cut(made.recording)
         wave = made.truth_of(ensemble)["stiffness"][0]
         angle, velocity, acceleration = ensemble.derivatives()
         columns = np.stack([angle, angle * wave, velocity, acceleration]).reshape(4, -1).T
@@ -396,9 +399,9 @@ def speed(key: str) -> Table:
     for wave, (rate, duration) in ((wave, size) for wave in ("square", "sine") for size in sizes):
         study = study_of({"stiffness": wave, "duration_s": duration, "rate": rate}, [key], 1)
         scenario = study.scenarios[0]
-        setting = study.setting_of(scenario)
-        made = setting.simulated(*study.simulated(scenario), study.seed_of(scenario, 0))
-        ensemble = tv.preprocess.subtract_mean(setting.cut(made.recording))
+        setting = tv.study.trials.Setting.of(study, scenario)
+        made = setting.simulate(*study.simulated(scenario), study.seed_of(scenario, 0))
+        ensemble = setting.cut(made.recording)
         del made
         method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):

@@ -16,7 +16,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -46,7 +45,7 @@ def main() -> None:
         results = tv.study.run(
             experiment,
             prepared=prepared,
-            store=Path(folder) / "results.zarr",
+            folder=folder,
             workers=chosen.workers,
         )
         seconds = time.perf_counter() - started

@@ -12,7 +12,6 @@ import argparse
 import os
 import tempfile
 import time
-from pathlib import Path
 
 import xarray as xr
 from memory import watched_memory
@@ -51,7 +50,7 @@ def timed(study: tv.study.Study, workers: int) -> tuple[xr.Dataset, float, int]:
     """Results, seconds and bytes."""
     with tempfile.TemporaryDirectory() as folder, watched_memory() as peak:
         started = time.perf_counter()
-        results = tv.study.run(study, store=Path(folder) / "results.zarr", workers=workers)
+        results = tv.study.run(study, folder=folder, workers=workers)
         seconds = time.perf_counter() - started
         return results.load(), seconds, peak[0]
 

@@ -58,7 +58,7 @@ def main() -> None:
         task = bar.add_task("")
         results = tv.study.run(
             study,
-            store=chosen.store or Path(folder) / "results.zarr",
+            folder=chosen.store or folder,
             workers=chosen.workers,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         ).load()

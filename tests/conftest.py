@@ -43,7 +43,7 @@ if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
 
 # What processes of studies, experiments and commands use.
 PRELOADED = ["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"]
-PRELOADED += ["tvsysid.study", "xarray", "pandas", "zarr", "h5netcdf"]
+PRELOADED += ["tvsysid.study", "xarray", "pandas", "h5netcdf"]
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")

@@ -97,10 +97,6 @@ def results_of(
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
             "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
             "seconds": (("recording", "analysis"), seconds),
-            "checksums": (
-                ("recording", "analysis", "variable"),
-                np.ones((*sizes[:2], 1), dtype=np.uint64),
-            ),
             "warnings": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),

@@ -90,10 +90,6 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "vaf": ((*cell, "statistic"), statistics),
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
-            "checksums": (
-                ("scenario", "trial", "variable"),
-                np.ones((*sizes[:2], 1), dtype=np.uint64),
-            ),
             "seconds": (cell, seconds),
             "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 4), 0.05)),
             "warnings": (cell, np.full(sizes, "", dtype=object)),

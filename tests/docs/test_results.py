@@ -7,17 +7,10 @@ import pytest
 from tests.synthetic import responses_of, results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021 import study_figures
-from tvsysid.study.contents import (
-    OF_CHANGING_TRUTH,
-    OF_SCHEDULED,
-    OF_SEVERAL_PATHWAYS,
-    OF_TRIAL,
-    layout_of,
-)
+from tvsysid.study.dataset import VARIABLES
 from tvsysid.study.scores import UNITS
-from tvsysid.study.simulated import Study
 from tvsysid.study.summary import COLUMNS
-from tvsysid.study.trial import STAGES
+from tvsysid.study.trials import STAGES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## (\S+)\n\n(.+?)(?=\n## |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -29,7 +22,7 @@ def quoted(text):
 
 def test_columns_of_the_summary():
     before, _, _ = SECTIONS["summary.csv"].partition("\n|")
-    assert [name for name in quoted(before) if name != "results.zarr"] == list(COLUMNS)
+    assert [name for name in quoted(before) if name != "results.nc"] == list(COLUMNS)
 
 
 def test_every_metric_is_explained_once():
@@ -41,14 +34,9 @@ def test_every_metric_is_explained_once():
 
 
 def test_every_variable_of_the_store_is_named():
-    names = {*OF_TRIAL, *OF_SEVERAL_PATHWAYS, *OF_SCHEDULED, *OF_CHANGING_TRUTH} | {
-        each.name
-        for each in layout_of(Study()).fixed
-        if "time" in each.dims and each.name != "time"
-    }
-    text = SECTIONS["results.zarr"]
-    readers = {'tv.study.read_results("results.zarr")', "xarray.open_zarr"}
-    assert names | {"asked", "checksums", "manifest"} == set(quoted(text)) - readers
+    text = SECTIONS["results.nc"]
+    readers = {'tv.study.read_results("tvsysid-benchmark")', "xarray.open_dataset", "tasks/"}
+    assert {*VARIABLES, "trial_truth", "asked"} == set(quoted(text)) - readers
     assert all(stage in text for stage in STAGES)
 
 

@@ -37,10 +37,6 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
             "seconds": (cell, np.ones((1, trials, 1))),
             "failure": (cell, np.full((1, trials, 1), "")),
             "truth": (("scenario", "quantity", "time"), truth[None, None]),
-            "checksums": (
-                ("scenario", "trial", "variable"),
-                np.ones((1, trials, 1), dtype=np.uint64),
-            ),
         },
         coords={
             "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"],
@@ -164,7 +160,7 @@ def test_draws_of_methods_are_paired_also_where_trials_failed(random):
     both = xr.concat(
         [results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all"
     )
-    both = both.assign(truth=results.truth, checksums=results.checksums)
+    both = both.assign(truth=results.truth)
     failed = both.failure.values.astype(object)
     failed[0, 2:, 1] = "x"
     both["failure"] = (both.failure.dims, failed)

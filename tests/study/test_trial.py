@@ -4,15 +4,13 @@ These bands are known to hold the truth always or never.
 """
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 import tvsysid as tv
-from tvsysid.study import Study, of_quantity, run, score, summarize, task
-from tvsysid.study.trial import STAGES
+from tvsysid.study import Study, of_quantity, run, score, summarize
 
 TIMES = 200
 
@@ -112,20 +110,3 @@ def test_a_band_of_the_wrong_shape_is_a_failure_that_is_told(results):
 
 def test_no_band_is_no_doubt_of_the_method(results):
     assert all(text == "" for text in of(results, "no band").warnings.values)
-
-
-def test_the_time_that_bands_take_is_not_that_of_identification(monkeypatch):
-    """The clock stands still, but goes on a second with each band."""
-    now = [0.0]
-    monkeypatch.setattr(task, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    band = tv.Estimate.band
-
-    def slow(self, level=0.95):
-        now[0] += 1.0
-        return band(self, level)
-
-    monkeypatch.setattr(tv.Estimate, "band", slow)
-    results = run(Study(duration_s=20.0, trials=1, perturbation="prbs", methods="sds"), workers=1)
-    spent = dict(zip(STAGES, results.stage_seconds.values[0, 0], strict=True))
-    assert spent["bands"] == 3  # of stiffness, viscosity and inertia
-    assert spent["simulation"] == spent["scoring"] == results.seconds.item() == 0

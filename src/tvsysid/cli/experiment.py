@@ -67,7 +67,7 @@ def experiment(
 
     - `figures/`: each figure as PNG, PDF and SVG, and a figure of every participant as PNG and PDF;
 
-    - `results.zarr`: every bootstrap; `xarray.open_zarr` reads it.
+    - `results.nc`: every bootstrap; `xarray.open_dataset` reads it.
 
     The bootstraps of a method are saved as soon as they are done. If the command is interrupted or
     killed, the same command resumes. A file that cannot be used is reported and left out.
@@ -148,7 +148,7 @@ def write(
         remark("warning", written.alignment)
     labels = set(results.recording.values.tolist())  # unusable recordings were reported before
     others = [problem for problem in problems(results) if problem["method"] not in labels]
-    complete = show_end(out, written.files, results, others)
+    complete = show_end(out, written.files, others)
     return complete and not any(item.failure for item in prepared)
 
 

@@ -33,7 +33,7 @@ def leaderboard(
 
     - `leaderboard.csv`: a row for each entry;
 
-    - `results.zarr`: every trial. It holds the seed: do not publish that of a secret one.
+    - `results.nc`: every trial. It holds the seed: do not publish that of a secret one.
 
     If the command is interrupted or killed, the same command resumes.
 
@@ -68,7 +68,7 @@ def leaderboard(
     )
     results = run_study(partial(run, study), out, title, workers)
     with errors.status("scoring and drawing"):
-        table = write_leaderboard(study, results.load(), out)
+        table = write_leaderboard(study, results, out)
     columns = {
         "rank": "{rank}",
         "entry": "{entry}",
@@ -83,4 +83,4 @@ def leaderboard(
             "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
         )
     failed = [each for each in problems(results) if each["kind"] == "failed"]
-    return 0 if show_end(out, FILES, results, failed) else 1
+    return 0 if show_end(out, FILES, failed) else 1

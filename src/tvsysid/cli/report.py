@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from tvsysid.cli.benchmark import write as write_benchmark
 from tvsysid.cli.console import remark, say_written, shown_progress
 from tvsysid.cli.experiment import write as write_experiment
 from tvsysid.cli.options import Flag
-from tvsysid.cli.running import STORE
 from tvsysid.errors import InputError
 
 
 def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
     """Write the report, tables and figures of a benchmark or an experiment again, from its results.
 
-    Reads `results.zarr` in the folder, complete or not, and writes `report.html`, the tables and
+    Reads `results.nc` in the folder, and writes `report.html`, the tables and
     `figures/` beside it. The recordings of an experiment are read and prepared again.
 
     With `--sheet`, reads `models.nc` of each folder instead, and writes `sheet.html` to the last of
@@ -56,14 +54,14 @@ def _write_again(folder: Path) -> None:
     """Write the report of a study again, from its results."""
     from tvsysid.study import EXPERIMENT, Experiment, prepared_recordings, read_results
 
-    results = read_results(folder / STORE)
+    results = read_results(folder)
     if results.attrs["title"] != EXPERIMENT:
         write_benchmark(results, folder, "")
         return
     study = Experiment.without_methods(results.attrs["experiment"])
     with shown_progress("preparing recordings") as advance:
         prepared = prepared_recordings(study, advance)
-    if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
+    if [item.digest for item in prepared] != results.digest.values.tolist():
         remark(
             "note",
             "the recordings are missing or have changed: exclusions.csv, prepared/ and the "

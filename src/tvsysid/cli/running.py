@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from tvsysid.report.sections import Problem
 
-STORE = "results.zarr"  # where a study keeps its results, in its folder
+RESULTS = "results.nc"  # file of a study's results, in its folder
 SCHEDULER_TIMEOUT = "10s"
 RESUMES = "what is finished is kept, and the same command resumes"
 VERDICTS = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
@@ -58,7 +58,7 @@ def run_study(
     Parameters
     ----------
     study_run
-        Function that runs them, of store, workers, executor and progress.
+        Function that runs them, of folder, workers, executor and progress.
     out
         Folder of the study.
     title
@@ -70,7 +70,7 @@ def run_study(
     try:
         with shown_progress(title) as advance, _executor(workers) as (executor, processes):
             return study_run(
-                store=out / STORE,
+                folder=out,
                 workers=processes,
                 executor=executor,
                 progress=_with_start(advance),
@@ -131,18 +131,13 @@ def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
     show_table(title, records, {"claim": "{claim}", "verdict": "{verdict}"})
 
 
-def show_end(
-    out: Path, files: Iterable[str], results: xr.Dataset, problems: Iterable[Problem]
-) -> bool:
-    """Print what is missing, failures, warnings and files; return whether no method failed."""
-    done = results.checksums.values.any(axis=-1)
-    if not done.all():
-        remark("warning", f"{done.sum()} of {done.size} tasks are done so far; {RESUMES}")
+def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> bool:
+    """Print failures, warnings and files; return whether no method failed."""
     complete = True
     for each in problems:
         failed = each["kind"] == "failed"
         complete = complete and not failed
         text = "{method}: {count} of {trials} {what}; the first: {first}"
         remark("error" if failed else "warning", text.format(what=PROBLEMS[each["kind"]], **each))
-    say_written(out, [*files, STORE])
+    say_written(out, [*files, RESULTS])
     return complete

@@ -64,7 +64,7 @@ def helpers(workers: int) -> Iterator[Executor | None]:
         pool = None
         with suppress(InputError):  # where none can be made, this process draws everything
             if workers > 1:
-                pool = stack.enter_context(processes(workers - 1, ready=False))
+                pool = stack.enter_context(processes(workers - 1))
                 for _ in range(workers - 1):
                     pool.submit(import_module, "matplotlib.backends.backend_agg")
         yield pool

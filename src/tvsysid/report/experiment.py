@@ -80,8 +80,7 @@ def write_experiment_report(
         What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if
         nothing was aligned.
     """
-    there = results.checksums.transpose("recording", "analysis", ...).values.any(axis=-1)
-    draws = results.vaf.transpose("recording", "analysis", "bootstrap").values[there]
+    draws = results.vaf.values
     failed = int(np.count_nonzero(np.isnan(draws)))
     labels, people = unique(results.method_key.values), unique(results.participant.values)
     virtual = unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)])
@@ -102,7 +101,6 @@ def write_experiment_report(
     first, smallest = str(results.recording.values[0]), str(results.analysis.values[0])
     lines = [
         done,
-        *sections.unfinished(results, "analyses"),
         *outcome(results, summary, claims, reported),
     ]
     shifted = [] if aligned is None or not len(aligned) else [alignment.alignment_table(aligned)]

@@ -25,8 +25,8 @@ from tvsysid.report.page import (
     columns,
     number,
 )
+from tvsysid.study.measure import SKIPPED
 from tvsysid.study.settings import in_words
-from tvsysid.study.task import SKIPPED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,7 @@ def problems(results: xr.Dataset) -> list[Problem]:
     """
     found: list[Problem] = []
     if "recording" not in results.dims:
-        trials = int(results.checksums.any("variable").sum())
+        trials = results.sizes["scenario"] * results.sizes["trial"]
         for label in map(str, results.method_key.values):
             for kind, texts in _texts(results, method_key=label):
                 if reasons := [str(text) for text in texts.values.ravel() if text]:
@@ -229,9 +229,9 @@ def again_section(command: str, selection: str, toml: str = "", same: str = "") 
         blocks += [again, Code("Study as TOML", toml)]
     if same:
         blocks.append(same)
-    reading = f'import xarray as xr\n\nresults = xr.open_zarr("results.zarr")\n{selection}'
+    reading = f'import xarray as xr\n\nresults = xr.open_dataset("results.nc")\n{selection}'
     blocks += [
-        "All results are in the folder results.zarr beside this page. To read them in Python:",
+        "All results are in the file results.nc beside this page. To read them in Python:",
         Code("Reading the results", reading),
     ]
     return Section("again", "How to repeat it", blocks)
@@ -254,17 +254,6 @@ def metrics_there(summary: pd.DataFrame, metrics: Iterable[str]) -> list[str]:
 def version_of(results: xr.Dataset) -> str:
     """Return the version of this package that made the results."""
     return str(settings_of(results, "versions").get("tvsysid", __version__))
-
-
-def unfinished(results: xr.Dataset, what: str) -> list[str]:
-    """Return a sentence on the missing part of a study; none if it is complete."""
-    from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
-
-    there = results.checksums.values.any(axis=-1)
-    if there.all():
-        return []
-    text = "<strong>The study is not finished:</strong> {} of {} {} are there."
-    return [Markup(text).format(int(there.sum()), there.size, what)]
 
 
 def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from tvsysid.figures.results import traits_of, unique
 from tvsysid.figures.words import TRAITS, count, described, trait
 from tvsysid.methods import names
 from tvsysid.report import page, sections
+from tvsysid.study.scenarios import KINDS, OWN
 from tvsysid.study.scores import asked
-from tvsysid.study.simulated import KINDS, OWN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,12 +112,8 @@ def write_report(
         What stands above the claims.
     """
     sizes, study = results.sizes, sections.settings_of(results, "study")
-    there = results.checksums.values.any(axis=-1)
-    failure, tried = (
-        results.failure.values[there],
-        int((there[..., None] & asked(results)[:, None]).sum()),
-    )
-    failed = int(np.count_nonzero(failure != ""))
+    failed = int(np.count_nonzero(results.failure.values != ""))
+    tried = int(asked(results).sum()) * sizes["trial"]
     methods, scenarios = (
         count(sizes[dim], word)
         for dim, word in (("method_key", "method"), ("scenario", "scenario"))
@@ -137,7 +133,7 @@ def write_report(
     settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in said.items()}
     seconds = float(results.seconds.sum() + results.stage_seconds.sum())
     main = main_scenario(traits_of(results))
-    lines = [done, *sections.unfinished(results, "trials"), *outcome(results, summary, claims)]
+    lines = [done, *outcome(results, summary, claims)]
     parts = [
         page.Section("outcome", "Outcome", [page.Box(lines), METRICS]),
         sections.run_section(results, settings, seconds, f"{failed} of {tried}"),

@@ -11,7 +11,7 @@ import pandas as pd
 from tvsysid.numerics import Array
 from tvsysid.studies.van_de_ruit_2021.simulations import FEWEST, Replicated
 from tvsysid.studies.verdicts import COLUMNS, Claim, judged
-from tvsysid.study.simulated import Scenario
+from tvsysid.study.scenarios import Scenario
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,11 +1,11 @@
-"""Comparing methods: what is studied, running it, where results are kept, and what they say."""
+"""Compare methods: define a study, run it, and summarize its results."""
 
-from tvsysid.study.contents import EXPERIMENT, SIMULATIONS
+from tvsysid.study.dataset import EXPERIMENT, SIMULATIONS, read_results
+from tvsysid.study.experiment import Experiment, Recorded
 from tvsysid.study.prepared import Prepared, prepared_recordings, shown
-from tvsysid.study.recorded import Experiment, Recorded
-from tvsysid.study.run import plan, read_results, run
+from tvsysid.study.run import plan, run
+from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score, time_spent
-from tvsysid.study.simulated import Study
 from tvsysid.study.summary import (
     alignments,
     by_full_name,
@@ -16,9 +16,16 @@ from tvsysid.study.summary import (
 )
 from tvsysid.study.workers import cores, processes
 
-__all__ = ["EXPERIMENT", "SIMULATIONS", "Experiment", "Prepared", "Recorded", "Study", "alignments"]
-__all__ += ["by_full_name", "cores"]
-__all__ += [
+__all__ = [
+    "EXPERIMENT",
+    "SIMULATIONS",
+    "Experiment",
+    "Prepared",
+    "Recorded",
+    "Study",
+    "alignments",
+    "by_full_name",
+    "cores",
     "exclusions",
     "of_quantity",
     "plan",
@@ -28,5 +35,7 @@ __all__ += [
     "run",
     "score",
     "shown",
+    "stiffness_over_time",
+    "summarize",
+    "time_spent",
 ]
-__all__ += ["stiffness_over_time", "summarize", "time_spent"]

@@ -12,7 +12,7 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import ShortDataSegments
 from tvsysid.preprocess import Preparation, subtract_mean
 from tvsysid.signals import Ensemble
-from tvsysid.study.recorded import LAG, SHORT
+from tvsysid.study.experiment import MAX_LAG_S, SHORT_WINDOW_S
 
 GROUPS = 10  # of realizations, each of which is left out once
 
@@ -62,5 +62,5 @@ def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
 
 
 def _mean_stiffness(ensemble: Ensemble) -> float:
-    found = ShortDataSegments(max_lag=LAG, window=SHORT).identify(ensemble).stiffness
+    found = ShortDataSegments(max_lag=MAX_LAG_S, window=SHORT_WINDOW_S).identify(ensemble).stiffness
     return float(np.nanmean(found)) if np.isfinite(found).any() else math.nan

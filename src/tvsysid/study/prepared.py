@@ -6,7 +6,7 @@ import glob
 import hashlib
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,12 +17,12 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import centered_channels
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import Preparation, prepare
+from tvsysid.progress import Progress, no_progress
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
-from tvsysid.study.recorded import Experiment, Recorded
-from tvsysid.study.task import Known
+from tvsysid.study.experiment import Experiment, Recorded
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +53,7 @@ class Prepared:
     target_torque: Array
     mean_torque: Array
     truth: dict[str, Array]
-    pathways: Known
+    pathways: Mapping[str, Array]
     trials: int
     refused: dict[str, str]
     warnings: tuple[str, ...]
@@ -87,7 +87,7 @@ def _digest(ensemble: Ensemble) -> str:
 
 
 def prepared_recordings(
-    experiment: Experiment, progress: Callable[[int, int], object] | None = None
+    experiment: Experiment, progress: Progress = no_progress
 ) -> tuple[Prepared, ...]:
     """Prepare every recording of an experiment; what cannot be used spoils nothing else.
 
@@ -95,8 +95,7 @@ def prepared_recordings(
     """
     done: list[Prepared] = []
     for recorded in experiment.recordings:
-        if progress is not None:
-            progress(len(done), len(experiment.recordings))
+        progress(len(done), len(experiment.recordings))
         with single_thread():  # so that the same recordings have the same digest everywhere
             done.append(_prepared(experiment, recorded))
     return tuple(done)
@@ -144,15 +143,12 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
 
     truth = {} if simulation is None else simulation.truth_of(ensemble)
     truth = {name: values.mean(axis=0) for name, values in truth.items()}
-    torques = {name: ensemble.channels.get(PATHWAY + name) for name in experiment.pathways}
     cores = {
-        name: None if torque is None else torque[:, ensemble.core]
-        for name, torque in torques.items()
+        name.removeprefix(PATHWAY): np.asarray(torque[:, ensemble.core])
+        for name, torque in ensemble.channels.items()
+        if name.startswith(PATHWAY)
     }
-    pathways = {
-        name: None if torque is None else torque - torque.mean(axis=0)
-        for name, torque in cores.items()
-    }
+    pathways = {name: torque - torque.mean(axis=0) for name, torque in cores.items()}
     wanted = {item.name for method in experiment.named_methods.values() for item in method.inputs}
     needed = [name for name in ensemble.channels if name in wanted]
     rectified = any(method.uses_recorded_angle for method in experiment.named_methods.values())
@@ -177,7 +173,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
 
 def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
     deviating = set(centered_channels(experiment.named_methods.values())) & set(recording.channels)
-    return prepare(recording, **experiment.preparation.model_dump(), channels=sorted(deviating))
+    return prepare(recording, **attrs.asdict(experiment.preparation), channels=sorted(deviating))
 
 
 def _simulated(recorded: Recorded) -> Simulation | None:
@@ -194,8 +190,10 @@ def _recording(
     Raises if there is none.
     """
     if simulation is not None:
-        known = simulation.pathways
-        beside = {PATHWAY + name: known[name] for name in experiment.pathways if name in known}
+        methods = experiment.named_methods.values()
+        several = any(len(method.pathway_names) > 1 for method in methods)
+        pathways = simulation.pathways if several else {}
+        beside = {PATHWAY + name: torque for name, torque in pathways.items()}
         return _with_torque(simulation.recording, beside), {}
     assert experiment.reading is not None
     preparing = experiment.preparation

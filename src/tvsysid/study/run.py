@@ -1,97 +1,95 @@
-"""Run a study, read what one left, and say beforehand what one will take."""
+"""Run a study: every method on every draw of every case, one file of scores for each task."""
 
 from __future__ import annotations
 
-import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import attrs
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
-from tvsysid.study.contents import EXPERIMENT
+from tvsysid.study.bootstraps import Recordings
+from tvsysid.study.dataset import read_results, write_results
+from tvsysid.study.experiment import Experiment
+from tvsysid.study.measure import Scores
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.recorded import Experiment
-from tvsysid.study.simulated import Scenario, Study
-from tvsysid.study.source import Simulations, recordings_in, source_of, with_recordings
-from tvsysid.study.store import open_store, stored
-from tvsysid.study.task import carry_out
-from tvsysid.study.workers import carry_out_missing
+from tvsysid.study.scenarios import Scenario, Study
+from tvsysid.study.tasks import read_scores
+from tvsysid.study.trials import Simulations
+from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LONGEST_S = 600.0  # seconds of data beyond which nothing is timed
+MAX_TIMED_S = 600.0  # seconds of data of a trial that is timed
 
 
 def run(
     study: Study | Experiment,
+    folder: str | Path | None = None,
     *,
     prepared: Sequence[Prepared] | None = None,
-    store: str | Path | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress = no_progress,
 ) -> xr.Dataset:
-    """Run a study, or what is missing of it, and collect what its metrics are made from.
+    """Run the tasks of a study that have no scores yet, and return the results of all.
+
+    An interrupted study resumes when it is run again. The name of a task's file is a hash of all
+    that its scores depend on, and the file appears when it is complete. Tasks in which a method
+    failed are run again.
 
     Parameters
     ----------
     study
-        What to run: a simulation study or an experiment.
+        A simulation study or an experiment.
+    folder
+        Where the scores of each task (``tasks/``) and the results (``results.nc``) are kept. None
+        keeps the results in memory.
     prepared
-        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` gives them;
+        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` returns them;
         None prepares them first.
-    store
-        Zarr store for the results. Each trial of a simulation study is written when it is done; of
-        an experiment, all bootstraps of one method, number of realizations and recording. A store
-        of the same study is resumed: only what is missing, cut short or failed is run, and
-        recordings whose data are others than before. None keeps the results in memory.
     workers
         Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread.
         The results do not depend on it.
     executor
-        Runs the tasks in place of local processes: that of a Dask cluster
+        Runs the tasks instead of local processes: that of a Dask cluster
         (``client.get_executor()``), of MPI, Ray or submitit. Then ``workers`` is the number of
-        tasks that it runs at a time.
+        its workers.
     progress
-        Called with the numbers of tasks there and in all, first before any is run.
+        Called with the numbers of finished tasks and of all tasks, first before any is run.
 
     Returns
     -------
     xarray.Dataset
-        Read from the store; more than 1 GB when it is used. Of a simulation study over (scenario,
-        trial, method_key) and, where it applies, quantity, time, statistic (over the realizations
-        of a trial), pathway or stage: ``estimate``, ``standard_error``, ``covered`` (whether the 95
-        % band holds the truth), ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (against the
-        noiseless torque), ``pathway_vaf``, ``pathway_torque`` (of several pathways), ``parameters``
-        (their effective number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure`` (why
-        there is no result, or nothing), and ``truth`` over (scenario, quantity, time), with
-        ``trial_truth`` where it differs from trial to trial. Of methods that estimate something
-        over a variable of their own also ``scheduled_estimate``, ``scheduled_standard_error``,
-        ``scheduling_variable`` over (scheduled, scheduling). Of an experiment over (recording,
-        analysis), bootstrap, quantity and time: the same without standard errors, with VAFs of the
-        torque recorded in the very realizations drawn; and over recording: numbers of realizations
-        and trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and ``truth`` (NaN
-        for people).
+        Of a simulation study over (scenario, trial, method_key) and, where it applies, quantity,
+        time, statistic (over the realizations of a trial), pathway or stage: ``estimate``,
+        ``standard_error``, ``covered`` (whether the 95 % band holds the truth),
+        ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque),
+        ``pathway_vaf``, ``pathway_torque`` (of several pathways), ``parameters`` (their effective
+        number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure`` (why there is no result,
+        or nothing), and ``truth`` over (scenario, quantity, time), with ``trial_truth`` where it
+        differs from trial to trial. Of methods that estimate something over a measured variable
+        also ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over
+        (scheduled, scheduling). Of an experiment over (recording, analysis), bootstrap, quantity
+        and time: the same without bands, with VAFs of the torque recorded in the very realizations
+        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time
+        ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
     InputError
-        If the store holds something else, a method cannot be sent to a worker, the executor gives
-        up, or what was prepared are not the experiment's recordings. A method that fails raises
-        nothing: its results are NaN, and ``failure`` says why. Nor does a recording that cannot be
-        used: ``remarks`` say so.
-
-    Warns
-    -----
-    DataQualityWarning
-        If recordings are others than those in the store.
+        If another process runs a study in the folder, a system cannot be simulated, an object
+        cannot be sent to a worker, a worker dies, or what was prepared are not the experiment's
+        recordings. A method that fails raises nothing: its results are NaN, and ``failure`` says
+        why. Nor does a recording that cannot be used: ``remarks`` say so.
 
     Examples
     --------
@@ -105,43 +103,67 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    source = source_of(study, prepared)
-    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
-        path = Path(folder) / "results.zarr" if store is None else Path(folder)
-        with open_store(path, source.layout) as opened:
-            source.begin(opened)
-            carry_out_missing(opened, source, workers, executor, progress)
-            results = source.completed(opened.results())
-        return results.load() if store is None else results
+    source = Simulations(study) if isinstance(study, Study) else Recordings(study, prepared)
+    with ExitStack() as stack:
+        kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
+        stack.enter_context(_exclusive(kept))
+        tasks, files = source.tasks, {}
+        for place, task in tasks.items():
+            files[place] = kept / "tasks" / task.file_name
+        scores = {place: read_scores(file) for place, file in files.items()}
+        missing = {files[place]: tasks[place] for place in tasks if not _is_done(scores[place])}
+        done = len(tasks) - len(missing)
+        progress(done, len(tasks))
+        for count, _ in enumerate(run_tasks(missing, workers, executor), start=done + 1):
+            progress(count, len(tasks))
+        for place, file in files.items():
+            if file in missing:
+                scores[place] = read_scores(file)
+        write_results(
+            source.results({place: each for place, each in scores.items() if each is not None}),
+            kept,
+        )
+        return read_results(kept)
 
 
-def read_results(path: str | Path) -> xr.Dataset:
-    """Load the results of a study of either kind, finished or not.
+def _is_done(scores: Scores | None) -> bool:
+    return scores is not None and not (scores["failure"] != "").any()
 
-    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind. Every
-    file is verified before it is used, and what tasks left that did not finish is NaN: neither can
-    be said of ``xarray.open_zarr``.
 
-    Raises
-    ------
-    InputError
-        If the folder is not such a store, or files of it are missing, cut short or damaged; the
-        message says how they are made again.
-    """
-    store = stored(Path(path))
-    results = store.results()
-    if results.attrs["title"] != EXPERIMENT:
-        return results
-    return with_recordings(results, recordings_in(store, results))
+@contextmanager
+def _exclusive(folder: Path) -> Iterator[None]:
+    """Keep other processes from running a study in a folder, and remove unfinished files."""
+    from filelock import FileLock, Timeout  # noqa: PLC0415  # for studies only
+
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            for leftover in (folder / "tasks").glob(".*.npz"):  # of a process that was killed
+                leftover.unlink(missing_ok=True)
+            yield
+    except Timeout as error:
+        raise InputError(
+            f"{folder}: another process is running a study in this folder; wait for it, or give "
+            "another folder"
+        ) from error
 
 
 @attrs.frozen
 class Plan:
     """What a study will take.
 
-    Trials of all scenarios, the seconds of data that they simulate, the seconds that they take
-    one process, the size of the results; and methods that gave no result in the trials that were
-    timed, and why.
+    Parameters
+    ----------
+    trials
+        Trials of all scenarios.
+    simulated_s
+        Seconds of data that they simulate.
+    work_s
+        Seconds that they take one process.
+    size_bytes
+        Size of the results.
+    failures
+        Why methods gave no result in the trials that were timed.
     """
 
     trials: int
@@ -157,40 +179,31 @@ def plan(study: Study) -> Plan:
     The longest is timed with 600 s at most. Beside a fixed part, time is proportional to the
     duration. Scenarios with methods of their own are timed by themselves.
     """
-    source, work = Simulations(study), 0.0
-    alike: dict[frozenset[str], list[Scenario]] = {}
+    source, work, size, failures = Simulations(study), 0.0, 0.0, {}
+
+    def timed(scenario: Scenario, methods: frozenset[str]) -> tuple[float, int]:
+        started = time.perf_counter()
+        with single_thread():
+            scores = source.trial(scenario, 0, methods).scores()
+        for label, text in zip(study.named_methods, scores["failure"].tolist(), strict=True):
+            failures.update({label: text} if text else {})
+        return time.perf_counter() - started, sum(each.nbytes for each in scores.values())
+
+    groups: dict[frozenset[str], list[Scenario]] = {}
     for scenario, methods in study.methods_of.items():
-        alike.setdefault(methods, []).append(scenario)
-    failures: dict[str, str] = {}
-    carry_out(
-        source.trial(min(study.scenarios, key=lambda scenario: scenario.duration_s), 0)
-    )  # loads what is lazy
-    for scenarios in alike.values():
-        scenarios.sort(key=lambda scenario: scenario.duration_s)
-        ends = [
-            end._replace(duration_s=min(end.duration_s, LONGEST_S))
-            for end in (scenarios[0], scenarios[-1])
-        ]
-        taken: list[float] = []
-        for scenario, own in zip(ends, (scenarios[0], scenarios[-1]), strict=True):
-            started = time.perf_counter()
-            outcome = carry_out(source.trial(scenario, 0, study.methods_of[own]))
-            taken.append(time.perf_counter() - started)
-            failures |= {
-                label: str(text)
-                for label, text in zip(study.named_methods, outcome["failure"], strict=True)
-                if text
-            }
-        span = ends[1].duration_s - ends[0].duration_s
-        slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
-        work += sum(
-            taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in scenarios
+        groups.setdefault(methods, []).append(scenario)
+    shortest = min(study.scenarios, key=lambda scenario: scenario.duration_s)
+    timed(shortest, study.methods_of[shortest])  # loads what is lazy
+    for methods, scenarios in groups.items():
+        durations = [scenario.duration_s for scenario in scenarios]
+        ends = [min(durations), min(max(durations), MAX_TIMED_S)]
+        (first, bytes_each), (last, _) = (
+            timed(scenarios[0]._replace(duration_s=end), methods) for end in ends
         )
+        span = ends[1] - ends[0]
+        slope = max(0.0, (last - first) / span) if span else first / ends[0]
+        work += sum(first + slope * (duration - ends[0]) for duration in durations)
+        size += bytes_each * len(scenarios)
     simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
-    return Plan(
-        len(study.scenarios) * study.trials,
-        simulated,
-        work * study.trials,
-        source.layout.bytes_of_numbers,
-        failures,
-    )
+    trials = len(study.scenarios) * study.trials
+    return Plan(trials, simulated, work * study.trials, round(size * study.trials), failures)

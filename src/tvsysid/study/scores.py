@@ -267,10 +267,9 @@ def score(results: xr.Dataset) -> xr.Dataset:
     place_of = {each: number for number, each in enumerate(every)}
     shape = (results.sizes["scenario"], results.sizes["method_key"], len(every))
     value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
-    there = results.checksums.values.any(axis=-1)[..., None] & asked(results)[:, None]
-    failed = there & np.asarray(results.failure.values != "")
+    failed = np.asarray(results.failure.values != "")
     value[..., place_of["", "failed"]] = failed.sum(axis=1)
-    used = there & ~failed
+    used = asked(results)[:, None] & ~failed
     for row in range(shape[0]):
         here = {name: results[name].isel(scenario=row).values for name in SCORED if name in results}
         for column in np.flatnonzero(used[row].any(axis=0)).tolist():
@@ -410,7 +409,7 @@ def time_spent(results: xr.Dataset) -> dict[str, float]:
     methods = results.seconds.sum(["scenario", "trial"])
     before, after = (
         {name: float(stages.sel(stage=name)) for name in names}
-        for names in (("simulation", "preprocessing"), ("bands", "scoring"))
+        for names in (("simulation", "preprocessing"), ("scoring",))
     )
     identified = {
         str(name): float(methods.sel(method_key=name)) for name in results.method_key.values

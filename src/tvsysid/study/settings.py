@@ -1,92 +1,45 @@
-"""Settings that studies of both kinds share, read from TOML files and checked."""
+"""Settings that studies of both kinds share: conversion, checks and TOML files."""
 
 from __future__ import annotations
 
 import difflib
 import hashlib
 import tomllib
-from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+from typing import Any, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+import attrs
 
-from tvsysid.dataset_layout import UNITS
-from tvsysid.errors import InputError, one_line
-from tvsysid.methods import Method, parse
+from tvsysid.errors import InputError
+from tvsysid.methods import Method, label_of, parse
+from tvsysid.validators import Validator
 
-Value = TypeVar("Value")
-
-
-class Settings(BaseModel):
-    """Settings that belong together; unknown ones are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+Item = TypeVar("Item")
 
 
-class StudySettings(Settings):
-    """All settings of a study; what is wrong is explained as an InputError."""
-
-    noun: ClassVar[str]
-
-    def __init__(self, **settings: Any) -> None:
-        try:
-            super().__init__(**settings)
-        except ValidationError as error:
-            raise InputError(f"{self.noun}: {_explained(error, type(self))}") from error
-
-    @property
-    @abstractmethod
-    def named_methods(self) -> dict[str, Method]:
-        """Method objects by the name that they have in results."""
-
-    def said(self, attribute: str, *names: str) -> tuple[str, ...]:
-        """Return the names, and those that methods state in an attribute, each once."""
-        methods = self.named_methods.values()
-        said = [name for method in methods for name in getattr(method, attribute)]
-        return tuple(dict.fromkeys([*names, *said]))
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Units by quantity, of the package and of methods that state them in ``quantities``."""
-        said = [method.quantities for method in self.named_methods.values()]
-        return {
-            name: one_line(str(unit))
-            for each in said
-            if isinstance(each, Mapping)
-            for name, unit in each.items()
-        } | UNITS
-
-    @property
-    def scheduled(self) -> dict[str, int]:
-        """Quantities that methods estimate over variables, and the largest number of values."""
-        every = [method.scheduled_quantities for method in self.named_methods.values()]
-        return {
-            name: max(each.get(name, 0) for each in every)
-            for name in self.said("scheduled_quantities")
-        }
+@attrs.frozen(slots=False, kw_only=True)
+class Settings:
+    """Settings of a study that a TOML file can hold."""
 
     @classmethod
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
         """Read a study from a TOML file whose keys are the settings.
 
-        Files that it names are sought beside it.
-
-        Settings that are given here take the place of the file's, in its further scenarios too.
+        Settings that are given here replace those of the file, in its further scenarios too. Files
+        that the study names are sought beside the TOML file.
 
         Raises
         ------
         InputError
-            For a file that is missing or no TOML, or a wrong study; names the file and the key.
+            For a file that is missing or no TOML, or a wrong study. It names the file and the key.
         """
-        found: dict[str, Any] = (
-            {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
-        )
+        known = [field.name for field in attrs.fields(cls)]
+        beside = {"folder": Path(path).parent} if "folder" in known else {}
         try:
             with Path(path).open("rb") as file:
-                found |= tomllib.load(file)
-            return cls(**overridden(found, settings))
+                table = tomllib.load(file)
+            return from_table(cls, beside | replace_settings(table, settings))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: not a TOML file: {error}") from error
         except OSError as error:
@@ -95,56 +48,99 @@ class StudySettings(Settings):
             raise InputError(f"{path}: {error}") from error
 
 
-def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[str, Any]:
-    """Return settings with changes.
+def from_table(kind: type[Item], table: Mapping[str, Any], where: str = "") -> Item:
+    """Return an object of an attrs class from a table of its settings.
 
-    Further scenarios follow where they are of the kind expected.
+    Parameters
+    ----------
+    where
+        Name of the table in a message.
+
+    Raises
+    ------
+    InputError
+        For a value that is no table, or an unknown key.
     """
-    merged = settings | others
+    if not isinstance(table, Mapping):
+        raise InputError(f"{where} must be a table of settings, got {table!r}")
+    fields = attrs.fields(kind)  # type: ignore[arg-type]
+    known = [field.name for field in fields if field.name != "folder"]
+    for name in table:
+        if name not in known and name != "folder":
+            close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            path = f"{where}.{name}" if where else name
+            raise InputError(f"{path}: unknown key{hint} (known: {', '.join(known)})")
+    return kind(**table)
+
+
+def table_converter(kind: type[Item], name: str) -> Callable[[Any], Any]:
+    """Return a converter of a table to an attrs class; other values stay as they are."""
+    return lambda value: from_table(kind, value, name) if isinstance(value, Mapping) else value
+
+
+def replace_settings(
+    settings: Mapping[str, object], others: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return settings with some replaced, in further scenarios (``also``) too."""
+    merged = dict(settings) | dict(others)
     further = settings.get("also", ())
-    if (
-        "also" not in others
-        and isinstance(further, (list, tuple))
-        and all(isinstance(item, dict) for item in further)
-    ):
+    if "also" not in others and isinstance(further, (list, tuple)):
         kept = [
-            {name: value for name, value in item.items() if name not in others} for item in further
+            {name: value for name, value in item.items() if name not in others}
+            if isinstance(item, Mapping)
+            else item
+            for item in further
         ]
         merged |= {"also": [item for item in kept if item]} if kept else {}
     return merged
 
 
-def listed(value: Any) -> Any:
-    """Return a list; one value becomes a list of one."""
-    return value if isinstance(value, (list, tuple)) else (value,)
+def to_tuple(value: Any) -> Any:
+    """Return a tuple; one value becomes a tuple of one, None stays None."""
+    if value is None:
+        return None
+    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
 
 
-Listed = BeforeValidator(listed)
+def check_distinct(settings: object, field: attrs.Attribute[Any], values: Iterable[object]) -> None:
+    """Raise for values that are empty, or of which one is given twice."""
+    values = list(values)
+    if not values:
+        raise InputError(f"{field.name}: it is empty; give at least 1 value")
+    if twice := first_repeated(list(map(repr, values))):
+        raise InputError(f"{field.name}: {twice} is given twice; give it once")
 
 
-def unique(values: tuple[Value, ...]) -> tuple[Value, ...]:
-    """Return the values, after a check that none is given twice."""
-    if len(set(map(repr, values))) < len(values):
-        raise ValueError("the same value is given twice")
-    return values
+def each(validator: Validator) -> Callable[[object, attrs.Attribute[Any], Any], None]:
+    """Return a validator of each item."""
+
+    def check(settings: object, field: attrs.Attribute[Any], values: Any) -> None:
+        for value in values:
+            validator(settings, field, value)
+
+    return check
 
 
-def _identifies(value: Any) -> Any:
+def first_repeated(labels: list[str]) -> str:
+    """Return the first label that occurs twice, or nothing."""
+    return next((label for number, label in enumerate(labels) if label in labels[:number]), "")
+
+
+def to_method(value: Any) -> Method:
+    """Return the method of a text, or a method as it is."""
     if isinstance(value, str):
-        parse(value)
-    elif not isinstance(value, Method):
-        raise ValueError("expected the key of a method, or a tvsysid.Method")
+        return parse(value)
+    if not isinstance(value, Method):
+        raise InputError(
+            f"methods: expected the key of a method, or a tvsysid.Method; got {value!r}"
+        )
     return value
 
 
-def _whole(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise ValueError("expected a whole number")
-    return value
-
-
-AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or a method
-Whole = Annotated[int, BeforeValidator(_whole)]
+def labels_of(values: Iterable[object]) -> list[str | float]:
+    """Return values of a setting as text or numbers."""
+    return [value if isinstance(value, float) else label_of(value) for value in values]
 
 
 def in_words(value: object) -> str:
@@ -152,83 +148,13 @@ def in_words(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(in_words, value))
     if isinstance(value, dict):
-        return ", ".join(f"{name} {in_words(each)}" for name, each in value.items())
+        return ", ".join(f"{name} {in_words(item)}" for name, item in value.items())
     if value is None:
         return "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: str = "") -> str:
-    """Describe the differences between two mappings.
-
-    Examples
-    --------
-    >>> differences({"trials": 9, "methods": [{"name": "sds", "realizations": [75]}]},
-    ...             {"seed": 1, "methods": [{"name": "sds", "realizations": [75, 150]}]})
-    'trials: 9 there, nothing here; methods sds realizations: 75 there, 75, 150 here; seed:
-    nothing there, 1 here'
-    """
-    found = []
-    for name in dict.fromkeys([*theirs, *ours]):
-        there, here = (_by_name(each.get(name, "nothing")) for each in (theirs, ours))
-        if isinstance(there, Mapping) and isinstance(here, Mapping):
-            found.append(differences(there, here, f"{of}{name} "))
-        elif there != here:
-            found.append(f"{of}{name}: {in_words(there)} there, {in_words(here)} here")
-    return "; ".join(filter(None, found))
-
-
-def _by_name(value: object) -> object:
-    """Return a value; mappings in a list by their names, or by their numbers from 1."""
-    if (
-        not isinstance(value, list)
-        or not value
-        or not all(isinstance(each, Mapping) for each in value)
-    ):
-        return value
-    return {
-        str(each.get("name", place)): {key: kept for key, kept in each.items() if key != "name"}
-        for place, each in enumerate(value, start=1)
-    }
 
 
 def spawn_key(text: str) -> list[int]:
     """Return the spawn key of independent random numbers."""
     digest = hashlib.sha256(text.encode()).digest()
     return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-
-
-def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
-    """Describe the first fault: the key, the value and the expected value."""
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        known = [
-            name for name in _model_at(kind, first["loc"][:-1]).model_fields if name != "folder"
-        ]
-        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        return (
-            f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: "
-            f"{', '.join(known)})"
-        )
-    if first["type"] == "missing":
-        return f"{where}: this is missing; give it"
-    message = str(first["msg"]).removeprefix("Value error, ")
-    field = kind.model_fields.get(str(first["loc"][0])) if first["loc"] else None
-    described = field.description if field and first["type"] != "value_error" else None
-    expected = f" (expected {described})" if described else ""
-    return f"{where}: {message}; got {first['input']!r}{expected}" if where else message
-
-
-def _model_at(kind: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseModel]:
-    """Return the settings at a place within others."""
-    for part in place:
-        if part in kind.model_fields:
-            kind = _model_within(kind.model_fields[str(part)].annotation) or kind
-    return kind
-
-
-def _model_within(annotation: object) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next(filter(None, map(_model_within, get_args(annotation))), None)

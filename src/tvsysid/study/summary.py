@@ -125,8 +125,6 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
             tables.append((quantity, values, dict.fromkeys(values, unit)))
     rows = []
     for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
-        if not results.checksums.values[place].any():
-            continue
         labels = (
             str(results.participant.values[place[0]]),
             str(results.perturbation.values[place[0]]),

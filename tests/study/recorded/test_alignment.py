@@ -41,9 +41,8 @@ def test_it_is_kept_with_the_results_and_read_again(small):
 def test_without_shifts_nothing_is_reported(small):
     unshifted = tv.preprocess.prepare(simulated(1).recording, reference=None)
     assert effect_of_alignment(unshifted) is UNKNOWN
-    experiment = small.experiment.model_copy(update={"perturbation": ("noise",)})
-    preparation = experiment.preparation.model_copy(update={"reference": None})
-    (item,) = prepared_recordings(experiment.model_copy(update={"preparation": preparation}))[:1]
+    settings = {"perturbation": "noise", "preparation": {"reference": None}}
+    (item,) = prepared_recordings(attrs.evolve(small.experiment, **settings))
     assert np.isnan(item.alignment).all()
     names = [name for name in small.results.data_vars if str(name).startswith("alignment_")]
     assert len(names) == 3

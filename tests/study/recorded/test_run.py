@@ -2,34 +2,31 @@
 
 import shutil
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import attrs
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.io import savemat
 from tests.conftest import fork_workers, wait_for
-from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
+from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, read_results, run, summarize
-from tvsysid.study.contents import RECORDINGS
+from tvsysid.study.bootstraps import Recordings
 
 pytestmark = pytest.mark.usefixtures("few_groups")
 
-TIMES = ["seconds", "checksums"]
+TIMES = ["seconds"]
 
 
 def same(one, other):
     xr.testing.assert_identical(one.load().drop_vars(TIMES), other.load().drop_vars(TIMES))
 
 
-def tasks_in(store):
-    return sum(
-        1 for file in (store / "checksums/c").rglob("*") if file.name == "0" and file.is_file()
-    )
+def tasks_in(folder):
+    return len(list((folder / "tasks").glob("[!.]*.npz")))
 
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
@@ -125,70 +122,29 @@ def test_the_same_draw_is_identified_once(tmp_path):
 @pytest.mark.usefixtures("quick_workers")
 def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
     seen = []
-    path = tmp_path / "results.zarr"
     results = run(
-        small.experiment, prepared=small.prepared, store=path, workers=2,
+        small.experiment, tmp_path, prepared=small.prepared, workers=2,
         progress=lambda done, total: seen.append((done, total)),
     )  # fmt: skip
     same(results, small.results)
     assert seen[0] == (0, 12)
     assert seen[-1] == (12, 12)
-    same(read_results(path), small.results)
+    same(read_results(tmp_path), small.results)
 
 
-@pytest.fixture(scope="module")
-def done(small, tmp_path_factory):
-    """A store of the whole experiment, which is to be copied."""
-    path = tmp_path_factory.mktemp("done") / "results.zarr"
-    run(small.experiment, prepared=small.prepared, store=path, workers=1)
-    return path
+@pytest.mark.usefixtures("few_groups")
+def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
+    def names(prepared, **settings):
+        experiment = Experiment(**{"virtual": 1, "methods": "sds", "bootstraps": 4} | settings)
+        return {task.file_name for task in Recordings(experiment, prepared).tasks.values()}
 
-
-@pytest.mark.slow
-def test_an_experiment_is_gone_on_with(small, done, tmp_path):
-    path = shutil.copytree(done, tmp_path / "results.zarr")
-    for name in ("checksums", "vaf"):
-        shutil.rmtree(path / name / "c" / "1")
-    seen = []
-    results = run(
-        small.experiment, prepared=small.prepared, store=path, workers=1,
-        progress=lambda done, total: seen.append(done),
-    )  # fmt: skip
-    assert seen == list(range(6, 13))
-    same(results, small.results)
-
-
-@pytest.mark.slow
-def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
-    write_trials(tmp_path)
-    settings = {
-        "participants": {"P1": {"noise": "trial*.mat"}}, "folder": tmp_path, "reading": READING,
-        "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 2,
-    }  # fmt: skip
-    path = tmp_path / "results.zarr"
-    run(Experiment(**settings), store=path, workers=1)
-    with pytest.raises(
-        tv.InputError, match="the store is of another experiment: bootstraps: 2 there, 3 here"
-    ):
-        run(Experiment(**settings | {"bootstraps": 3}), store=path, workers=1)
-    savemat(tmp_path / "trial0.mat", trial(7))
-    # Other data are identified again; the others are not.
-    with pytest.warns(
-        tv.DataQualityWarning,
-        match="not the data that were identified before: P1-noise; identified again",
-    ):
-        changed = run(Experiment(**settings), store=path, workers=1)
-    xr.testing.assert_allclose(changed.estimate, run(Experiment(**settings), workers=1).estimate)
-
-
-@pytest.mark.slow
-def test_stores_of_another_kind_are_refused(small, done, tmp_path):
-    path = shutil.copytree(done, tmp_path / "results.zarr")
-    with pytest.raises(
-        tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"
-    ):
-        run(tv.study.Study(duration_s=40, trials=1, methods="sds"), store=path, workers=1)
-    xr.testing.assert_identical(read_results(path).estimate.load(), small.results.estimate)
+    usual = names(small.prepared)
+    assert len(usual) == 4
+    pairs = zip(small.prepared, small.prepared[::-1], strict=True)
+    swapped = [attrs.evolve(one, ensemble=other.ensemble) for one, other in pairs]
+    assert not usual & names(swapped)
+    for change in ({"bootstraps": 5}, {"seed": 1}, {"methods": "sds:window=0.2"}):
+        assert not usual & names(small.prepared, **change)
 
 
 @dataclass(frozen=True)
@@ -242,43 +198,27 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     assert "(4 of 4 draws)" in text
 
 
-def test_the_longest_tasks_begin_first(small):
-    begun = []
-
-    class Executor(ThreadPoolExecutor):
-        def submit(self, function, task):
-            begun.append(task.label)
-            return super().submit(function, task)
-
-    experiment = Experiment(**SMALL | {"methods": ["esm", "birf"], "bootstraps": 2})
-    with Executor(1) as executor:
-        run(experiment, prepared=small.prepared, executor=executor)
-    analyses = [label.partition(" of ")[0] for label in begun]  # each of two recordings
-    assert analyses[::2] == analyses[1::2] == ["birf-20", "birf-10", "esm-20", "esm-10"]
-
-
-def run_small(prepared, path, workers):
+def run_small(prepared, folder, workers):
     fork_workers()
-    run(Experiment(**SMALL), prepared=prepared, store=path, workers=workers)
+    run(Experiment(**SMALL), folder, prepared=prepared, workers=workers)
 
 
 @pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, forking):
-    path = tmp_path / "results.zarr"
     random = np.random.default_rng(0)
     for workers in (1, 2, 1):
-        process = forking.Process(target=run_small, args=(small.prepared, path, workers))
+        process = forking.Process(target=run_small, args=(small.prepared, tmp_path, workers))
         process.start()
-        before = tasks_in(path)
+        before = tasks_in(tmp_path)
         # It is under way when a task is done.
-        wait_for(lambda: tasks_in(path) > before or process.exitcode is not None)  # noqa: B023
+        wait_for(lambda: tasks_in(tmp_path) > before or process.exitcode is not None)  # noqa: B023
         time.sleep(random.uniform(0, 0.15))
         process.kill()
         process.join(60)
     seen = []
     heard = {"progress": lambda done, total: seen.append(done)}
     same(
-        run(small.experiment, prepared=small.prepared, store=path, workers=1, **heard),
+        run(small.experiment, tmp_path, prepared=small.prepared, workers=1, **heard),
         small.results,
     )
     assert seen[0] >= 3
@@ -307,63 +247,35 @@ def moved(tmp_path):
 @pytest.mark.slow
 def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     folder, settings = moved(tmp_path)
-    first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
+    first = run(Experiment(**settings, folder=folder), folder, workers=1)
     assert np.isnan(first.estimate.sel(quantity="stiffness")[1]).all()
-    then = (folder / "r.zarr" / RECORDINGS).read_bytes()
     (folder / "b").mkdir()
     write_trials(folder / "b", stiffness=50.0)
     seen = []
-    with pytest.warns(tv.DataQualityWarning, match="before: B-noise; identified again"):
-        second = run(
-            Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1,
-            progress=lambda done, total: seen.append(done),
-        )  # fmt: skip
+    second = run(
+        Experiment(**settings, folder=folder), folder, workers=1,
+        progress=lambda done, total: seen.append(done),
+    )  # fmt: skip
     assert seen == [1, 2]
     np.testing.assert_array_equal(second.estimate[0], first.estimate[0])
     assert float(second.estimate.sel(quantity="stiffness")[1].mean()) == pytest.approx(50, rel=0.1)
-    same(read_results(folder / "r.zarr"), second)
-    (folder / "r.zarr" / RECORDINGS).write_bytes(
-        then
-    )  # as where one copy of a store was put over another in part
-    with pytest.raises(
-        tv.InputError,
-        match=r"recordings.nc: this file is of other data than the results; give the c",
-    ):
-        read_results(folder / "r.zarr")
-
-
-@pytest.mark.slow
-def test_what_is_known_of_the_recordings_is_verified_too(tmp_path):
-    folder, settings = moved(tmp_path)
-    experiment, store = Experiment(**settings, folder=folder), folder / "r.zarr"
-    results, file = run(experiment, store=store, workers=1).load(), store / RECORDINGS
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    for fault in (content, content[:-9], b"", None):
-        file.unlink() if fault is None else file.write_bytes(fault)
-        with pytest.raises(
-            tv.InputError,
-            match=r"recordings.nc: this file is missing, cut short or damaged; give the",
-        ):
-            read_results(store)
-    same(run(experiment, store=store, workers=1), results)
-    same(read_results(store), results)
+    same(read_results(folder), second)
 
 
 @pytest.mark.slow
 def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
     folder, settings = moved(tmp_path)
-    run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1)
+    run(Experiment(**settings, folder=folder), folder, workers=1)
     other = shutil.move(folder, tmp_path / "second [2026]")
     # What is said of the recordings may differ from time to time: here a trial more cannot be read.
     (other / "a" / "trial9.mat").write_bytes(b"nothing")
     seen = []
     results = run(
-        Experiment(**settings, folder=other), store=other / "r.zarr", workers=1,
+        Experiment(**settings, folder=other), other, workers=1,
         progress=lambda done, total: seen.append(done),
     )  # fmt: skip
     assert seen[0] == 1
-    assert "trial9.mat is left out" in str(read_results(other / "r.zarr").remarks.values[0])
+    assert "trial9.mat is left out" in str(read_results(other).remarks.values[0])
     assert np.isfinite(results.estimate.sel(quantity="stiffness")[0]).all()
 
 

@@ -80,9 +80,3 @@ def test_stiffness_over_time_has_mean_and_spread(small):
 def test_people_have_no_bias_that_is_known(small):
     results = small.results.assign(truth=small.results.truth * np.nan)
     assert not {"bias_error", "mean_bias"} & set(summarize(results).metric)
-
-
-def test_what_is_not_there_yet_has_no_row(small):
-    results = small.results.copy(deep=True)
-    results.checksums.values[0] = 0
-    assert set(summarize(results).perturbation) == {"prbs"}

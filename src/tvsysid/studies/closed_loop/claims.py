@@ -27,7 +27,7 @@ from tvsysid.studies.closed_loop.presets import (
 from tvsysid.studies.scored import Margins, Scores, judged_by, margin
 from tvsysid.studies.van_de_ruit_2021.simulations import Replicated
 from tvsysid.studies.verdicts import RATIO, Claim, log_ratio
-from tvsysid.study.simulated import Scenario
+from tvsysid.study.scenarios import Scenario
 
 if TYPE_CHECKING:
     import xarray as xr

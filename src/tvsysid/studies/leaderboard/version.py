@@ -12,8 +12,8 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import CLOSED_LOOP, label_of, names, parse
-from tvsysid.study.settings import overridden
-from tvsysid.study.simulated import Scenario, Study
+from tvsysid.study.scenarios import Scenario, Study
+from tvsysid.study.settings import replace_settings
 
 VERSION = 1
 SEED = 1  # of the public trials; those of an official table are kept secret
@@ -74,7 +74,7 @@ def study_of(
         "methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))),
         "also": others,
     }
-    settings = overridden(first | fixed, changes)
+    settings = replace_settings(first | fixed, changes)
     return Study(**settings | {"also": (*settings.get("also", ()), *scenarios)})
 
 

@@ -16,7 +16,7 @@ from tvsysid.studies.reflex.presets import FEW, GAINS, MANY, NAMES, ONE_PATH, PE
 from tvsysid.studies.scored import Margins, Scores, judged_by, margin
 from tvsysid.studies.van_de_ruit_2021.simulations import ALIKE, Replicated
 from tvsysid.studies.verdicts import RATIO, Claim, log_ratio
-from tvsysid.study.simulated import Scenario
+from tvsysid.study.scenarios import Scenario
 
 if TYPE_CHECKING:
     import pandas as pd

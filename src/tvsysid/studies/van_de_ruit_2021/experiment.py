@@ -21,7 +21,7 @@ from tvsysid.figures.results import estimates, unique
 from tvsysid.methods import PAPER_METHODS
 from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, RATIO, Claim, judged, log_ratio
-from tvsysid.study.contents import STEPS
+from tvsysid.study.bootstraps import STEPS
 from tvsysid.study.summary import mean_over_draws, measured
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from tvsysid.methods import BasisIRF, EnsembleIRF, Method, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
 from tvsysid.simulate import PERTURBATIONS, PROFILES, Joint
-from tvsysid.study.simulated import PERIOD, RATE, Scenario, Study
+from tvsysid.study.scenarios import PERIOD, RATE, Scenario, Study
 
 if TYPE_CHECKING:
     import pandas as pd

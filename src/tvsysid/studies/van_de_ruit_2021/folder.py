@@ -119,8 +119,6 @@ def write_study(
         Whose claims are held against it, and how it is drawn.
     """
     with helpers(cores()) as pool:
-        for name in ("seconds", "stage_seconds", "warnings", "failure", "checksums"):
-            results[name].load()  # small, and needed more than once
         scores = score(results)
         summary, claims = summarize(scores), published.judge(scores)
         _write_tables(folder, {"summary.csv": summary, "claims.csv": claims})

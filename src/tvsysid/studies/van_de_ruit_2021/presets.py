@@ -7,8 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tvsysid.errors import InputError
-from tvsysid.study.settings import overridden
-from tvsysid.study.simulated import VISCOSITIES, Study
+from tvsysid.study.scenarios import VISCOSITIES, Study, preset_study
 
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
@@ -44,4 +43,4 @@ def preset(
     known = PRESETS | dict(further)
     if name not in known:
         raise InputError(f"unknown preset {name!r}; the presets are {', '.join(known)}")
-    return Study(**overridden(known[name], settings))
+    return preset_study(known[name], **settings)

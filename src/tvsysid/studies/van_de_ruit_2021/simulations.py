@@ -28,7 +28,7 @@ from tvsysid.studies.verdicts import (
     judged,
     log_ratio,
 )
-from tvsysid.study.simulated import PERIOD, RATE
+from tvsysid.study.scenarios import PERIOD, RATE
 
 if TYPE_CHECKING:
     import xarray as xr

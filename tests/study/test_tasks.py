@@ -1,0 +1,109 @@
+"""Files of tasks: whole or run again, and named by all that their scores depend on."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.study.conftest import TIMES
+
+import tvsysid as tv
+from tvsysid.study import Study, read_results, run
+from tvsysid.study.tasks import read_scores, write_scores
+from tvsysid.study.trials import Simulations
+
+SETTINGS = {"duration_s": 40.0, "trials": 2, "perturbation": "prbs", "methods": ["sds"]}
+
+
+def flipped(content, place):
+    changed = bytearray(content)
+    changed[place] ^= 4
+    return bytes(changed)
+
+
+def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
+    scores = {"estimate": np.arange(4.0), "failure": np.array(["", "too few"], dtype=object)}
+    file = tmp_path / "task.npz"
+    write_scores(scores, file)
+    content = file.read_bytes()
+    for place in range(len(content)):
+        file.write_bytes(flipped(content, place))
+        found = read_scores(file)
+        for name in scores if found is not None and found.keys() == scores.keys() else ():
+            assert found[name].tolist() == scores[name].tolist(), place
+    for length in range(len(content)):
+        file.write_bytes(content[:length])
+        assert read_scores(file) is None
+    file.unlink()
+    assert read_scores(file) is None
+
+
+@pytest.mark.slow
+def test_missing_cut_and_damaged_files_are_made_again(tmp_path):
+    study = Study(**SETTINGS | {"trials": 4})
+    expected = run(study, tmp_path, workers=1)
+    _, cut, damaged, missing = sorted((tmp_path / "tasks").iterdir())
+    cut.write_bytes(cut.read_bytes()[:-100])
+    damaged.write_bytes(flipped(damaged.read_bytes(), 5000))
+    missing.unlink()
+    (tmp_path / "tasks" / ".left-over.npz").write_bytes(b"of a process that was killed")
+    counts = []
+    results = run(study, tmp_path, workers=1, progress=lambda *each: counts.append(each))
+    assert counts == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert len(list((tmp_path / "tasks").iterdir())) == 4
+    xr.testing.assert_identical(results.drop_vars(TIMES), expected.drop_vars(TIMES))
+
+
+@pytest.mark.slow
+def test_results_that_are_missing_or_damaged_are_refused_and_made_again(tmp_path):
+    study = Study(**SETTINGS)
+    with pytest.raises(tv.InputError, match=r"results\.nc: there is no such file"):
+        read_results(tmp_path)
+    run(study, tmp_path, workers=1)
+    file = tmp_path / "results.nc"
+    content = file.read_bytes()
+    place = content.index(read_results(tmp_path).estimate.values[0, 0, 0, 0].tobytes())
+    for fault in (flipped(content, place), content[:-9], b""):
+        file.write_bytes(fault)
+        with pytest.raises(tv.InputError, match=r"results\.nc: this file is damaged"):
+            read_results(tmp_path)
+    run(study, tmp_path, workers=1)
+    assert read_results(tmp_path).sizes["trial"] == 2
+
+
+@pytest.mark.slow
+def test_a_folder_can_hold_several_studies(tmp_path):
+    counts = []
+
+    def heard(done, total):
+        counts.append((done, total))
+
+    run(Study(**SETTINGS), tmp_path, workers=1)
+    more = run(Study(**SETTINGS | {"trials": 3}), tmp_path, workers=1, progress=heard)
+    assert counts == [(2, 3), (3, 3)]
+    assert more.sizes["trial"] == 3
+    counts.clear()
+    run(Study(**SETTINGS | {"methods": ["birf"]}), tmp_path, workers=1, progress=heard)
+    assert counts[0] == (0, 2)
+    counts.clear()
+    again = run(Study(**SETTINGS), tmp_path, workers=1, progress=heard)
+    assert counts == [(2, 2)]
+    assert list(again.method_key.values) == ["sds"]
+
+
+def names_of(source):
+    return {task.file_name for task in source.tasks.values()}
+
+
+def test_all_that_scores_depend_on_is_in_the_name():
+    names = names_of(Simulations(Study(**SETTINGS)))
+    assert len(names) == 2
+    assert names == names_of(Simulations(Study(**SETTINGS)))
+    assert names < names_of(Simulations(Study(**SETTINGS | {"trials": 3})))
+    for change in (
+        {"seed": 1},
+        {"methods": ["sds:window=0.2"]},
+        {"snr_db": 20},
+        {"rate": 50},
+        {"subtract_mean": True},
+        {"system": "reflex"},
+    ):
+        assert not names & names_of(Simulations(Study(**SETTINGS | change))), change

@@ -204,9 +204,9 @@ def stack(items: Sequence[Mapping[str, NDArray[Any]]]) -> Scores:
 
     Examples
     --------
-    >>> one = {"quantity": np.array(["stiffness"]), "estimate": np.ones((1, 2))}
-    >>> other = {"quantity": np.array(["inertia", "stiffness"]), "estimate": np.zeros((2, 2))}
-    >>> stack([one, other])["estimate"][:, :, 0]
+    >>> one = {"pathway": np.array(["intrinsic"]), "pathway_torque": np.ones((1, 2))}
+    >>> other = {"pathway": np.array(["reflex", "intrinsic"]), "pathway_torque": np.zeros((2, 2))}
+    >>> stack([one, other])["pathway_torque"][:, :, 0]
     array([[ 1., nan],
            [ 0.,  0.]])
     """

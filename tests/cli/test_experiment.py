@@ -119,9 +119,7 @@ def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(FILES.replace("bootstraps", "bootstrap"))
     code, _, err = tvsysid("experiment study.toml")
     assert code == 2
-    assert "study.toml: bootstrap: unknown key; did you mean bootstraps?" in " ".join(
-        err.split()
-    )
+    assert "study.toml: bootstrap: unknown key; did you mean bootstraps?" in " ".join(err.split())
 
 
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):

@@ -106,7 +106,6 @@ def test_prbs_switches_on_its_clock():
     [
         ({"duration": 0.0}, "duration must be a positive number"),
         ({"seed": -1}, "seed must be a whole number of zero or more, got -1"),
-        ({"duration": 1e-5}, "shorter than a sample"),
         ({"stiffness": 100.0}, "stiffness must be a callable"),
         ({"perturbation": "prbs"}, "perturbation must be FilteredNoise, PRBS"),
         ({"viscosity": float("nan")}, "viscosity must be a finite number or a callable"),
@@ -118,8 +117,6 @@ def test_prbs_switches_on_its_clock():
         ),
         ({"stiffness": lambda time: 100.0}, r"got shape \(\)"),
         ({"perturbation": FilteredNoise(600.0)}, "must be below half the sampling rate"),
-        ({"perturbation": PRBS(1e-5)}, "shorter than a sample"),
-        ({"perturbation": Pulses(1e-4, 0.5)}, "shorter than a sample"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(change, message):
@@ -134,7 +131,7 @@ def test_what_cannot_be_simulated_is_refused(change, message):
         (lambda: SineWave(mean=float("nan")), "mean must be a finite number"),
         (lambda: Constant("stiff"), "value must be a finite number"),
         (lambda: Pulses(duration=0.5), "expected a duration below the interval"),
-        (lambda: Multisine(()), "frequencies must be different positive numbers of hertz"),
+        (lambda: Multisine(()), "frequencies must be positive numbers of hertz"),
     ],
 )
 def test_settings_out_of_range_are_refused(create, message):

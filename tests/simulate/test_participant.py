@@ -1,4 +1,3 @@
-import attrs
 import numpy as np
 import pytest
 from tests.virtual import perfect, prepared, simulated
@@ -93,8 +92,3 @@ def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
 def test_numbers_that_are_none_are_refused(number):
     with pytest.raises(tv.InputError, match="number must be a whole number from 0 on"):
         tv.simulate.Participant(number)
-
-
-def test_impossible_traits_are_refused():
-    with pytest.raises(tv.InputError, match="delay_jitter must be a number of zero or more"):
-        attrs.evolve(perfect(), delay_jitter=-0.1)

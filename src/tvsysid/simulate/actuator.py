@@ -53,7 +53,7 @@ def impose(
     conditions: Conditions,
     impedance: Mapping[str, Array],
     generators: list[np.random.Generator],
-    noise_bandwidth: float = BANDWIDTH,
+    noise_bandwidth: float,
 ) -> Imposed:
     """Impose the perturbation on a joint of this stiffness, viscosity and inertia over time."""
     motion = actuate(conditions.drive(generators[0]), conditions.rate)

@@ -11,7 +11,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import actuate
-from tvsysid.simulate.conditions import BANDWIDTH, Conditions
+from tvsysid.simulate.conditions import Conditions
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.motion import driven_motion
 from tvsysid.simulate.simulation import Simulation
@@ -49,8 +49,6 @@ class CompliantActuator(Joint):
     actuator_stiffness, actuator_viscosity, actuator_inertia
         Load: A in N·m/rad, B in N·m·s/rad (None for 0.7 of its critical damping) and M in kg·m².
         Positive; with a torque as the disturbance, each may be 0.
-    noise_bandwidth
-        Cut-off in Hz of the noise's second-order Butterworth filter.
     disturbance
         ``"angle"`` or ``"torque"``.
 
@@ -76,7 +74,6 @@ class CompliantActuator(Joint):
     actuator_stiffness: float = attrs.field(default=100.0, validator=_part_of_load)
     actuator_viscosity: float | None = attrs.field(default=None, validator=_part_of_load)
     actuator_inertia: float = attrs.field(default=0.05, validator=_part_of_load)
-    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
     disturbance: Disturbance = attrs.field(default="angle", validator=one_of(Disturbance))
 
     def _simulate(self, conditions: Conditions) -> Simulation:

@@ -60,11 +60,6 @@ class Conditions:
     def __attrs_post_init__(self) -> None:
         for name, rule in RULES.items():
             rule.check(self.system, name, getattr(self, name))
-        if self._duration < 1:
-            raise InputError(
-                f"{self.system}: a duration of {self.duration:g} s is shorter than a sample at "
-                f"{self.rate:g} Hz"
-            )
 
     @property
     def second(self) -> int:

@@ -50,6 +50,8 @@ class Joint:
         In N·m·s/rad, or such a callable.
     inertia
         In kg·m².
+    noise_bandwidth
+        Cut-off in Hz of the torque's noise, for instance 1 Hz for slow voluntary torque.
 
     References
     ----------
@@ -67,6 +69,7 @@ class Joint:
     stiffness: Profile = attrs.field(factory=SquareWave, validator=is_profile)
     viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
     inertia: float = attrs.field(default=0.02, validator=positive)
+    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
 
     def simulate(
         self,
@@ -81,9 +84,8 @@ class Joint:
 
         The perturbation passes a 40-Hz second-order Bessel filter (the actuator), which gives
         angle, velocity and acceleration without differences. The angle is scaled to an RMS of
-        0.5 degrees. The noise is white noise through a 40-Hz second-order Butterworth filter,
-        scaled to the signal-to-noise ratio. Both scales are those of the samples from time 0 to the
-        duration.
+        0.5 degrees. The noise is white noise through a second-order Butterworth filter, scaled to
+        the signal-to-noise ratio. Both scales are those of the samples from time 0 to the duration.
 
         Parameters
         ----------
@@ -111,7 +113,7 @@ class Joint:
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         truth = self._impedance(conditions.time, conditions.rate)
-        imposed = impose(conditions, truth, conditions.generators())
+        imposed = impose(conditions, truth, conditions.generators(), self.noise_bandwidth)
         pathways = {"intrinsic": imposed.torque}
         return conditions.simulation(imposed.angle, imposed.noise, pathways, truth)
 
@@ -146,8 +148,6 @@ class ReflexJoint(Joint):
         Gain in N·m·s/rad, or a callable of time in s.
     reflex
         Settings of the reflex.
-    noise_bandwidth
-        Cut-off in Hz of the torque's noise, for instance 1 Hz for slow voluntary torque.
 
     References
     ----------
@@ -164,7 +164,6 @@ class ReflexJoint(Joint):
 
     reflex_gain: float | Profile = attrs.field(default=8.0, validator=number_or_profile)
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
-    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         rate, generators = conditions.rate, conditions.generators()
@@ -219,8 +218,6 @@ class ScheduledJoint(Joint):
     gain_relation
         Callable of the variable at the time of the stretch, to the gain of the ``reflex`` in
         N·m·s/rad.
-    noise_bandwidth
-        Cut-off in Hz of the torque's noise.
 
     References
     ----------
@@ -236,8 +233,6 @@ class ScheduledJoint(Joint):
     """
 
     stiffness: Profile = attrs.field(factory=SineWave, validator=is_profile)
-    viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
-    inertia: float = attrs.field(default=0.02, validator=positive)
     relation: Relation = attrs.field(
         factory=lambda: Polynomial([20.0, 200.0]), validator=is_relation
     )
@@ -248,7 +243,6 @@ class ScheduledJoint(Joint):
     viscosity_relation: Relation | None = attrs.field(default=None, validator=optional(is_relation))
     gain_relation: Relation | None = attrs.field(default=None, validator=optional(is_relation))
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
-    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, generators = conditions.time, conditions.generators()

@@ -22,7 +22,7 @@ from tvsysid.simulate.perturbations import (
 from tvsysid.simulate.profiles import SineWave
 from tvsysid.simulate.reflex import StretchReflex
 from tvsysid.simulate.simulation import Simulation
-from tvsysid.validators import at_least, not_negative, positive
+from tvsysid.validators import at_least
 
 RATE_HZ = 1024.0
 TRIALS, TRIAL_S = 10, 70.0
@@ -84,11 +84,6 @@ class Traits:
     late_prbs: float
     weak: float
     twitches: float
-
-    def __attrs_post_init__(self) -> None:
-        for name, value in attrs.asdict(self).items():
-            is_size = name in ("maximal_torque", "inertia", "passive_stiffness")
-            (positive if is_size else not_negative).check("Traits", name, value)
 
     @classmethod
     def of(cls, number: int) -> Traits:
@@ -255,18 +250,14 @@ def _voluntary_torque(
     amplitude -= happens(traits.weak) * random.uniform(0.2, 0.6, count)
     offset = traits.offset_jitter * random.standard_normal(count)
 
-    delay, amplitude, offset = (
-        np.interp(time, middles, values) for values in (delay, amplitude, offset)
-    )
+    delay, amplitude, offset = (np.interp(time, middles, x) for x in (delay, amplitude, offset))
     torque = (
         target.mean + target.amplitude * offset + amplitude * (target(time - delay) - target.mean)
     )
     torque *= 1 + traits.fluctuation * _unit_noise(FLUCTUATION_BANDWIDTH, len(time), random)
     for middle in middles[happens(traits.twitches)]:
-        centre, width = (
-            middle + random.uniform(-PERIOD_S / 2, PERIOD_S / 2),
-            random.uniform(0.05, 0.15),
-        )
+        centre = middle + random.uniform(-PERIOD_S / 2, PERIOD_S / 2)
+        width = random.uniform(0.05, 0.15)
         height = random.choice([-1.0, 1.0]) * random.uniform(0.2, 0.4) * target.amplitude
         torque += height * np.exp(-0.5 * np.square((time - centre) / width))
     return np.asarray(torque)

@@ -123,6 +123,6 @@ def evaluate(name: str, function: float | Profile, argument: Array) -> Array:
     if values.shape != argument.shape or not np.isfinite(values).all():
         raise InputError(
             f"{name} must give one finite number for each of {len(argument)} values, got shape "
-            f"{values.shape}{', not all finite' if values.shape == argument.shape else ''}"
+            f"{values.shape}"
         )
     return values

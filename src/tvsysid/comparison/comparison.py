@@ -93,8 +93,12 @@ class Comparison:
         inputs = {
             item.kind: item.name for label in self.models for item in self.methods[label].inputs
         }
-        model, reference = self.models[self._default], inputs.get("reference")
-        return recommend(self.ensemble, reference, inputs.get("scheduling"), model=model)
+        return recommend(
+            self.ensemble,
+            inputs.get("reference"),
+            inputs.get("scheduling"),
+            model=next(iter(self._adaptive.values()), None),
+        )
 
     @cached_property
     def suited(self) -> list[str]:
@@ -105,19 +109,20 @@ class Comparison:
     @property
     def leading(self) -> str:
         """Label of the recommended method; if that was not used, of ``adaptive`` or the first."""
-        return next(iter(self.suited if len(self.models) > 1 else []), self._default)
+        suited = self.suited if len(self.models) > 1 else []
+        return [*suited, *self._adaptive, *self.models][0]
 
     @property
     def is_recommended(self) -> bool:
         """Whether the ``leading`` method is ``adaptive``, or the one of several that suits."""
-        suits = len(self.models) > 1 and self.leading in self.suited
-        return suits or isinstance(self.models[self.leading], AdaptiveModel)
+        label = self.leading
+        return label in self._adaptive or (len(self.models) > 1 and label in self.suited)
 
     @property
-    def _default(self) -> str:
-        """Label of ``adaptive``, or of the first method."""
-        adaptive = (label for label, each in self.models.items() if isinstance(each, AdaptiveModel))
-        return next(adaptive, next(iter(self.models)))
+    def _adaptive(self) -> dict[str, AdaptiveModel]:
+        return {
+            label: each for label, each in self.models.items() if isinstance(each, AdaptiveModel)
+        }
 
     def trust(
         self,

@@ -1,4 +1,4 @@
-"""Identify one ensemble by several methods, and compare what they find."""
+"""Hold the results of several methods on one ensemble, and compare them."""
 
 from __future__ import annotations
 

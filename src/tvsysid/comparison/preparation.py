@@ -83,13 +83,17 @@ def prepare_recording(
     period, context = segmentation.period, segmentation.context
     names = tuple(name for name in deviating if name in recording.channels)
     findings, corrections, notes = diagnose_recording(recording), [], []
+
+    def note(fault: str, correction: str) -> None:
+        corrections.append(correction)
+        notes.append(f"{findings.pop(fault).what}; {correction}")
+
     gaps = preprocess.find_gaps(recording) if period else ()
     mains = 0.0
     if remove_mains and findings["mains"].found:
         mains, _ = preprocess.find_mains(recording)
         recording = preprocess.remove_mains(recording, mains)
-        corrections.append("mains hum was subtracted from all channels")
-        notes.append(f"{findings.pop('mains').what}; {corrections[-1]}")
+        note("mains", "mains hum was subtracted from all channels")
 
     @cache
     def decimated(delay: float) -> Recording:
@@ -111,15 +115,15 @@ def prepare_recording(
         return ensemble(delay)
 
     if gaps:
-        found, every = findings.pop("gaps"), preprocess.segment(decimated(0.0), period, context)
+        every = preprocess.segment(decimated(0.0), period, context)
         if lost := len(every) - len(ensemble(0.0)):
-            words = "realization with gaps was" if lost == 1 else "realizations with gaps were"
-            corrections.append(f"{lost} {words} left out")
-            notes.append(f"{found.what}; {corrections[-1]}")
+            note("gaps", f"realizations with gaps were left out ({lost})")
+        else:
+            del findings["gaps"]
     delay = 0.0
     if align_channels:
-        delay, note = delay_to_correct(ensemble, diagnosed(0.0), method, jobs)
-        notes += [note] if note else []
+        delay, decision = delay_to_correct(ensemble, diagnosed(0.0), method, jobs)
+        notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
         diagnosed(delay),

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import attrs
+from cyclopts import Parameter
 
 from tvsysid.cli.console import errors, remark, say, show_table
 from tvsysid.cli.options import Flag, Methods, Whole, WorkerOptions, Workers, given
@@ -34,6 +37,7 @@ def benchmark(
     snr: list[float] | None = None,
     viscosity: list[Literal["constant", "covarying"]] | None = None,
     method: Methods | None = None,
+    with_: Annotated[list[str] | None, Parameter(name="--with")] = None,
     trials: Whole | None = None,
     seed: Whole | None = None,
     workers: WorkerOptions = Workers(),
@@ -75,8 +79,8 @@ def benchmark(
     study_toml
         TOML file with the study's settings.
     preset
-        `quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their
-        sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a
+        `quick` (the default), `paper` (van de Ruit et al. 2021: their five methods, 40 to 600 s,
+        100 trials, and their sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a
         stretch reflex, by methods of one pathway and of two), `closed-loop` (a compliant actuator,
         by methods with and without a reference). The options below override its settings.
     system
@@ -98,6 +102,8 @@ def benchmark(
         Signal-to-noise ratio of the torque in dB; repeatable. [10]
     viscosity
         `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
+    with_
+        Method beside those of the study, such as `adaptive` with `--preset paper`; repeatable.
     trials
         Monte-Carlo trials of each scenario. [20]
     seed
@@ -130,6 +136,7 @@ def benchmark(
         study = Study.from_toml(study_toml, **settings)
     else:
         raise InputError(f"{study_toml} and --preset {preset}: give one of them")
+    study = attrs.evolve(study, methods=tuple(dict.fromkeys([*study.methods, *(with_ or ())])))
     if dry_run:
         _show_plan(study, workers.workers or cores())
         return 0

@@ -7,11 +7,13 @@ from types import MappingProxyType
 from typing import Any
 
 from tvsysid.errors import InputError
+from tvsysid.methods import PAPER_METHODS
 from tvsysid.study.scenarios import VISCOSITIES, Study, preset_study
 
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
     "paper": {
+        "methods": PAPER_METHODS,
         "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
         "also": ({"stiffness": ("sine",), "duration_s": (150.0,)},),
         "trials": 100,

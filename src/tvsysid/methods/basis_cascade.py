@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from tvsysid.methods import birf, shared
-from tvsysid.methods.cascade import in_turn
+from tvsysid.methods.cascade import alternating
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
@@ -14,7 +14,7 @@ from tvsysid.validators import at_least, not_negative, one_of, optional, positiv
 
 
 @attrs.frozen
-class BasisCascade(in_turn.InTurn):
+class BasisCascade(alternating.AlternatingCascade):
     r"""Identify intrinsic and reflex response in turn, each as a sum of basis functions.
 
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} \sum_j
@@ -84,13 +84,13 @@ class BasisCascade(in_turn.InTurn):
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
     delay: float | None = attrs.field(default=None, validator=optional(not_negative))
-    memory: float = attrs.field(default=0.5, validator=[positive, in_turn.after_delay])
+    memory: float = attrs.field(default=0.5, validator=[positive, alternating.after_delay])
     basis: Basis = attrs.field(
         factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
     )
     prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
-    nonlinearity: in_turn.Nonlinearity = attrs.field(
-        default="rectifier", validator=one_of(in_turn.Nonlinearity)
+    nonlinearity: alternating.Nonlinearity = attrs.field(
+        default="rectifier", validator=one_of(alternating.Nonlinearity)
     )
     emg: str | None = attrs.field(default=None, validator=optional(text))
     slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
@@ -120,7 +120,7 @@ class BasisCascade(in_turn.InTurn):
 
     def _response(self, drive: Array, output: Array, ensemble: Ensemble) -> Array:
         functions = evaluate(self.basis, ensemble.samples)
-        phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
+        phi, cross = (len(drive) * each for each in alternating.response_moments(drive, output))
         right = (cross.T @ functions).ravel()
         square = float(np.sum(output**2))
         moments = shared.Moments(expanded(phi, functions), right, square, output.size)

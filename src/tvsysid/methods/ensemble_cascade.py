@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tvsysid.methods import base
-from tvsysid.methods.cascade import in_turn
+from tvsysid.methods.cascade import alternating
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.numerics.moments import sliding_sum, time_chunks
@@ -20,7 +20,7 @@ ENOUGH = 500  # realizations that the literature asks for, at the least
 
 
 @attrs.frozen
-class EnsembleCascade(in_turn.InTurn):
+class EnsembleCascade(alternating.AlternatingCascade):
     r"""Identify intrinsic and reflex response at each time in turn, across realizations.
 
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} h(t, \tau)\, \theta(t - \tau)
@@ -59,10 +59,10 @@ class EnsembleCascade(in_turn.InTurn):
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
     delay: float = attrs.field(default=0.04, validator=not_negative)
-    memory: float = attrs.field(default=0.5, validator=[positive, in_turn.after_delay])
+    memory: float = attrs.field(default=0.5, validator=[positive, alternating.after_delay])
     window: float = attrs.field(default=0.10, validator=not_negative)
-    nonlinearity: in_turn.Nonlinearity = attrs.field(
-        default="rectifier", validator=one_of(in_turn.Nonlinearity)
+    nonlinearity: alternating.Nonlinearity = attrs.field(
+        default="rectifier", validator=one_of(alternating.Nonlinearity)
     )
 
     key = "tvpc"
@@ -90,7 +90,7 @@ class EnsembleCascade(in_turn.InTurn):
 
     def _response(self, drive: Array, output: Array, ensemble: Ensemble) -> Array:
         half = base.whole_samples(self.window / 2, ensemble)
-        phi, cross = in_turn.response_moments(drive, output)
+        phi, cross = alternating.response_moments(drive, output)
         times, lags = cross.shape
         count = sliding_sum(np.ones(times), half, half)
         power = sliding_sum(np.mean(output * output, axis=0), half, half) / count

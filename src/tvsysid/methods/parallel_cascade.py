@@ -6,21 +6,16 @@ import attrs
 import numpy as np
 
 from tvsysid.methods import base, shared
-from tvsysid.methods.cascade.drives import (
-    Candidate,
-    cascade_model,
-    rectifiers,
-    rows_with_history,
-)
+from tvsysid.methods.cascade.drives import Candidate, constant_cascade
 from tvsysid.methods.cascade.pathways import TwoPathwayModel, history
 from tvsysid.models import Diagnostics
-from tvsysid.numerics.hammerstein import Nonlinearity, parallel_cascade
+from tvsysid.numerics.hammerstein import Nonlinearity
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
 
 DEGREE = 8  # of the polynomials
-FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sense
+MIN_SAMPLES_PER_LAG = 5  # of the reflex's response
 
 
 @attrs.frozen
@@ -43,8 +38,8 @@ class ParallelCascade(base.Method):
         Lags of the reflex's response in s. The authors' 1 s needs as much context, or realizations
         that follow each other.
     nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"hk"`` and ``"sls"``, a polynomial
-        of degree 8, by the iteration of Hunter & Korenberg (1986) or separable least squares.
+        f: ``"rectifier"``, the velocity of stretch, rectified; ``"sls"``, a polynomial of degree 8
+        by separable least squares.
 
     Notes
     -----
@@ -61,15 +56,12 @@ class ParallelCascade(base.Method):
     turn gives the intrinsic pathway all that it can explain. No bands are stated;
     :func:`tvsysid.uncertainty.bootstrap` gives them.
 
-    ``"hk"`` minimises nothing: further rounds move stiffness, by up to 13 % on real ankles, and
-    explain no more of the torque. Here they end where the fit does not improve; stiffness is then
-    within 12 % of the authors' code, which stops sooner. After a single round in each turn it is
-    within 5 %, but without noise 90 N·m/rad of 100, not 96.
+    The authors' code has a third way, the iteration of Hunter & Korenberg (1986). It minimises
+    nothing, so that its stiffness depends on when it stops, by up to 13 % on real ankles.
 
     References
     ----------
-    Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504; Hunter & Korenberg
-    1986, Biol. Cybern. 55, 135-144.
+    Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504.
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
@@ -100,7 +92,7 @@ class ParallelCascade(base.Method):
         before = base.whole_samples(self.memory, ensemble)
         unknown = np.isnan(history(ensemble, ensemble.angle, before)).sum()
         known = len(ensemble) * ensemble.samples - int(unknown)
-        if known >= FEWEST * (before + 1):
+        if known >= MIN_SAMPLES_PER_LAG * (before + 1):
             return None
         return (
             f"only {known} samples have {self.memory:g} s recorded before them, as long as the "
@@ -113,22 +105,17 @@ class ParallelCascade(base.Method):
         """Return the model of an ensemble."""
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
-        candidates = self._candidates(ensemble)
-        fits = [
-            parallel_cascade(
-                rows_with_history(ensemble, each.signals, lags, before),
-                lags,
-                each.start,
-                self.nonlinearity,
-            )
-            for each in candidates
-        ]
-        best = int(np.argmax([each.explained for each in fits]))
-        fit = fits[best]
-        drive, slope, direction = candidates[best].scaled(ensemble, fit.coefficients)
-        gram, cross = (each[None] / fit.samples for each in (fit.gram, fit.cross))
+        candidates = Candidate.rectifiers(ensemble)
+        if self.nonlinearity == "sls":
+            candidates = [each.as_polynomial(ensemble, DEGREE) for each in candidates]
+        best, fit = constant_cascade(ensemble, candidates, lags, before, self.nonlinearity)
+        drive, slope, direction = best.scaled(ensemble, fit.coefficients)
+        gram, cross, _, number = fit.moments
         readout, fitted = second_order_readout(
-            gram, cross, fit.intrinsic.inverse[None], ensemble.sampling_rate
+            gram[None] / number,
+            cross[None] / number,
+            fit.intrinsic.inverse[None],
+            ensemble.sampling_rate,
         )
         beyond = fit.intrinsic.explained - fitted
         details = {
@@ -137,24 +124,14 @@ class ParallelCascade(base.Method):
             "direction": float(direction),
             "turns": float(fit.turns),
         }
-        times = ensemble.samples - 2 * base.missing_edge(len(cross[0]) // 2, ensemble)
+        times = ensemble.samples - 2 * base.missing_edge(lags, ensemble)
         weights, impedance = (
-            np.tile(each, (times, 1)) for each in (fit.intrinsic.weights, readout[0] @ cross[0])
+            np.tile(each, (times, 1))
+            for each in (fit.intrinsic.weights, readout[0] @ cross / number)
         )
-        diagnostics = Diagnostics(fit.parameters, details=details)
+        diagnostics = Diagnostics(fit.parameters)
         plain = shared.impulse_response_model(
             repr(self), ensemble, weights, impedance, diagnostics, {}
         )
         reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
-        return cascade_model(plain, ensemble, reflex, drive)
-
-    def _candidates(self, ensemble: Ensemble) -> list[Candidate]:
-        """Return the drives to try, each with initial weights of a rectified velocity."""
-        both = rectifiers(ensemble)
-        if self.nonlinearity == "rectifier":
-            return both
-        polynomial = Candidate.polynomial(ensemble, DEGREE)
-        targets = [candidate.signals for candidate in both]
-        if self.nonlinearity == "hk":
-            targets = [targets[0] + targets[1]]
-        return [polynomial.towards(target) for target in targets]
+        return TwoPathwayModel.beside(plain, ensemble, reflex, drive, 0, details)

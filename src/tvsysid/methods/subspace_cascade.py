@@ -18,7 +18,7 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.cascade.drives import Candidate, with_shares
+from tvsysid.methods.cascade.drives import of_unit_slope, velocity_terms
 from tvsysid.methods.cascade.pathways import Drive, TwoPathwayModel
 from tvsysid.methods.shared.estimates import impedance_estimates
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
@@ -172,10 +172,10 @@ class SubspaceCascade(Method):
             fitting_lags(type(self).__name__, self.delay, ensemble),
             whole_samples(self.horizon, ensemble),
         )
-        drives = Candidate.polynomial(ensemble, self.terms)
+        terms = velocity_terms(ensemble, self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
         axis = 0 if ensemble.mean_subtracted else None
-        inputs = np.stack([each - each.mean(axis=axis) for each in drives.signals], axis=-1)
+        inputs = np.stack([each - each.mean(axis=axis) for each in terms], axis=-1)
         lines = [Line.of(ensemble, inputs, run, lags) for run in ensemble.runs]
         pieces = [
             piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth
@@ -196,8 +196,8 @@ class SubspaceCascade(Method):
         if self.window is not None:
             fits, between = self._over_time(ensemble, lines, found, reflex, whole.reflex.weights)
         weights = whole.reflex.weights
-        drive, slope, _ = drives.scaled(ensemble, weights)
-        return with_shares(self._model(ensemble, fits, between, drive, slope), ensemble)
+        drive, slope, _ = of_unit_slope(ensemble, weights)
+        return self._model(ensemble, fits, between, drive, slope).with_shares(ensemble)
 
     def _over_time(
         self,

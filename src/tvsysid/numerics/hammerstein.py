@@ -6,73 +6,82 @@ products of lagged signals, so that alternating between the pathways costs nothi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from typing import Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import cho_factor, cho_solve, qr
 
 from tvsysid.numerics import Array
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 
-STEPS = 50  # of the search for a static function, at most
-# share of the output's power below which a better fit ends Hunter and Korenberg's iteration
-GAIN = 1e-5
-# cosine between a slope and what is left, of the output's size, that counts as a gradient of zero
-GRADIENT = 1e-7
 RIDGE = 1e-10  # share of the signals' power
-TURNS = 10  # of either pathway, at most
-LEAST_GAIN = 5e-4  # share of the output's power by which a turn must improve the fit
+MAX_TURNS = 10  # of either pathway
+MIN_TURN_GAIN = 5e-4  # share of the output's power
 
-Nonlinearity = Literal["rectifier", "hk", "sls"]
-Rows = tuple[
-    Array, Array
-]  # signals (signal, realization, before + time) and output (realization, time)
+Nonlinearity = Literal["rectifier", "sls"]
+# Signals (signal, realization, before + time) and output (realization, time)
+Rows = tuple[Array, Array]
 
 
-class LaggedProducts(NamedTuple):
-    """Sums over samples of products of lagged signals with each other and with an output.
+class Fit(Protocol):
+    """Fit that explains a share of the output's power."""
 
-    ``gram`` (signal, lag, signal, lag), ``cross`` (signal, lag), ``square`` and ``samples`` of
-    the output; the lags begin with 0.
+    @property
+    def explained(self) -> float:
+        """Return the share."""
+        ...  # pragma: no cover
+
+
+AnyFit = TypeVar("AnyFit", bound=Fit)
+
+
+def last_better(fits: Iterable[AnyFit], min_gain: float) -> AnyFit:
+    """Return the last of some fits before one explains less than ``min_gain`` more."""
+    fits = iter(fits)
+    best = next(fits)
+    for fit in fits:
+        if not fit.explained >= best.explained + min_gain:
+            break
+        best = fit
+    return best
+
+
+class LaggedMoments(NamedTuple):
+    """Sums of products of lagged signals with each other and with an output.
+
+    ``gram`` has shape (signal, lag, signal, lag), ``cross`` (signal, lag); the lags begin with 0.
+    ``square`` is that of the output, of ``number`` samples.
     """
 
     gram: Array
     cross: Array
     square: float
-    samples: int
+    number: int
 
-    def of(self, coefficients: Array) -> tuple[Array, Array]:
-        """Return ``gram`` and ``cross`` of the lags of a sum of signals with these coefficients."""
+    @classmethod
+    def of(cls, rows: Sequence[Rows]) -> LaggedMoments:
+        """Return the sums over all rows."""
+        sums = []
+        for signals, output in rows:
+            late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
+            lagged = (each.reshape(len(signals), -1) for each in np.moveaxis(late, 2, 0))
+            cross = np.stack([each @ output.ravel() for each in lagged], axis=1)
+            gram = lagged_gram(signals, late.shape[2] - 1)
+            sums.append((gram, cross, float(np.sum(output * output)), output.size))
+        return cls._make(sum(each) for each in zip(*sums, strict=True))
+
+    def mixed(self, coefficients: Array) -> Moments:
+        """Return the moments of the lags of a weighted sum of the signals."""
         gram = np.einsum("k,kilj,l->ij", coefficients, self.gram, coefficients, optimize=True)
-        return gram, coefficients @ self.cross
-
-    def left(self, coefficients: Array, weights: Array) -> float:
-        """Sum of squares of the output that these coefficients and a response (lag,) leave."""
-        gram, cross = self.of(coefficients)
-        return self.square - 2 * float(cross @ weights) + float(weights @ gram @ weights)
-
-
-def lagged_products(*rows: Rows) -> LaggedProducts:
-    """Return sums of products of lagged signals with each other, and with an output.
-
-    Each of the ``rows`` has signals (signal, realization, before + time) and an output
-    (realization, time).
-    """
-    sums = []
-    for signals, output in rows:
-        late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
-        cross = [
-            each.reshape(len(signals), -1) @ output.ravel() for each in np.moveaxis(late, 2, 0)
-        ]
-        gram = lagged_gram(signals, late.shape[2] - 1)
-        sums.append((gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size))
-    return LaggedProducts._make(sum(each) for each in zip(*sums, strict=True))
+        return Moments(gram, coefficients @ self.cross, self.square, self.number)
 
 
 def lagged_gram(signals: Array, before: int) -> Array:
-    r"""Sums of products of lagged signals (signal, realization, before + time) with each other.
+    r"""Return sums of products of lagged signals (signal, realization, before + time).
 
     .. math:: G_{ki,lj} = \sum_{r,t} u_{kr}(t - i)\, u_{lr}(t - j), \qquad 0 \le i, j \le before
 
@@ -82,16 +91,12 @@ def lagged_gram(signals: Array, before: int) -> Array:
     """
     count, _, length = signals.shape
     times = length - before
-    now = signals[:, :, before:].reshape(count, -1)
-    with_now = np.stack(
-        [
-            now @ signals[:, :, before - lag : length - lag].reshape(count, -1).T
-            for lag in range(before + 1)
-        ]
-    )
     gram = np.empty((count, before + 1, count, before + 1))
-    gram[:, 0] = with_now.transpose(1, 2, 0)
-    gram[:, :, :, 0] = with_now.transpose(2, 0, 1)
+    now = signals[:, :, before:].reshape(count, -1)
+    for lag in range(before + 1):
+        late = signals[:, :, before - lag : length - lag].reshape(count, -1)
+        gram[:, 0, :, lag] = now @ late.T
+        gram[:, lag, :, 0] = gram[:, 0, :, lag].T
     entering, leaving = (
         ends.transpose(0, 2, 1).reshape(count * before, -1)
         for ends in (signals[:, :, :before][:, :, ::-1], signals[:, :, times:][:, :, ::-1])
@@ -102,126 +107,63 @@ def lagged_gram(signals: Array, before: int) -> Array:
     return gram
 
 
-def response(gram: Array, cross: Array, square: float, samples: int) -> Solution:
+def response(moments: Moments) -> Solution:
     """Estimate weights of lags by least squares, truncated by description length.
 
-    Directions that explain most come first.
-
-    See :func:`tvsysid.numerics.pseudoinverse.truncated`; of its arrays, those of the one time.
+    Directions that explain most come first. See :func:`tvsysid.numerics.pseudoinverse.truncated`;
+    of its arrays, those of the one time.
     """
-    power = np.array([square / samples])
-    found = truncated(gram[None] / samples, cross[None] / samples, power, float(samples), "output")
+    number = moments.number
+    gram, cross, square, _ = moments.times(1 / number)
+    found = truncated(gram[None], cross[None], np.array([square]), number, "output")
     return Solution(*(values[0] for values in found))
 
 
-def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Array, Array]:
-    r"""Return coefficients c (signal,) and response g (lag,) by separable least squares.
+def unexplained(moments: Moments, weights: Array) -> float:
+    """Return the sum of squares of the output that a response (lag,) leaves."""
+    gram, cross, square, _ = moments
+    return square - 2 * float(cross @ weights) + float(weights @ gram @ weights)
 
-    After Kaufman (1975).
+
+def separable_least_squares(moments: LaggedMoments, start: Array) -> Array:
+    r"""Return coefficients c (signal,) of unit length by separable least squares (Kaufman 1975).
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
 
-    For any c the best g is known, so that the search is over c alone, of length 1: Levenberg and
-    Marquardt's steps in the tangent space of the unit sphere, until the gradient is zero. A
-    slight ridge keeps what is minimised smooth; only the response that is returned is truncated.
+    For any c the best response g is known, so that the search is over c alone; its length has no
+    effect. A slight ridge keeps the squared error smooth.
     """
-    coefficients, damping = start / np.linalg.norm(start), 1e-2
-    diagonal = np.einsum("kiki->", products.gram) / products.cross.size
-    ridge = RIDGE * diagonal * np.eye(products.cross.shape[1])
+    ridge = RIDGE * np.einsum("kiki->", moments.gram) / moments.cross.size
 
-    def minimum(coefficients: Array) -> tuple[Any, Array, float]:
-        """Return the factor of the normal equations, the best response and its squared error."""
-        gram, cross = products.of(coefficients)
-        factor = cho_factor(gram + ridge)
-        weights = cho_solve(factor, cross)
-        return factor, weights, products.square - float(cross @ weights)
+    def cost(coefficients: Array) -> tuple[float, Array]:
+        gram, cross, square, _ = moments.mixed(coefficients)
+        raised = gram + ridge * (coefficients @ coefficients) * np.eye(len(cross))
+        weights = np.linalg.solve(raised, cross)
+        normal = np.einsum("i,kilj,j->kl", weights, moments.gram, weights, optimize=True)
+        slope = normal @ coefficients - moments.cross @ weights
+        slope += ridge * (weights @ weights) * coefficients
+        return -float(cross @ weights) / square, 2 * slope / square
 
-    factor, weights, left = minimum(coefficients)
-    for _ in range(STEPS):
-        answers = np.tensordot(
-            products.gram, weights, (3, 0)
-        )  # (signal, lag, signal): with J_l = g * u_l
-        normal = np.tensordot(weights, answers, (0, 1))
-        shared = np.tensordot(coefficients, answers, (0, 0))  # (lag, signal)
-        tangents = qr(coefficients[:, None])[0][:, 1:]
-        downhill = (products.cross @ weights - normal @ coefficients) @ tangents
-        normal = tangents.T @ (normal - shared.T @ cho_solve(factor, shared)) @ tangents
-        if np.all(downhill**2 <= GRADIENT**2 * np.diag(normal) * products.square):
-            break
-        for _ in range(12):
-            step = np.linalg.solve(
-                normal + damping * np.mean(np.diag(normal)) * np.eye(len(normal)), downhill
-            )
-            tried = coefficients + tangents @ step
-            tried /= np.linalg.norm(tried)
-            found = minimum(tried)
-            if found[2] < left:
-                break
-            damping *= 4
-        else:
-            break
-        coefficients, (factor, weights, left) = tried, found
-        damping /= 10
-    return coefficients, _fitted(products, coefficients)[0].weights
-
-
-def hunter_korenberg(
-    products: LaggedProducts, rows: Sequence[Rows], start: Array
-) -> tuple[Array, Array]:
-    """Coefficients (signal,) and response (lag,) by the iteration of Hunter & Korenberg (1986).
-
-    A two-sided filter that undoes the response, half as long to either side, gives from the
-    output what the static function must have given; the signals are fitted to that, and the
-    response to their sum. Ends where the fit does not become better. In the ``rows``, signals
-    are as long as the output.
-    """
-    reach = min(
-        (products.gram.shape[1] - 1) // 2, *((output.shape[1] - 1) // 4 for _, output in rows)
-    )
-    regressors = np.concatenate(
-        [each[:, :, reach : each.shape[2] - reach].reshape(len(each), -1) for each, _ in rows], 1
-    )
-    windows = np.concatenate([_windows(output, 2 * reach + 1) for _, output in rows])
-    moments = windows.T @ windows
-    best, least, coefficients = (start, np.zeros(products.gram.shape[1])), np.inf, start
-    for _ in range(STEPS):
-        found, left = _fitted(products, coefficients)
-        if not left < least - GAIN * products.square:
-            break
-        best, least = (coefficients, found.weights), left
-        wanted = coefficients @ regressors
-        undone = (
-            windows
-            @ response(moments, windows.T @ wanted, float(wanted @ wanted), wanted.size).weights
-        )
-        coefficients = np.linalg.lstsq(regressors.T, undone, rcond=None)[0]
-    return best
-
-
-def _windows(values: Array, length: int) -> Array:
-    """Return sliding windows of values (realization, time), shape (place, sample).
-
-    The latest sample of a window comes first.
-    """
-    return sliding_window_view(values, length, axis=1)[:, :, ::-1].reshape(-1, length)
+    options = {"gtol": 1e-9, "maxiter": 1000}
+    start = start / np.linalg.norm(start)
+    found = scipy.optimize.minimize(cost, start, jac=True, method="BFGS", options=options).x
+    return np.asarray(found / np.linalg.norm(found))
 
 
 class Cascade(NamedTuple):
     """Two pathways that were identified in turn.
 
-    ``intrinsic`` weights (lag,) and the moments that they were solved from, ``gram`` (lag, lag)
-    and ``cross`` (lag,); ``coefficients`` (signal,) of the static function, ``reflex`` weights
-    (lag,) of what follows it; the share of the output's power that is ``explained``, of so many
-    ``samples``, after so many ``turns``; number of ``parameters``.
+    The ``intrinsic`` response solves the ``moments`` of its input and of the output less the other
+    pathway's. ``coefficients`` (signal,) are those of the static function, ``reflex`` weights
+    (lag,) those of the dynamics behind it. They have explained a share of the output's power
+    after so many ``turns``. ``parameters`` is the number of parameters.
     """
 
     intrinsic: Solution
-    gram: Array
-    cross: Array
+    moments: Moments
     coefficients: Array
     reflex: Array
     explained: float
-    samples: int
     turns: int
     parameters: float
 
@@ -234,57 +176,35 @@ def parallel_cascade(
     The first of the signals is the input of the one, so many samples ``lags`` ahead: its
     response reaches as far to either side. The other signals are those of which the static
     function of the other pathway is a sum; the search for their coefficients begins with
-    ``start``, and a ``"rectifier"`` is one signal and needs none.
+    ``start``. A ``"rectifier"`` is one signal and needs no search.
     """
-    products = lagged_products(*rows)
-    near = slice(2 * lags + 1)
-    gram, cross, link = (
-        products.gram[0, near, 0, near],
-        products.cross[0, near],
-        products.gram[0, near, 1:],
-    )
-    reflex = products._replace(gram=products.gram[1:, :, 1:], cross=products.cross[1:])
-    best, coefficients, weights = None, start, np.zeros(reflex.cross.shape[1])
-    for turn in range(1, TURNS + 1):
+    turns = islice(_turns(rows, lags, start, nonlinearity), MAX_TURNS)
+    return last_better(turns, MIN_TURN_GAIN)
+
+
+def _turns(
+    rows: Sequence[Rows], lags: int, coefficients: Array, nonlinearity: Nonlinearity
+) -> Iterator[Cascade]:
+    every, near, turn, start = LaggedMoments.of(rows), slice(2 * lags + 1), 0, coefficients
+    link, cross = every.gram[0, near, 1:], every.cross[0, near]
+    gram, square, number = every.gram[0, near, 0, near], every.square, every.number
+    reflex = every._replace(gram=every.gram[1:, :, 1:], cross=every.cross[1:])
+    weights = np.zeros(reflex.cross.shape[1])
+    while True:
+        turn += 1
+        without_reflex = unexplained(reflex.mixed(coefficients), weights)
         left = cross - np.einsum("akl,k,l->a", link, coefficients, weights)
-        intrinsic = response(gram, left, reflex.left(coefficients, weights), reflex.samples)
-        answer = intrinsic.weights
-        beside = reflex._replace(
-            cross=reflex.cross - np.tensordot(answer, link, 1),
-            square=reflex.square - 2 * float(answer @ cross) + float(answer @ gram @ answer),
+        moments = Moments(gram, left, without_reflex, number)
+        intrinsic = response(moments)
+        rest = reflex._replace(
+            cross=reflex.cross - np.tensordot(intrinsic.weights, link, 1),
+            square=unexplained(Moments(gram, cross, square, number), intrinsic.weights),
         )
-        if nonlinearity == "hk":
-            coefficients, weights = hunter_korenberg(
-                beside, [_less(answer, *each) for each in rows], start
-            )
-        elif nonlinearity == "sls":
-            coefficients, weights = separable_least_squares(beside, coefficients)
-        else:
-            weights = _fitted(beside, coefficients)[0].weights
-        explained = 1 - beside.left(coefficients, weights) / reflex.square
-        if best is not None and explained < best.explained + LEAST_GAIN:
-            break
-        count = float(intrinsic.rank + _fitted(beside, coefficients)[0].rank + len(start) - 1)
-        best = Cascade(
-            intrinsic, gram, left, coefficients, weights, explained, reflex.samples, turn, count
-        )
-    assert best is not None
-    return best
-
-
-def _less(answer: Array, signals: Array, output: Array) -> Rows:
-    """Return the signals but the first, and the output without the response to the first.
-
-    The signals are as long as the output.
-    """
-    before = signals.shape[2] - output.shape[1]
-    angle = signals[0, :, before - len(answer) + 1 :]
-    return signals[1:, :, before:], output - (_windows(angle, len(answer)) @ answer).reshape(
-        output.shape
-    )
-
-
-def _fitted(products: LaggedProducts, coefficients: Array) -> tuple[Solution, float]:
-    """Best response for these coefficients, and the sum of squares that it leaves."""
-    found = response(*products.of(coefficients), products.square, products.samples)
-    return found, products.left(coefficients, found.weights)
+        if nonlinearity == "sls":
+            coefficients = separable_least_squares(rest, coefficients)
+        mixed = rest.mixed(coefficients)
+        found = response(mixed)
+        weights = found.weights
+        explained = 1 - unexplained(mixed, weights) / square
+        parameters = float(intrinsic.rank + found.rank + len(start) - 1)
+        yield Cascade(intrinsic, moments, coefficients, weights, explained, turn, parameters)

@@ -1,30 +1,23 @@
-"""Compute the signals that drive a reflex, with their past, and build the cascade model."""
+"""Find the signal that drives a reflex: a rectified velocity, or a polynomial of the velocity."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.cascade.pathways import (
-    Drive,
-    Stretch,
-    TwoPathwayModel,
-    history,
-    rectified_velocities,
-    velocity_of,
-)
-from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.models import Estimate, StandardError
+from tvsysid.methods.cascade.pathways import Drive, Stretch, history, velocity_of
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
-from tvsysid.numerics.hammerstein import Rows, parallel_cascade
+from tvsysid.numerics.hammerstein import Cascade, Nonlinearity, Rows, parallel_cascade
 from tvsysid.numerics.stretch import decimated
 from tvsysid.signals import Array, Ensemble
 
-CURVE = 101  # velocities at which a polynomial is written down
-NO_BAND = "the method's authors state none for two pathways that are identified in turn"
+CURVE_POINTS = 101  # velocities at which the curve of a polynomial is given
+DIRECTIONS = (1, -1)
 
 
 @attrs.frozen
@@ -45,77 +38,80 @@ class VelocityPolynomial:
 
     def value(self, velocity: Array) -> Array:
         """Return the polynomial at a velocity in rad/s, of any shape."""
-        degrees = degrees_of(velocity, self.limits, len(self.coefficients))
-        return np.asarray(degrees @ np.array(self.coefficients))
+        terms = _terms(velocity, self.limits, len(self.coefficients))
+        return np.asarray(terms @ np.array(self.coefficients))
 
     def curve(self) -> tuple[Array, Array]:
         """Return velocities in rad/s within the limits, and the polynomial at each."""
-        velocity = np.linspace(*self.limits, CURVE)
+        velocity = np.linspace(*self.limits, CURVE_POINTS)
         return velocity, self.value(velocity)
 
 
-def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
+def _terms(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
     """Return Chebyshev polynomials of degree 1 on, less their values at rest: (..., degree)."""
-    degrees = chebyshev_of(velocity, limits, degree + 1)
-    degrees -= chebyshev_of(np.zeros(1), limits, degree + 1)[0]
-    return degrees[..., 1:]
+    at_rest = chebyshev_of(np.zeros(1), limits, degree + 1)
+    return (chebyshev_of(velocity, limits, degree + 1) - at_rest)[..., 1:]
 
 
-@attrs.frozen(eq=False)
-class Candidate:
+def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
+    """Return the terms (degree, realization, time) of a polynomial of the velocity, decimated."""
+    velocity, ratio = velocity_of(ensemble)
+    terms = _terms(velocity, (float(velocity.min()), float(velocity.max())), degree)
+    return np.stack([decimated(each, ratio) for each in np.moveaxis(terms, -1, 0)])
+
+
+def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float, int]:
+    """Return a polynomial of these weights divided by its slope for stretch.
+
+    Return also the slope, and the direction of stretch, which is the steeper one. The slopes are
+    those of a least-squares fit with an offset and a slope for either direction, as a polynomial
+    rounds the corner of a rectifier.
+    """
+    velocity, _ = velocity_of(ensemble)
+    drive = VelocityPolynomial(tuple(weights), (float(velocity.min()), float(velocity.max())))
+    target = drive(ensemble).ravel()
+    columns = np.stack([Stretch(direction=each)(ensemble).ravel() for each in DIRECTIONS], axis=1)
+    centred = columns - columns.mean(axis=0)
+    slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
+    steeper = int(np.argmax(np.abs(slopes)))
+    slope = float(slopes[steeper])
+    scaled = attrs.evolve(drive, coefficients=tuple((weights / slope).tolist()))
+    return scaled, slope, DIRECTIONS[steeper]
+
+
+class Candidate(NamedTuple):
     """Signals (signal, realization, context + time + context) whose weighted sum drives a reflex.
 
-    ``start`` are the initial weights. A single signal has a ``drive``; several signals are
-    polynomials of a velocity within ``limits``.
+    ``start`` are the initial weights. The single signal of a ``drive`` needs no weights; others
+    are the terms of a polynomial of the velocity.
     """
 
     signals: Array
     start: Array
     drive: Drive | None = None
-    limits: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of_drive(cls, ensemble: Ensemble, drive: Drive) -> Candidate:
-        """Return a candidate with one signal."""
+    def of(cls, ensemble: Ensemble, drive: Drive) -> Candidate:
+        """Return the candidate of a drive."""
         return cls(drive(ensemble)[None], np.ones(1), drive)
 
     @classmethod
-    def polynomial(cls, ensemble: Ensemble, degree: int) -> Candidate:
-        """Return decimated polynomials of the velocity, without initial weights."""
-        velocity, ratio = velocity_of(ensemble)
-        limits = float(velocity.min()), float(velocity.max())
-        degrees = np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)
-        return cls(
-            np.stack([decimated(each, ratio) for each in degrees]), np.zeros(degree), None, limits
-        )
+    def rectifiers(cls, ensemble: Ensemble) -> list[Candidate]:
+        """Return the velocity of stretch, rectified, for either direction."""
+        return [cls.of(ensemble, Stretch(direction=direction)) for direction in DIRECTIONS]
 
-    def towards(self, target: Array) -> Candidate:
-        """Return a candidate whose initial weighted sum is the least-squares fit to a signal."""
-        columns = self.signals.reshape(len(self.signals), -1).T
-        start = np.asarray(np.linalg.lstsq(columns, target.ravel(), rcond=None)[0])
-        return attrs.evolve(self, start=start)
+    def as_polynomial(self, ensemble: Ensemble, degree: int) -> Candidate:
+        """Return a polynomial of the velocity that begins as the least-squares fit to a drive."""
+        signals = velocity_terms(ensemble, degree)
+        columns = signals.reshape(degree, -1).T
+        start = np.linalg.lstsq(columns, self.signals.ravel(), rcond=None)[0]
+        return Candidate(signals, np.asarray(start))
 
     def scaled(self, ensemble: Ensemble, weights: Array) -> tuple[Drive, float, int]:
-        """Return the drive with a slope of 1 for stretch, its slope before, and its direction.
-
-        A polynomial is fitted by least squares with an offset and a slope for either direction,
-        as it rounds the corner of a rectifier. The steeper direction is that of stretch.
-        """
-        if self.drive is not None:
-            return self.drive, 1.0, getattr(self.drive, "direction", 0)
-        columns = rectified_velocities(ensemble).reshape(2, -1).T
-        target = np.tensordot(weights, self.signals, 1).ravel()
-        centred = columns - columns.mean(axis=0)
-        slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
-        steeper = int(np.argmax(np.abs(slopes)))
-        slope = float(slopes[steeper])
-        drive = VelocityPolynomial(tuple((weights / slope).tolist()), self.limits)
-        return drive, slope, (1, -1)[steeper]
-
-
-def rectifiers(ensemble: Ensemble) -> list[Candidate]:
-    """Return the velocity of stretch, rectified, for either direction."""
-    return [Candidate.of_drive(ensemble, Stretch(direction=direction)) for direction in (1, -1)]
+        """Return the drive of unit slope, its slope before, and its direction (0 of EMG)."""
+        if self.drive is None:
+            return of_unit_slope(ensemble, weights)
+        return self.drive, 1.0, getattr(self.drive, "direction", 0)
 
 
 def past_of(ensemble: Ensemble, signals: Array, before: int) -> Array:
@@ -129,7 +125,22 @@ def past_of(ensemble: Ensemble, signals: Array, before: int) -> Array:
     )
 
 
-def rows_with_history(ensemble: Ensemble, signals: Array, lags: int, before: int) -> list[Rows]:
+def constant_cascade(
+    ensemble: Ensemble,
+    candidates: Iterable[Candidate],
+    lags: int,
+    before: int,
+    nonlinearity: Nonlinearity = "rectifier",
+) -> tuple[Candidate, Cascade]:
+    """Return the drive that explains most of the torque of a constant joint, with its fit."""
+    fits = []
+    for each in candidates:
+        rows = _rows(ensemble, each.signals, lags, before)
+        fits.append((each, parallel_cascade(rows, lags, each.start, nonlinearity)))
+    return max(fits, key=lambda fit: fit[1].explained)
+
+
+def _rows(ensemble: Ensemble, signals: Array, lags: int, before: int) -> list[Rows]:
     """Return signals (1 + signal, realization, before + time) and torque with their known past.
 
     The first signal is the angle ``lags`` samples ahead, with at most 2 ``lags`` samples before.
@@ -148,53 +159,3 @@ def rows_with_history(ensemble: Ensemble, signals: Array, lags: int, before: int
         times = slice(ensemble.context + first, ensemble.context + last)
         found.append((together, ensemble.torque[rows, times]))
     return found
-
-
-def rectifier_of_constant(ensemble: Ensemble, lags: int, before: int) -> Candidate:
-    """Return the rectified velocity that explains more of the torque of a constant joint."""
-
-    def explained(candidate: Candidate) -> float:
-        rows = rows_with_history(ensemble, candidate.signals, lags, before)
-        return parallel_cascade(rows, lags, candidate.start, "rectifier").explained
-
-    return max(rectifiers(ensemble), key=explained)
-
-
-def cascade_model(
-    plain: ImpulseResponseModel,
-    ensemble: Ensemble,
-    reflex: Array,
-    drive: Drive,
-    first: int = 0,
-    unit: str = UNITS["reflex_gain"],
-) -> TwoPathwayModel:
-    """Return a model of the intrinsic pathway with a reflex of weights (time, lag) beside it.
-
-    The lags begin with ``first``. The gain is the area under the reflex's response. No estimate
-    has a band.
-    """
-    rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
-    known = {name: attrs.evolve(each, error=none) for name, each in plain.estimates.items()}
-    model = TwoPathwayModel(
-        **{item.name: getattr(plain, item.name) for item in attrs.fields(type(plain))}
-        | {"estimates": {**known, "reflex_gain": Estimate(reflex.sum(axis=1), unit, error=none)}},
-        reflex_response=reflex * rate,
-        reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
-        drive=drive,
-    )
-    return with_shares(model, ensemble)
-
-
-def with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
-    """Return the model with the shares of the torque that it and its pathways explain, in %."""
-    torque, parts = ensemble.torque[:, ensemble.core], model.pathways(ensemble)
-    whole = parts["intrinsic"] + parts["reflex"]
-    known = np.isfinite(whole)
-    power = float(np.sum(torque[known] ** 2))
-    explained = {"vaf": whole} | {f"vaf_{name}": part for name, part in parts.items()}
-    shares = {
-        name: 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
-        for name, part in explained.items()
-    }
-    details = {**model.diagnostics.details, **shares}
-    return attrs.evolve(model, diagnostics=attrs.evolve(model.diagnostics, details=details))

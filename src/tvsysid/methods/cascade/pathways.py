@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import Protocol
+from collections.abc import Hashable, Mapping
+from typing import Protocol, Self
 
 import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.dataset_layout import Labelled
+from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
+
+NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 
 
 class Drive(Hashable, Protocol):
@@ -118,6 +121,47 @@ class TwoPathwayModel(ImpulseResponseModel):
     reflex_response: Array
     reflex_lags: Array
     drive: Drive
+
+    @classmethod
+    def beside(
+        cls,
+        intrinsic: ImpulseResponseModel,
+        ensemble: Ensemble,
+        reflex: Array,
+        drive: Drive,
+        first: int,
+        details: Mapping[str, float],
+        unit: str = UNITS["reflex_gain"],
+    ) -> Self:
+        """Return a model of an intrinsic pathway with a reflex of weights (time, lag) beside it.
+
+        The lags begin with ``first``. The gain is the area under the reflex's response. No
+        estimate has a band.
+        """
+        rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
+        gain = Estimate(reflex.sum(axis=1), unit)
+        estimates = {**intrinsic.estimates, "reflex_gain": gain}
+        diagnostics = intrinsic.diagnostics
+        known = {item.name: getattr(intrinsic, item.name) for item in attrs.fields(type(intrinsic))}
+        known["estimates"] = {n: attrs.evolve(each, error=none) for n, each in estimates.items()}
+        known["diagnostics"] = attrs.evolve(diagnostics, details={**diagnostics.details, **details})
+        lags = (first + np.arange(reflex.shape[1])) / rate
+        model = cls(**known, reflex_response=reflex * rate, reflex_lags=lags, drive=drive)
+        return model.with_shares(ensemble)
+
+    def with_shares(self, ensemble: Ensemble) -> Self:
+        """Return the model with the shares of the torque that it and its pathways explain, in %."""
+        torque, parts = ensemble.torque[:, ensemble.core], self.pathways(ensemble)
+        explained = {"vaf": parts["intrinsic"] + parts["reflex"]}
+        explained |= {f"vaf_{name}": part for name, part in parts.items()}
+        known = np.isfinite(explained["vaf"])
+        power = float(np.sum(torque[known] ** 2))
+        shares = {
+            name: 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
+            for name, part in explained.items()
+        }
+        details = {**self.diagnostics.details, **shares}
+        return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any, Literal, NamedTuple
 
 import attrs
@@ -11,15 +13,11 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method, whole_samples
-from tvsysid.methods.cascade.drives import (
-    Candidate,
-    cascade_model,
-    past_of,
-    rectifier_of_constant,
-)
+from tvsysid.methods.cascade.drives import Candidate, constant_cascade, past_of
 from tvsysid.methods.cascade.pathways import Measured, TwoPathwayModel, history
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
+from tvsysid.numerics.hammerstein import last_better
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
 
@@ -36,9 +34,10 @@ class _Turn(NamedTuple):
     intrinsic: ImpulseResponseModel
     coefficients: Array
     weights: Array
+    number: int
 
 
-class InTurn(Method):
+class AlternatingCascade(Method):
     """Identify each pathway in turn from the torque that the other pathway leaves.
 
     A subclass names the method that identifies the intrinsic pathway, and identifies the response
@@ -90,58 +89,61 @@ class InTurn(Method):
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
         """Return the model of an ensemble."""
-        lags, first, before = (
-            whole_samples(each, ensemble) for each in (self.max_lag, self._first_lag(), self.memory)
+        drives = self._drives(ensemble)
+        first = whole_samples(self._first_lag(), ensemble)
+        turns = islice(self._turns(ensemble, drives, first), MAX_TURNS)
+        best = last_better(turns, MIN_GAIN)
+        drive, slope, direction = drives.scaled(ensemble, best.coefficients)
+        details = {
+            "turns": float(min(best.number + 1, MAX_TURNS)),  # the last turn did not help
+            "direction": float(direction),
+        }
+        if self.slow_order is not None:
+            details["vaf_with_slow"] = 100 * best.explained
+        unit = "N m/V" if self.emg else UNITS["reflex_gain"]
+        plain = attrs.evolve(best.intrinsic, method=repr(self))
+        return TwoPathwayModel.beside(
+            plain, ensemble, best.weights * slope, drive, first, details, unit
         )
-        drives = self._drives(ensemble, lags, before)
+
+    def _drives(self, ensemble: Ensemble) -> Candidate:
+        if self.emg is not None:
+            return Candidate.of(ensemble, Measured(self.emg))
+        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
+        rectifiers = Candidate.rectifiers(ensemble)
+        rectifier, _ = constant_cascade(ensemble, rectifiers, lags, max(before, 2 * lags))
+        if self.nonlinearity == "rectifier":
+            return rectifier
+        return rectifier.as_polynomial(ensemble, DEGREE)
+
+    def _turns(self, ensemble: Ensemble, drives: Candidate, first: int) -> Iterator[_Turn]:
+        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         past = past_of(ensemble, drives.signals, before)[:, :, : before - first + ensemble.samples]
         known = ~np.isnan(past[0]).any(axis=1)
         past, part = past[:, known], _with_context(ensemble.select(known), lags)
         torque = part.torque[:, part.core]
         reflex, slow, coefficients = np.zeros_like(torque), np.zeros_like(torque), drives.start
-        best: _Turn | None = None
-        for turn in range(1, MAX_TURNS + 1):
+        number = 0
+        while True:
+            number += 1
             left = part.torque.copy()
             left[:, part.core] -= reflex + slow
             intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))
             assert isinstance(intrinsic, ImpulseResponseModel)
             beyond = torque - intrinsic.predict(part)
-            weights = self._response(np.tensordot(coefficients, past, 1), beyond - slow, ensemble)
+            drive = np.tensordot(coefficients, past, 1)
+            weights = self._response(drive, beyond - slow, ensemble)
             if len(coefficients) > 1:
                 terms = np.stack([convolve_lags(each, weights).ravel() for each in past])
                 solved = np.linalg.solve(terms @ terms.T, terms @ (beyond - slow).ravel())
                 coefficients = np.asarray(solved / np.linalg.norm(solved))
-                weights = self._response(
-                    np.tensordot(coefficients, past, 1), beyond - slow, ensemble
-                )
-            reflex = convolve_lags(np.tensordot(coefficients, past, 1), weights)
+                drive = np.tensordot(coefficients, past, 1)
+                weights = self._response(drive, beyond - slow, ensemble)
+            reflex = convolve_lags(drive, weights)
             if self.slow_order is not None:
                 slow = _slow_part(beyond - reflex, self.slow_order)
-            explained = 1 - float(np.sum((beyond - reflex - slow) ** 2)) / float(np.sum(torque**2))
-            if best is not None and explained < best.explained + MIN_GAIN:
-                break
-            best = _Turn(explained, intrinsic, coefficients, weights)
-        assert best is not None
-        drive, slope, direction = drives.scaled(ensemble, best.coefficients)
-        diagnostics = best.intrinsic.diagnostics
-        details = {**diagnostics.details, "turns": float(turn), "direction": float(direction)}
-        if self.slow_order is not None:
-            details["vaf_with_slow"] = 100 * best.explained
-        plain = attrs.evolve(
-            best.intrinsic,
-            method=repr(self),
-            diagnostics=attrs.evolve(diagnostics, details=details),
-        )
-        unit = "N m/V" if self.emg else UNITS["reflex_gain"]
-        return cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
-
-    def _drives(self, ensemble: Ensemble, lags: int, before: int) -> Candidate:
-        if self.emg is not None:
-            return Candidate.of_drive(ensemble, Measured(self.emg))
-        rectifier = rectifier_of_constant(ensemble, lags, max(before, 2 * lags))
-        if self.nonlinearity == "rectifier":
-            return rectifier
-        return Candidate.polynomial(ensemble, DEGREE).towards(rectifier.signals)
+            explained = 1 - float(np.sum((beyond - reflex - slow) ** 2) / np.sum(torque**2))
+            yield _Turn(explained, intrinsic, coefficients, weights, number)
 
 
 def after_delay(method: Any, attribute: attrs.Attribute[Any], memory: float) -> None:
@@ -172,10 +174,12 @@ def _slow_part(torque: Array, order: int) -> Array:
 
 def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
     """Return an ensemble with less context: the reflex's torque there is not known."""
-    spare = ensemble.context - samples
-    angle, torque = (
-        each[:, spare : each.shape[1] - spare] for each in (ensemble.angle, ensemble.torque)
-    )
+    kept = slice(ensemble.context - samples, ensemble.angle.shape[1] - ensemble.context + samples)
     return attrs.evolve(
-        ensemble, angle=angle, torque=torque, channels={}, recorded_angle=None, context=samples
+        ensemble,
+        angle=ensemble.angle[:, kept],
+        torque=ensemble.torque[:, kept],
+        channels={},
+        recorded_angle=None,
+        context=samples,
     )

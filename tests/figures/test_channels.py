@@ -5,7 +5,8 @@ import pytest
 from tests.drawing import draw
 
 from tvsysid.figures import drawn, recorded_channels, style
-from tvsysid.recordings import Channel, outline
+from tvsysid.figures.recorded import outline
+from tvsysid.recordings import Channel
 
 
 def test_axes_have_units_and_time_where_they_are_stated():

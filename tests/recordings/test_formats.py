@@ -1,3 +1,5 @@
+"""Every format gives the same recording, states what it knows, and refuses what is no signal."""
+
 import pickle
 import sys
 import tracemalloc
@@ -21,9 +23,10 @@ from tests.recordings.files import (
 )
 
 import tvsysid as tv
-from tvsysid.recordings import channel, describe_file
+from tvsysid.recordings import describe_file
 
 NAMES = {"angle": "pos", "torque": "tq"}
+NO_OBJECT_WARNINGS = pytest.mark.filterwarnings("ignore:.*future.infer_string")
 
 
 @pytest.fixture
@@ -42,103 +45,68 @@ def read(file, sampling_rate=200.0, **settings):
     return tv.read_recording(file, **(NAMES | settings), sampling_rate=sampling_rate)
 
 
+def refused(match):
+    return pytest.raises(tv.InputError, match=match)
+
+
 def test_every_format_gives_the_same_recording(file, signals):
     recording = read(file)
-    exact = {
-        ".c3d": {"rtol": 1e-6, "atol": 1e-8},
-        ".csv": {"rtol": 1e-15},
-        ".edf": {"rtol": 0, "atol": 1e-4},
-    }
-    exact = exact.get(
-        file.suffix, {"rtol": 0, "atol": 1e-6 if file.suffix == ".bdf" else 0}
-    )  # of 16 and 24 bits
-    np.testing.assert_allclose(recording.angle, signals[0], **exact)
-    np.testing.assert_allclose(recording.torque, signals[1], **exact)
+    exact = {".c3d": 1e-6, ".edf": 1e-4, ".bdf": 1e-6, ".csv": 1e-15}.get(file.suffix, 0)
+    np.testing.assert_allclose(recording.angle, signals[0], rtol=0, atol=exact)
+    np.testing.assert_allclose(recording.torque, signals[1], rtol=0, atol=exact)
 
 
-def test_what_is_stated_is_described_and_contradictions_warn(file):
-    described = describe_file(file)
-    assert set(np.ravel(described["pos"].shape)) <= {600, 1}
-    assert described["tq"].dtype == "float64"
+def test_contradictions_to_what_a_file_states_warn(file):
+    channel = describe_file(file)["pos"]
+    assert set(channel.shape) <= {600, 1}
+    assert channel.dtype == "float64"
     if file.name in ("ankle.csv", "ankle.tsv"):
-        assert (described["pos"].unit, described["pos"].sampling_rate) == ("", None)
-        read(file, 500.0)
+        assert (channel.unit, channel.sampling_rate) == ("", None)
         return
-    assert described["pos"].sampling_rate == 200.0
-    with pytest.warns(
-        tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, you gave 500 Hz"
-    ):
+    assert channel.sampling_rate == 200.0
+    with pytest.warns(tv.DataQualityWarning, match="states 200 Hz for pos, tq, you gave 500 Hz"):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
-        assert described["pos"].unit == "rad"
-        with pytest.warns(
-            tv.DataQualityWarning,
-            match="the file states the unit 'rad' for pos, and is read in deg",
-        ):
+        with pytest.warns(tv.DataQualityWarning, match="'rad' for pos, and is read in deg"):
             read(file, angle_unit="deg")
 
 
 def test_a_wrong_name_gets_those_that_are_there(file):
-    with pytest.raises(
-        tv.InputError, match=r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"
-    ):
+    with refused(r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"):
         read(file, angle="ang")
 
 
 def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
     content = file.read_bytes()
     if file.suffix in (".csv", ".tsv"):
-        pytest.skip("text may end anywhere; columns of different length are found elsewhere")
+        pytest.skip("text may end anywhere; short lines are found elsewhere")
     for cut in np.linspace(5, len(content) - 600, 25).astype(int):
         file.write_bytes(content[:cut])
-        with pytest.raises(tv.InputError, match=file.name):
+        with refused(file.name):
             read(file)
 
 
 @pytest.mark.parametrize(
-    ("name", "other", "kind"),
-    [
-        ("v5.mat", ".csv", "a MAT file of version 5 or 7; give it the ending .mat"),
-        ("v73.mat", ".npz", "a MAT file of version 7.3; give it the ending .mat"),
-        ("ankle.h5", ".mat", "an HDF5 file; give it the ending .h5 or .hdf5"),
-        ("classic.nc", ".c3d", "a NetCDF file; give it the ending .nc"),
-        ("ankle.c3d", ".h5", "a C3D file; give it the ending .c3d"),
-        ("ankle.csv", ".parquet", "text; give it the ending .csv or .tsv"),
-    ],
+    ("name", "ending"),
+    [("v5.mat", "csv"), ("v73.mat", "npz"), ("ankle.csv", "c3d"), ("ankle.npz", "mat")],
 )
-def test_a_renamed_file_is_told_what_it_is(tmp_path, signals, name, other, kind):
+def test_a_renamed_file_is_refused(tmp_path, signals, name, ending):
     WRITERS[name](tmp_path / name, *signals)
-    renamed = (tmp_path / name).rename(tmp_path / f"renamed{other}")
-    with pytest.raises(
-        tv.InputError, match=f"not a {other} file that can be read: by its content it is {kind}"
-    ):
-        describe_file(renamed)
+    (tmp_path / name).rename(tmp_path / f"renamed.{ending}")
+    with refused(f"renamed.{ending}: cannot be read .* is its ending right"):
+        describe_file(tmp_path / f"renamed.{ending}")
 
 
 @pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (PermissionError(13, "Permission denied"), "Permission denied"),
-        (BlockingIOError(11, "unable to lock file"), "unable to lock file"),
-    ],
+    "error", [PermissionError(13, "Permission denied"), BlockingIOError(11, "unable to lock file")]
 )
-def test_a_file_that_cannot_be_opened_is_told(file, monkeypatch, error, reason):
+def test_a_file_that_cannot_be_opened_is_told(file, monkeypatch, error):
     def refuse(*_, **__):
         raise error
 
     monkeypatch.setattr(type(file), "open", refuse)
-    with pytest.raises(
-        tv.InputError, match=rf"cannot be opened \({reason}\); close it in other programs"
-    ):
+    with refused(rf"cannot be read \(.*{error.strerror}\)\. Close it in other programs"):
         describe_file(file)
-
-
-def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
-    monkeypatch.setattr(channel, "available_memory", lambda: 10_000)
-    with pytest.raises(
-        tv.InputError, match=r"reading it takes .* GB, and the computer has 1e-05 GB of memory"
-    ):
-        read(file)
 
 
 @pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.npz"])
@@ -150,16 +118,15 @@ def test_an_enormous_file_is_read_in_part(tmp_path, signals, name):
     else:
         with h5py.File(file, "r+") as root:
             for key in ("big", "vast"):  # a terabyte each, which takes no place on disk
-                big = root.create_dataset(
-                    key, shape=(1000, 125_000_000), chunks=(1, 1_000_000), dtype="f8"
-                )
+                shape, chunks = (1000, 125_000_000), (1, 1_000_000)
+                big = root.create_dataset(key, shape=shape, chunks=chunks, dtype="f8")
                 big.attrs["MATLAB_class"] = np.bytes_("double")
     tracemalloc.start()
     np.testing.assert_array_equal(read(file).angle, signals[0])
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
     if file.suffix != ".npz":
-        with pytest.raises(tv.InputError, match=r"reading it takes 6e\+03 GB"):
+        with refused(r"Unable to allocate .* save the part that is needed"):
             read(file, angle="big", torque="vast")
 
 
@@ -173,71 +140,52 @@ def test_structures_of_every_mat_version(tmp_path, signals):
         recording = read(tmp_path / name, angle="run.pos", torque="run.copy", columns="trials")
         np.testing.assert_array_equal(recording.angle, np.concatenate([signals[0], -signals[0]]))
         assert recording.trial_starts == (0, 600)
-
-
-def test_matlab_7_3_characters_are_text(tmp_path, signals):
-    write_mat_73(tmp_path / "v73.mat", *signals)
-    assert list(describe_file(tmp_path / "v73.mat")) == ["fs", "note", "pos", "run.pos", "tq"]
-    with pytest.raises(tv.InputError, match=r"v73\.mat: note: expected real numbers, got text"):
+    with refused(r"v73\.mat: note: expected real numbers, got text"):
         read(tmp_path / "v73.mat", angle="note")
 
 
-@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@NO_OBJECT_WARNINGS
 @pytest.mark.parametrize("age", ["old", "v7", "v7.3"])
 def test_toolbox_objects(tmp_path, signals, age):
     file = tmp_path / "ankle.mat"
     write_object(file, nldat(signals), age)
     recording = read(file, angle="io.pos", torque="io.tq", angle_unit="deg")
     np.testing.assert_array_equal(recording.torque, signals[1])
-    described = describe_file(file)
-    assert {name: (item.unit, item.sampling_rate) for name, item in described.items()} == {
-        "io.pos": ("deg", 200.0),
-        "io.tq": ("Nm", 200.0),
-    }
+    described = {name: (it.unit, it.sampling_rate) for name, it in describe_file(file).items()}
+    assert described == {"io.pos": ("deg", 200.0), "io.tq": ("Nm", 200.0)}
 
 
 def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
     three = np.stack([np.stack(signals, axis=1), np.stack(signals[::-1], axis=1)], axis=2)
-    unnamed = nldat(
-        signals, dataSet=three, chanNames=cells("x", "x"), domainName=np.array(["Frequency (Hz)"])
-    )
-    write_object(tmp_path / "ankle.mat", unnamed, "old")
+    unnamed = {"dataSet": three, "chanNames": cells("x", "x")}
+    unnamed["domainName"] = np.array(["Frequency (Hz)"])
+    write_object(tmp_path / "ankle.mat", nldat(signals, **unnamed), "old")
+    names = {"angle": "io.x (1)", "torque": "io.x (2)", "columns": "trials"}
     with pytest.warns(tv.DataQualityWarning, match="has an RMS|states the unit 'deg'"):
-        recording = read(tmp_path / "ankle.mat", angle="io.1", torque="io.2", columns="trials")
+        recording = read(tmp_path / "ankle.mat", **names)
     np.testing.assert_array_equal(recording.angle, np.concatenate(signals))
-    assert describe_file(tmp_path / "ankle.mat")["io.1"].sampling_rate is None
+    assert describe_file(tmp_path / "ankle.mat")["io.x (1)"].sampling_rate is None
 
 
 def test_objects_of_other_classes_are_named(tmp_path):
     record = np.empty((1, 1), dtype=[("data", object)])
     record["data"][0, 0] = np.ones((3, 1))
     savemat(tmp_path / "ankle.mat", {"io": MatlabObject(record, "timeseries"), "x": np.ones(3)})
-    with pytest.raises(
-        tv.InputError, match="io: expected real numbers, got an object of class timeseries"
-    ):
+    with refused("io: expected real numbers, got an object of class timeseries"):
         read(tmp_path / "ankle.mat", angle="io", torque="x")
 
 
-def test_groups_and_dimensions_of_netcdf(tmp_path, signals):
-    trials = xr.Dataset(
-        {
-            name: (("trial", "time"), values.reshape(3, 200))
-            for name, values in zip(NAMES.values(), signals, strict=True)
-        }
-    )
-    xr.DataTree.from_dict({"/": xr.Dataset(attrs={"fs": 200}), "/day1": trials}).to_netcdf(
-        tmp_path / "a.nc", engine="h5netcdf"
-    )
+def test_groups_dimensions_and_packed_values_of_netcdf(tmp_path, signals):
+    pairs = zip(NAMES.values(), signals, strict=True)
+    trials = {name: (("trial", "time"), values.reshape(3, 200)) for name, values in pairs}
+    tree = {"/": xr.Dataset(attrs={"fs": 200}), "/day1": xr.Dataset(trials)}
+    xr.DataTree.from_dict(tree).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     recording = read(tmp_path / "a.nc", angle="day1/pos", torque="day1/tq", columns="trials")
     np.testing.assert_array_equal(recording.angle, signals[0])
     assert recording.trial_starts == (0, 200, 400)
-
-
-def test_packed_netcdf_is_unpacked(tmp_path, signals):
     WRITERS["ankle.nc"](tmp_path / "ankle.nc", *signals)
-    np.testing.assert_allclose(
-        read(tmp_path / "ankle.nc", angle="coarse").angle, np.round(signals[0], 3), atol=1e-7
-    )
+    angle = read(tmp_path / "ankle.nc", angle="coarse").angle
+    np.testing.assert_allclose(angle, np.round(signals[0], 3), atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -246,37 +194,30 @@ def test_packed_netcdf_is_unpacked(tmp_path, signals):
         (np.ones(600) + 1j, "expected real numbers, got values of type complex128"),
         (np.array(["a"] * 600), "expected real numbers, got text"),
         (np.array([[1.0], [1.0, 2.0]], dtype=object), "pickled objects, which are never read"),
-        (
-            np.ones(599),
-            "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled "
-            "together",
-        ),
-        (np.ones((10, 20, 3)), "different lengths"),
-        (np.zeros(0), "different lengths: other 0 x 1"),
+        (np.ones(599), r"different lengths: other \(599\), tq \(600\); name channels that were"),
+        (np.ones((10, 20, 3)), r"expected a vector or a matrix, got an array of shape"),
+        (np.zeros(0), "expected samples, got an empty array"),
         (np.full(600, np.nan), "600 of 600 values are NaN"),
         (np.ones(600, dtype=bool), "values of type bool"),
     ],
 )
 def test_what_is_no_signal_is_refused(tmp_path, signals, values, message):
-    file = tmp_path / "ankle.npz"
-    np.savez(file, other=values, tq=signals[1])
-    with pytest.raises(tv.InputError, match=message):
-        read(file, angle="other")
+    np.savez(tmp_path / "ankle.npz", other=values, tq=signals[1])
+    with refused(message):
+        read(tmp_path / "ankle.npz", angle="other")
 
 
-def test_nothing_in_an_npz_is_unpickled(tmp_path):
+def test_nothing_is_unpickled(tmp_path):
     class Trap:
         def __reduce__(self):
             return (pytest.fail, ("the file was unpickled",))
 
     np.savez(tmp_path / "trap.npz", pos=np.array([Trap()], dtype=object), tq=np.ones(3))
-    with pytest.raises(tv.InputError, match="pos: expected real numbers, got pickled objects"):
-        read(tmp_path / "trap.npz")
-    (tmp_path / "trap.mat").write_bytes(pickle.dumps(Trap()))
-    with pytest.raises(
-        tv.InputError, match="by its content it is a Python pickle, which is never read"
-    ):
-        read(tmp_path / "trap.mat")
+    for ending in ("mat", "npy.npz", "nc"):
+        (tmp_path / f"trap.{ending}").write_bytes(pickle.dumps(Trap()))
+    for file in tmp_path.iterdir():
+        with refused("cannot be read|expected real numbers, got pickled objects"):
+            read(file)
 
 
 @pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.nc"])
@@ -300,101 +241,78 @@ def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
         root["inner/again"] = root["/"]
         root["type"], root["empty"] = np.dtype("f8"), h5py.Empty("f8")
     if name == "ankle.nc":
-        with pytest.raises(tv.InputError, match="save the file with its values in itself"):
+        with refused("save the file with its values in itself"):
             describe_file(file)
         return
     np.testing.assert_array_equal(read(file, angle="same").angle, signals[0])
     inner = "inner.link" if name == "v73.mat" else "inner/link"
     described = describe_file(file)
-    for path, what in {
-        inner: "a link to another file, other.h5, which is not followed",
-        "virtual": "values in another file, which are not followed",
-        "outer": "values in another file, which are not followed",
-        "nowhere": "a link to /missing, which is not followed",
-        "circle": "a link to /circle, which is not followed",
-        "through": "a link to another file, other.h5, which is not followed",
-        inner.replace("link", "again"): "a group with another path, which is not followed",
-    }.items():
-        with pytest.raises(tv.InputError, match=f"{path}: expected real numbers, got {what}"):
+    for path in (inner, "nowhere", "circle", "through", "virtual", "outer"):
+        with refused(f"{path}: expected real numbers, got (a link|values in another file), which"):
             described[path].read(path)
 
 
-def test_groups_within_groups_are_read_up_to_a_limit(tmp_path):
-    with h5py.File(tmp_path / "deep.h5", "w") as root:
-        group = root
-        for _ in range(300):
-            group = group.create_group("g")
-            group["x"] = 1.0
-    with pytest.raises(tv.InputError, match="groups are nested more than 100 deep"):
-        describe_file(tmp_path / "deep.h5")
-
-
 def test_names_that_occur_twice_are_refused(tmp_path, signals):
-    for name, text in {
-        "a.csv": "pos, tq ,pos\n1,2,3\n",
-        "a.tsv": "pos\ttq\t tq\n1\t2\t3\n",
-    }.items():
-        (tmp_path / name).write_text(text)
+    (tmp_path / "a.csv").write_text("pos, tq ,pos\n1,2,3\n")
+    (tmp_path / "a.tsv").write_text("pos\ttq\t tq\n1\t2\t3\n")
     np.savez(tmp_path / "a.npz", pos=signals[0], tqq=signals[1], tq1=signals[0])
     content = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(content.replace(b"tqq.npy", b"tq1.npy"))
-    for name in ("first", "second"):
-        savemat(tmp_path / f"{name}.mat", {"tq": np.ones(3)})
-    (tmp_path / "a.mat").write_bytes(
-        (tmp_path / "first.mat").read_bytes() + (tmp_path / "second.mat").read_bytes()[128:]
-    )
-    for name in ("a.csv", "a.tsv", "a.npz", "a.mat"):
-        with pytest.raises(
-            tv.InputError,
-            match=rf"{name}: .* (called|name) .*(tq|pos).*give each a name of its own",
-        ):
-            describe_file(tmp_path / name)
+    savemat(tmp_path / "a.mat", {"tq": np.ones(3)})
+    content = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(content + content[128:])
+    for file in tmp_path.iterdir():
+        with refused(rf"{file.name}: .*(called '(tq1?|pos)'|Duplicate variable name \"tq\")"):
+            describe_file(file)
+
+
+@pytest.mark.parametrize(
+    "text", ["pos;tq;n\n0,5;-1;1\n1,25;2;2\n", "pos;tq;n\n0.5;-1;1\n1.25;2;2\n"]
+)
+def test_semicolons_separate_columns(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    recording = read(tmp_path / "a.csv", angle_unit="deg")
+    np.testing.assert_allclose(np.degrees(recording.angle), [0.5, 1.25])
+    np.testing.assert_array_equal(recording.torque, [-1, 2])
+    (tmp_path / "a.csv").write_text(text.partition("\n")[2])
+    bare = read(tmp_path / "a.csv", angle="1", torque="2", angle_unit="deg", header=False)
+    np.testing.assert_array_equal(bare.angle, recording.angle)
 
 
 def test_columns_without_a_name_are_no_duplicates(tmp_path):
     (tmp_path / "a.csv").write_text("\npos,,tq,\n1,,2,\n2,,3,\n")
-    assert [
-        name for name in describe_file(tmp_path / "a.csv") if not name.startswith("Unnamed")
-    ] == ["pos", "tq"]
+    names = [*describe_file(tmp_path / "a.csv")]
+    assert [name for name in names if not name.startswith("Unnamed")] == ["pos", "tq"]
 
 
 @pytest.mark.parametrize("columns", [10_001, 2_000_000])
 def test_more_columns_than_anyone_has_are_refused(tmp_path, columns):
-    (tmp_path / "wide.csv").write_text(
-        ",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns
-    )
-    with pytest.raises(
-        tv.InputError, match=r"the first line has \d+ columns or more; expected 10000 at most"
-    ):
+    lines = ",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns
+    (tmp_path / "wide.csv").write_text(lines)
+    with refused(r"the first line has \d+ columns or more; expected 10000 at most"):
         describe_file(tmp_path / "wide.csv")
 
 
 def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
-    np.savetxt(tmp_path / "bare.csv", np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
-    with pytest.raises(
-        tv.InputError, match=r"bare.csv: the first line is all numbers, .* say --no-header"
-    ):
-        read(tmp_path / "bare.csv", angle="1", torque="2")
-    recording = read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
-    np.testing.assert_array_equal(recording.angle, signals[0])
-    np.testing.assert_array_equal(recording.torque, signals[1])
-    WRITERS["ankle.csv"](tmp_path / "ankle.csv", *signals)
-    with pytest.raises(
-        tv.InputError, match=r"the first line has names, such as \['pos'\]; read it without"
-    ):
-        read(tmp_path / "ankle.csv", header=False)
-    WRITERS["ankle.npz"](tmp_path / "ankle.npz", *signals)
-    with pytest.raises(
-        tv.InputError,
-        match=r"--no-header \(header=False\) is for text tables; leave it out for a .npz",
-    ):
-        read(tmp_path / "ankle.npz", header=False)
+    bare = tmp_path / "bare.csv"
+    np.savetxt(bare, np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
+    with refused(r"bare.csv: the first line is all numbers, .* say --no-header"):
+        read(bare, angle="1", torque="2")
+    recording = read(bare, angle="1", torque="2", header=False)
+    np.testing.assert_array_equal([recording.angle, recording.torque], signals)
+    for name, message in {
+        "ankle.csv": r"the first line has names, such as \['pos'\]; read it without",
+        "ankle.npz": r"--no-header \(header=False\) is for text tables; leave it out for a .npz",
+    }.items():
+        WRITERS[name](tmp_path / name, *signals)
+        with refused(message):
+            read(tmp_path / name, header=False)
 
 
 @pytest.mark.parametrize("text", ["1,2\n3,4,5\n", "1,2\n3,x\n", "1,,2\n3,4\n"])
 def test_text_without_names_that_is_ragged_is_no_signal(tmp_path, text):
     (tmp_path / "bare.csv").write_text(text)
-    with pytest.raises(tv.InputError, match=r"bare\.csv"):
+    with refused(r"bare\.csv"):
         read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
 
 
@@ -406,15 +324,9 @@ def test_time_series_of_nwb(tmp_path, signals):
         write_series(root, "acquisition/pos", counts, "rad", conversion=1e-4, offset=0.5)
         write_series(root, "processing/behavior/tq", both, "N m", conversion=2.0)
         root["processing/behavior/tq/channel_conversion"] = [1.0, 3.0]
-        write_series(root, "acquisition/lost", signals[0], "rad", timestamps=uneven)
-        write_series(root, "acquisition/short", signals[0], "rad", timestamps=uneven[1:])
-        write_series(
-            root,
-            "acquisition/shared",
-            signals[0],
-            "rad",
-            timestamps=h5py.SoftLink("/acquisition/lost/timestamps"),
-        )
+        shared = h5py.SoftLink("/acquisition/lost/timestamps")
+        for name, times in {"lost": uneven, "short": uneven[1:], "shared": shared}.items():
+            write_series(root, f"acquisition/{name}", signals[0], "rad", timestamps=times)
         write_series(root, "acquisition/away", signals[0], "rad")
         del root["acquisition/away/data"]
         root["acquisition/away/data"] = h5py.ExternalLink("other.h5", "pos")
@@ -423,51 +335,35 @@ def test_time_series_of_nwb(tmp_path, signals):
     recording = read(file, **names)
     np.testing.assert_allclose(recording.angle, 1e-4 * counts + 0.5, rtol=1e-15)
     np.testing.assert_allclose(recording.torque, 6 * signals[1], rtol=1e-15)
-    for name, what in {
-        "lost": "values at times that are not evenly spaced",
-        "shared": "values at times that are not evenly spaced",
-        "short": "values whose timestamps are missing, elsewhere, or not one for each sample",
-        "away": "a link to another file, other.h5, which is not followed",
-    }.items():
-        with pytest.raises(tv.InputError, match=f"expected real numbers, got {what}"):
+    for name in ("lost", "shared", "short", "away"):
+        with refused("expected real numbers, got (values without evenly spaced times|a link)"):
             read(file, **names | {"angle": f"acquisition/{name}"})
-    assert [*describe_file(file)][-2:] == ["processing/behavior/tq.1", "processing/behavior/tq.2"]
 
 
 def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
     file = tmp_path / "sub-1" / "motion" / "sub-1_task-a_run-2_motion.tsv"
     file.parent.mkdir(parents=True)
     WRITERS["sub-1_motion.tsv"](file, *signals)
-    described = file.with_name("sub-1_task-a_run-2_channels.tsv").rename(
-        tmp_path / "task-a_channels.tsv"
-    )
+    beside = file.with_name("sub-1_task-a_run-2_channels.tsv")
+    described = beside.rename(tmp_path / "task-a_channels.tsv")
     rate = file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
-    file.with_name("sub-1_task-b_motion.json").write_text(
-        '{"SamplingFrequency": 7}'
-    )  # of another task
+    of_another_task = file.with_name("sub-1_task-b_motion.json")
+    of_another_task.write_text('{"SamplingFrequency": 7}')
     np.testing.assert_array_equal(read(file).torque, signals[1])
     assert describe_file(file)["tq"].sampling_rate == 200
     rate.write_text("{}")
     assert describe_file(file)["tq"].sampling_rate is None
     rows = described.read_text()
-    described.write_text(rows.replace("MISC", "LATENCY"))  # whose times are not evenly spaced
-    with pytest.raises(
-        tv.InputError, match="pos: expected real numbers, got values at times that are not evenly"
-    ):
-        read(file)
-    described.write_text(rows + "\nemg\tEMG\tV")
-    with pytest.raises(
-        tv.InputError, match=r"it has 2 columns, and its _channels\.tsv describes 3"
-    ):
-        read(file)
-    described.write_text("name\n")
-    with pytest.raises(tv.InputError, match=r"task-a_channels\.tsv lacks rows with name and type"):
-        read(file)
+    for text, message in {
+        rows.replace("MISC", "LATENCY"): "got values without evenly spaced times",
+        rows + "\nemg\tEMG\tV": r"it has 2 columns, and its _channels\.tsv describes 3",
+        "name\n": r"task-a_channels\.tsv lacks rows with name and type",
+    }.items():
+        described.write_text(text)
+        with refused(message):
+            read(file)
     described.unlink()
-    with pytest.raises(
-        tv.InputError,
-        match=r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns",
-    ):
+    with refused(r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
         read(file)
 
 
@@ -475,9 +371,7 @@ def test_motion_bids_has_no_names_in_it(tmp_path, signals):
     file = tmp_path / "sub-1_motion.tsv"
     WRITERS[file.name](file, *signals)
     file.write_text("pos\ttq\n" + file.read_text())
-    with pytest.raises(
-        tv.InputError, match=r"expected numbers in the first line, .* got \['pos', 'tq'\]"
-    ):
+    with refused(r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
         read(file)
 
 
@@ -489,30 +383,20 @@ def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
     np.testing.assert_allclose(recording.angle, signals[0], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(recording.torque, signals[1], rtol=1e-6, atol=1e-9)
     described = describe_file(file)
-    assert [*described] == [
-        f"{label}.{axis}" for label in ("LAnkleAngles", "LAnkleMoment", "LANK") for axis in "xyz"
-    ]
+    labels = ("LAnkleAngles", "LAnkleMoment", "LANK")
+    assert [*described] == [f"{label}.{axis}" for label in labels for axis in "xyz"]
     assert [described[name].unit for name in (*names.values(), "LANK.y")] == ["deg", "Nmm", "mm"]
-    with pytest.warns(
-        tv.DataQualityWarning,
-        match=r"unit 'Nmm' for LAnkleMoment\.z, and is read in Nm|has an RMS|'deg'",
-    ):
+    with pytest.warns(tv.DataQualityWarning, match=r"unit 'Nmm' for LAnk.*|has an RMS|'deg'"):
         read(file, **names)
 
 
 def test_edf_of_several_rates_is_refused_with_the_rates(tmp_path, signals):
     edfio = pytest.importorskip("edfio", reason="edfio is not installed")
-    made = [
-        edfio.EdfSignal(signals[0][:400], 200.0, label="pos"),
-        edfio.EdfSignal(signals[0][:200], 100.0, label="tq"),
-    ]
+    rates = {"pos": 200, "tq": 100}
+    made = [edfio.EdfSignal(signals[0][: 2 * r], r, label=label) for label, r in rates.items()]
     edfio.Edf(made).write(tmp_path / "a.edf")
-    expected = (
-        r"pos 400 x 1, tq 200 x 1 \(sampled at pos 200 Hz, tq 100 Hz\); .* resample them "
-        r"to one rate before"
-    )
-    with pytest.raises(tv.InputError, match=expected):
-        tv.read_recording(tmp_path / "a.edf", angle="pos", torque="tq", sampling_rate=200)
+    with refused(r"pos \(400, 200 Hz\), tq \(200, 100 Hz\); .* resample them to one rate before"):
+        read(tmp_path / "a.edf")
 
 
 def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
@@ -520,64 +404,46 @@ def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
     file = tmp_path / "ankle.edf"
     same = [edfio.EdfSignal(each, 200.0, label="V", physical_dimension="mV") for each in signals]
     edfio.Edf(same, annotations=[edfio.EdfAnnotation(0, None, "start")]).write(file)
-    assert {name: item.unit for name, item in describe_file(file).items()} == {
-        "V (1)": "mV",
-        "V (2)": "mV",
-    }
-    content = file.read_bytes()
-    assert content.count(b"EDF+C") == 1
-    assert content.count(b"+1\x14\x14") == 1
-    file.write_bytes(
-        content.replace(b"EDF+C", b"EDF+D")
-    )  # which says that there may be gaps, and there is none
+    assert {name: it.unit for name, it in describe_file(file).items()} == dict.fromkeys(
+        ("V (1)", "V (2)"), "mV"
+    )
+    content = file.read_bytes().replace(b"EDF+C", b"EDF+D")  # gaps are possible, and there is none
+    file.write_bytes(content)
     assert len(describe_file(file)) == 2
-    file.write_bytes(content.replace(b"EDF+C", b"EDF+D").replace(b"+1\x14\x14", b"+7\x14\x14"))
-    with pytest.raises(tv.InputError, match=r"the recording was interrupted \(EDF\+D\)"):
+    file.write_bytes(content.replace(b"+1\x14\x14", b"+7\x14\x14"))
+    with refused(r"the recording was interrupted \(EDF\+D\)"):
         describe_file(file)
 
 
 def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / "a.edf").write_bytes(b"0       ")
     monkeypatch.setitem(sys.modules, "edfio", None)
-    with pytest.raises(
-        tv.InputError, match=r"these files need edfio: pip install 'tvsysid\[edf\]'"
-    ):
+    with refused("these files need edfio; pip install edfio"):
         describe_file(tmp_path / "a.edf")
 
 
 ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]
 
 
-@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@NO_OBJECT_WARNINGS
 @pytest.mark.parametrize(
-    ("kind", "turn"),
-    [("struct", np.ravel), ("struct", np.transpose), ("v7", np.ravel), ("v7.3", np.ravel)],
+    ("kind", "by_channel"), [("struct", False), ("struct", True), ("v7", False), ("v7.3", False)]
 )
-def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, turn):
+def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, by_channel):
     file = tmp_path / "ankle.mat"
-    tables = [
-        turn(np.stack([each, each])) if turn is np.transpose else np.array(each)
-        for each in (ONSETS, LENGTHS)
-    ]
+    tables = [np.stack([each, each], axis=1) if by_channel else each for each in (ONSETS, LENGTHS)]
     write_segdat(file, signals, kind, *tables)
     names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
     recording = read(file, **names)
-    parts = [
-        slice(first - 1, first - 1 + length) for first, length in zip(ONSETS, LENGTHS, strict=True)
-    ]
-    np.testing.assert_array_equal(
-        recording.torque, np.concatenate([signals[1][part] for part in parts])
-    )
+    pairs = zip(ONSETS, LENGTHS, strict=True)
+    parts = [signals[1][first - 1 : first - 1 + length] for first, length in pairs]
+    np.testing.assert_array_equal(recording.torque, np.concatenate(parts))
     assert recording.trial_starts == (0, 200, 300)
-    usable = tv.recordings.read_usable_trials(
-        {"P1": file}, tv.recordings.Reading(**names, sampling_rate=200.0), 0.6
-    )
+    reading = tv.recordings.Reading(**names, sampling_rate=200.0)
+    usable = tv.recordings.read_usable_trials({"P1": file}, reading, 0.6)
     assert usable.names == ("P1, trial 1", "P1, trial 3")
-    np.testing.assert_array_equal(usable.recording.torque[200:], signals[1][parts[2]])
-    with pytest.raises(
-        tv.InputError,
-        match=r"3 segments with gaps between them; read each as a trial \(--columns tri",
-    ):
+    np.testing.assert_array_equal(usable.recording.torque[200:], parts[2])
+    with refused(r"3 segments with gaps between them; read each as a trial \(--columns tri"):
         read(file, **names | {"columns": "contiguous"})
 
 
@@ -588,40 +454,26 @@ def test_as_many_segments_as_channels_are_told_from_columns_of_channels(
     tmp_path, signals, onsets, lengths, count
 ):
     write_segdat(tmp_path / "ankle.mat", signals, "struct", onsets, lengths)
-    recording = read(
-        tmp_path / "ankle.mat", angle="io.pos", torque="io.tq", angle_unit="deg", columns="trials"
-    )
+    names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
+    recording = read(tmp_path / "ankle.mat", **names)
     assert (len(recording.trial_starts), len(recording)) == (count, 200 if count == 2 else 600)
 
 
-@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@NO_OBJECT_WARNINGS
 @pytest.mark.parametrize(
-    ("kind", "onsets", "lengths", "message"),
+    ("kind", "onsets", "lengths"),
     [
-        ("struct", [1, 501], [100, 101], "a segdat with segments that its samples do not have"),
-        ("struct", [0, 301], [100, 100], "a segdat with segments that its samples do not have"),
-        (
-            "struct",
-            [1, 301],
-            [100],
-            "a segdat whose segments cannot be read; in MATLAB: s = struct",
-        ),
-        (
-            "struct",
-            [1, np.nan],
-            [100, 1],
-            "a segdat whose segments cannot be read; in MATLAB: s = struct",
-        ),
-        (
-            "struct",
-            [[1, 1], [301, 301]],
-            [100, 100],
-            "a segdat whose segments cannot be read; in MATLAB: s = struct",
-        ),
-        ("v7", None, [600, 1], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+        ("struct", [1, 501], [100, 101]),
+        ("struct", [0, 301], [100, 100]),
+        ("struct", [1, 301], [100]),
+        ("struct", [1, np.nan], [100, 1]),
+        ("struct", [[1, 1], [301, 301]], [100, 100]),
+        ("v7", None, [600, 1]),
     ],
 )
-def test_segments_that_cannot_be_are_refused(tmp_path, signals, kind, onsets, lengths, message):
+def test_segments_that_cannot_be_are_refused(tmp_path, signals, kind, onsets, lengths):
     write_segdat(tmp_path / "ankle.mat", signals, kind, onsets, lengths)
-    with pytest.raises(tv.InputError, match=f"io.pos: expected real numbers, got {message}"):
+    with refused(
+        "io.pos: expected real numbers, got a segdat whose segments cannot be read; in MA"
+    ):
         read(tmp_path / "ankle.mat", angle="io.pos", torque="io.tq")

@@ -4,7 +4,7 @@ import pytest
 from scipy.io import savemat
 
 import tvsysid as tv
-from tvsysid.recordings import join_trials
+from tvsysid.recordings import Reading, Segmentation, join_trials
 
 
 @pytest.fixture
@@ -12,36 +12,32 @@ def signals(random):
     return random.normal(scale=0.1, size=(40, 3)), random.normal(size=(40, 3))
 
 
-@pytest.fixture
-def mat(tmp_path, signals):
+@pytest.fixture(params=[False, True])
+def mat(tmp_path, signals, request):
     file = tmp_path / "ankle.mat"
-    savemat(file, {"pos": signals[0], "tq": signals[1], "note": "hello", "rate": 100.0})
+    variables = {"pos": signals[0], "tq": signals[1], "note": "hello", "rate": 100.0}
+    savemat(file, variables, do_compression=request.param)
     return file
 
 
 def read(file, angle="pos", torque="tq", **settings):
-    return tv.read_recording(
-        file, angle=angle, torque=torque, **({"sampling_rate": 100.0} | settings)
-    )
+    settings = {"sampling_rate": 100.0} | settings
+    return tv.read_recording(file, angle=angle, torque=torque, **settings)
 
 
-@pytest.mark.parametrize("compress", [False, True])
-def test_columns_that_follow_each_other(tmp_path, signals, compress):
-    file = tmp_path / "ankle.mat"
-    savemat(file, {"pos": signals[0], "tq": signals[1]}, do_compression=compress)
-    recording = read(file)
-    np.testing.assert_array_equal(recording.angle, signals[0].T.ravel())
-    np.testing.assert_array_equal(recording.torque, signals[1].T.ravel())
-    assert recording.trial_starts == (0,)
+def refused(match):
+    return pytest.raises(tv.InputError, match=match)
 
 
-def test_columns_that_are_trials(mat, signals):
-    recording = read(mat, columns="trials", start=-1.0)
-    assert recording.trial_starts == (0, 40, 80)
-    for trial, (angle, torque) in enumerate(zip(*(values.T for values in signals), strict=True)):
-        np.testing.assert_array_equal(recording.angle[recording.trials[trial]], angle)
-        np.testing.assert_array_equal(recording.torque[recording.trials[trial]], torque)
-    assert recording.start == -1.0
+def test_columns_follow_each_other_or_are_trials(mat, signals):
+    contiguous = read(mat)
+    assert contiguous.trial_starts == (0,)
+    trials = read(mat, columns="trials", start=-1.0)
+    assert trials.trial_starts == (0, 40, 80)
+    assert trials.start == -1.0
+    for recording in (contiguous, trials):
+        np.testing.assert_array_equal(recording.angle, signals[0].T.ravel())
+        np.testing.assert_array_equal(recording.torque, signals[1].T.ravel())
 
 
 @pytest.mark.parametrize("shape", [(120,), (120, 1), (1, 120)])
@@ -54,12 +50,9 @@ def test_vectors_of_any_orientation(tmp_path, signals, shape):
 @pytest.mark.parametrize(("ending", "separator"), [(".csv", ","), (".tsv", "\t"), (".CSV", ", ")])
 def test_text(tmp_path, signals, ending, separator):
     file = tmp_path / f"ankle{ending}"
-    lines = [separator.join(["pos", "tq", "emg"])]
-    lines += [
-        separator.join(f"{value:.17g}" for value in row)
-        for row in zip(*(s.ravel() for s in signals), range(120), strict=True)
-    ]
-    file.write_text("\n".join(lines))
+    rows = zip(*(each.ravel() for each in signals), range(120), strict=True)
+    lines = [["pos", "tq", "emg"], *([f"{value:.17g}" for value in row] for row in rows)]
+    file.write_text("\n".join(map(separator.join, lines)))
     recording = read(file, channels={"emg": "emg"})
     np.testing.assert_array_equal(recording.angle, signals[0].ravel())
     np.testing.assert_array_equal(recording.channels["emg"], np.arange(120))
@@ -71,108 +64,73 @@ def test_units_and_sign(mat, signals):
     np.testing.assert_array_equal(recording.torque, -signals[1].T.ravel())
 
 
-def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
-    file = tmp_path / "degrees.csv"
-    pd.DataFrame({"pos": 3 * random.normal(size=50), "tq": random.normal(size=50)}).to_csv(file)
-    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
-        read(file)
-    read(file, angle_unit="deg")
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"angle": "angle"}, r"no channel 'angle'; it holds pos \(40 x 3\), tq \(40 x 3\), note"),
         ({"angle": "note"}, "ankle.mat: note: expected real numbers"),
-        ({"torque": "rate"}, "different lengths: pos 40 x 3, rate 1 x 1"),
-        ({"angle_unit": "grad"}, "angle_unit must be one of 'rad', 'deg', got 'grad'"),
+        ({"torque": "rate"}, r"different lengths: pos \(40 x 3\), rate \(1 x 1\)"),
+        ({"angle_unit": "grad"}, "--angle-unit: angle_unit must be one of 'rad', 'deg', got 'gra"),
         ({"torque_sign": 2}, "torque_sign must be one of 1, -1, got 2"),
         ({"columns": "rows"}, "columns must be one of 'contiguous', 'trials', got 'rows'"),
-        ({"sampling_rate": 0.0}, "sampling_rate must be a positive number"),
+        ({"sampling_rate": 0.0}, "--rate: sampling_rate must be a positive number"),
         ({"sampling_rate": None}, r"sampling_rate is missing; give it \(--rate\)"),
         ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
         ({"channels": ["emg"]}, "--channel emg: expected NAME=CHANNEL"),
+        ({"channels": ["emg=a", "emg=b"]}, "--channel emg=… is given twice"),
         ({"channels": {"torque": "angle"}}, "channels: 'torque' is the name of a signal already"),
     ],
 )
 def test_a_wrong_request_is_refused(mat, settings, message):
-    with pytest.raises(tv.InputError, match=message):
+    with refused(message):
         read(mat, **settings)
 
 
-def file_with(folder, name, content):
-    file = folder / name
-    file.write_bytes(content)
-    return file
+def test_an_error_names_the_option():
+    with refused("--period: period must be a positive number, or None, got 0"):
+        Segmentation(period=0)
+    with refused("angle and torque are both 'pos'; name the channel of each"):
+        Reading(angle="pos", torque="pos")
 
 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("empty.mat", b"", "the file is empty"),
-        ("empty.csv", b"", "the file is empty"),
-        (
-            "text.mat",
-            b"pos,tq\n1,2\n3,4\n" * 40,
-            "by its content it is text; give it the ending .csv or .tsv",
-        ),
-        ("noise.mat", bytes(range(256)) * 20, r"noise\.mat: cannot be read .*Copy it again"),
-        (
-            "hdf.mat",
-            b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200,
-            r"hdf\.mat: cannot be read .*Copy it again",
-        ),
-        (
-            "hdf5.mat",
-            b"\x89HDF\r\n\x1a\n" + b" " * 200,
-            "by its content it is an HDF5 file; give it the ending .h5 or .hdf5",
-        ),
-        ("binary.csv", bytes(range(128, 256)) * 20, "not a text table with a header line"),
+        ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "cannot be read .* is its ending right"),
+        ("noise.mat", bytes(range(256)) * 20, r"noise\.mat: cannot be read"),
+        ("hdf5.mat", b"\x89HDF\r\n\x1a\n" + b" " * 200, "cannot be read"),
+        ("binary.csv", bytes(range(128, 256)) * 20, "cannot be read"),
         ("header.csv", b"pos,tq\n", "got an empty array"),
         ("words.csv", b"pos,tq\n1,2\nhigh,4\n", "words.csv: pos: expected real numbers"),
-        (
-            "gap.csv",
-            b"pos,tq\n1,2\n,4\n5,6\n",
-            "1 of 3 values are NaN or infinite, the first at time 1",
-        ),
-        ("longer.csv", b"pos,tq\n1,2,3\n3,4,5\n", "not a text table with a header line"),
-        ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "not a text table with a header line"),
-        (
-            "other.xls",
-            b"pos,tq\n",
-            r"unknown ending '.xls'; files that can be read end in .mat, .csv, .tsv",
-        ),
+        ("gap.csv", b"pos,tq\n1,2\n,4\n5,6\n", "1 of 3 values are NaN .*, the first at time 1"),
+        ("longer.csv", b"pos,tq\n1,2,3\n3,4,5\n", "cannot be read"),
+        ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "Expected 2 fields in line 3, saw 4"),
+        ("cut.csv", b"pos,tq,emg\n1,2,3\n\n3,4\n5,6,7\n", "line 4 has 2 of 3 columns; delete"),
+        ("other.xls", b"pos,tq\n", "unknown ending '.xls'; files that can be read end in .mat, "),
+        ("nowhere.mat", None, r"nowhere\.mat: no such file"),
+        ("", None, "expected a file, got a folder"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, content, message):
-    with pytest.raises(tv.InputError, match=message):
-        read(file_with(tmp_path, name, content))
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(tv.InputError, match=r"nowhere\.mat: no such file"):
-        read(tmp_path / "nowhere.mat")
-    (tmp_path / "folder.mat").mkdir()
-    with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
-        read(tmp_path / "folder.mat")
-    with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
-        read(tmp_path)
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with refused(message):
+        read(tmp_path / name)
 
 
 @pytest.fixture
 def days(tmp_path, random):
-    files = []
-    for day, length in enumerate((200, 300)):
-        files.append(tmp_path / f"day{day}.csv")
-        table = pd.DataFrame(
-            random.normal(scale=0.1, size=(length, 3)), columns=["pos", "tq", "emg"]
-        )
-        table.to_csv(files[-1], index=False)
+    files = [tmp_path / "day0.csv", tmp_path / "day1.csv"]
+    for file, length in zip(files, (200, 300), strict=True):
+        signals = random.normal(scale=0.1, size=(length, 3))
+        pd.DataFrame(signals, columns=["pos", "tq", "emg"]).to_csv(file, index=False)
     return files
 
 
 def read_days(days, **settings):
-    return tv.read_trials(days, angle="pos", torque="tq", **({"sampling_rate": 100.0} | settings))
+    settings = {"sampling_rate": 100.0} | settings
+    return tv.read_trials(days, angle="pos", torque="tq", **settings)
 
 
 def test_trials_in_files_of_their_own(days):
@@ -191,21 +149,42 @@ def test_files_of_several_trials_each(mat):
 
 
 def test_trials_that_cannot_be_joined_are_refused(days, random):
-    with pytest.raises(
-        tv.InputError, match=r"expected several files, got .*day0\.csv'; give a list"
-    ):
+    with refused(r"expected several files, got .*day0\.csv'; give a list"):
         read_days(days[0])
-    with pytest.raises(tv.InputError, match="expected recordings, got none"):
+    with refused("expected recordings, got none"):
         read_days([])
     one, two = random.normal(size=(2, 50))
-    other = tv.Recording(one, two, 50.0)
-    with pytest.raises(
-        tv.InputError,
-        match=r"recording 1 and the first differ in sampling rate: 50\.0 instead of 100",
-    ):
-        join_trials([tv.Recording(one, two, 100.0), other])
-    with pytest.raises(tv.InputError, match=r"differ in channels: \[\] instead of \['emg'\]"):
-        join_trials([tv.Recording(one, two, 50.0, channels={"emg": one}), other])
+    first = tv.Recording(one, two, 100.0)
+    for other in (tv.Recording(one, two, 50.0), tv.Recording(one, two, 100.0, -1.0)):
+        with refused(r"recording 1 has .* Hz from .* and the first 100.0 Hz from 0.0 s"):
+            join_trials([first, other])
+    with refused("recording 1 has .*, channels: emg, and the first .*, channels: none"):
+        join_trials([first, tv.Recording(one, two, 100.0, channels={"emg": one})])
+
+
+def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
+    trials = {name: random.normal(scale=0.1, size=(2, 50, 2)) for name in "abcd"}
+    trials["a"][0, 7, 1] = np.nan
+    trials["b"][1] *= 100
+    for name, (angle, torque) in trials.items():
+        savemat(tmp_path / f"{name}.mat", {"pos": angle, "tq": torque})
+    files = {name: tmp_path / f"{name}.mat" for name in "abcde"}
+    reading = Reading(angle="pos", torque="tq", sampling_rate=100.0, columns="trials")
+    with pytest.warns(tv.DataQualityWarning, match=r"b, .*: the torque is .* times as large as in"):
+        usable = tv.recordings.read_usable_trials(files, reading)
+    names = [f"{name}, trial {number}" for name in "abcd" for number in (1, 2)]
+    assert [*usable.names] == [name for name in names if name != "a, trial 2"]
+    assert usable.refused["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
+    assert usable.refused["e"] == "no such file"
+    assert len(usable.recording.trials) == 7
+
+
+def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
+    file = tmp_path / "degrees.csv"
+    pd.DataFrame({"pos": 3 * random.normal(size=50), "tq": random.normal(size=50)}).to_csv(file)
+    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
+        read(file)
+    read(file, angle_unit="deg")
 
 
 def test_a_lost_signal_is_told_with_trial_and_time(tmp_path, random):
@@ -215,39 +194,29 @@ def test_a_lost_signal_is_told_with_trial_and_time(tmp_path, random):
     savemat(tmp_path / "ankle.mat", {"pos": signals[0], "tq": signals[1]})
     with pytest.warns(tv.DataQualityWarning) as told:
         read(tmp_path / "ankle.mat", columns="trials", start=-1.0)
+    remedy = "if the signal was lost there, cut that out"
     assert [str(item.message) for item in told] == [
-        "ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; if the signal was lost "
-        "there, cut that out",
-        "ankle.mat: tq stays at 0 for 0.4 s from 3.6 s in trial 1 of 2; if the signal was lost "
-        "there, cut that out",
+        f"ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; {remedy}",
+        f"ankle.mat: tq stays at 0 for 0.4 s from 3.6 s in trial 1 of 2; {remedy}",
     ]
 
 
-def test_a_joint_that_is_held_before_and_after_is_no_doubt(tmp_path, random):
-    angle, torque = random.normal(scale=0.1, size=(2, 500))
-    angle[:100], angle[400:], angle[200:220] = 0.0, 0.2, 0.1
-    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
-    assert len(read(tmp_path / "ankle.mat")) == 500
-
-
-def test_a_perturbation_between_two_levels_is_no_doubt_but_a_third_is(tmp_path, random):
-    angle, torque = np.repeat(random.choice([-0.1, 0.1], 20), 50), random.normal(size=1000)
-    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
-    read(tmp_path / "ankle.mat")
-    angle[400:450] = 0.0
-    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
-    with pytest.warns(
-        tv.DataQualityWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"
-    ):
-        read(tmp_path / "ankle.mat")
+def test_a_joint_may_be_held_before_and_after_and_between_two_levels(tmp_path, random):
+    file, torque = tmp_path / "ankle.mat", random.normal(size=1000)
+    held = random.normal(scale=0.1, size=1000)
+    held[:100], held[900:], held[200:220] = 0.0, 0.2, 0.1
+    levels = np.repeat(random.choice([-0.1, 0.1], 20), 50)
+    for angle in (held, levels):
+        savemat(file, {"pos": angle, "tq": torque})
+        read(file)
+    levels[400:450] = 0.0
+    savemat(file, {"pos": levels, "tq": torque})
+    with pytest.warns(tv.DataQualityWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial"):
+        read(file)
 
 
 def test_a_constant_channel_is_told(tmp_path, random):
-    savemat(
-        tmp_path / "ankle.mat",
-        {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)},
-    )
-    with pytest.warns(
-        tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this the right channel"
-    ):
+    angle, torque = random.normal(scale=0.1, size=(2, 50))
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque, "emg": np.ones(50)})
+    with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this"):
         read(tmp_path / "ankle.mat", channels={"emg": "emg"})

@@ -42,10 +42,10 @@ def worker_pid():
 def test_a_file_that_kills_its_library_is_an_error_and_the_next_is_read(name, sound, monkeypatch):
     if name.endswith(".c3d"):
         pytest.importorskip("ezc3d", reason="ezc3d is not installed")
-    monkeypatch.setattr(worker, "SECONDS", 1.0)
+    monkeypatch.setattr(worker, "CPU_S", 1.0)
     with pytest.raises(
         tv.InputError,
-        match=rf"{name}: (the library .* crashed|reading it takes more memory|cannot)",
+        match=rf"{name}: (the library .* crashed|cannot be read)",
     ):
         describe_file(DAMAGED / name)
     assert set(describe_file(sound)) == {"pos", "tq"}
@@ -117,5 +117,5 @@ def test_paths_are_those_of_the_caller(sound, tmp_path, monkeypatch):
     sound.rename(strange)
     assert describe_file(strange)
     os.mkfifo("pipe.mat")
-    with pytest.raises(tv.InputError, match=r"^pipe\.mat: expected a file, this is none"):
+    with pytest.raises(tv.InputError, match=r"^pipe\.mat: no such file"):
         describe_file("pipe.mat")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.figures.style import (
@@ -20,7 +21,7 @@ from tvsysid.figures.style import (
     styled,
 )
 from tvsysid.figures.words import wrapped
-from tvsysid.recordings import Channel, outline
+from tvsysid.recordings import Channel
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
@@ -82,6 +83,25 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
         axes.set_xlabel("sample" if rate is None else "time (s)")
         axes.margins(x=0)
     return figure
+
+
+def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return positions and values of the lowest and highest sample of each block, for a drawing.
+
+    Signals of shape (time,) that are shorter than two samples for each block come out whole.
+    """
+    if len(values) <= 2 * blocks:
+        return np.arange(len(values)), values
+    starts = np.linspace(0, len(values), blocks, endpoint=False).astype(np.int64)
+    # NaN counts as the lowest, so that a gap is seen.
+    known = np.nan_to_num(values, nan=-np.inf)
+    extremes = [
+        start + find(block)
+        for find in (np.argmin, np.argmax)
+        for start, block in zip(starts, np.split(known, starts[1:]), strict=True)
+    ]
+    positions = np.unique(extremes)
+    return positions, values[positions]
 
 
 @styled

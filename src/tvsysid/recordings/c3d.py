@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,24 +9,10 @@ from typing import Any
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import (
-    Channel,
-    in_memory,
-    numbered,
-    optional_library,
-    stated_rate,
-    stated_unit,
-)
+from tvsysid.recordings.channel import Channel, channel_of, numbered, padded
 
-BIG_ENDIAN = 86  # processor that wrote the file, as its parameter section states it: MIPS
-# Results of body models are stored as points: parameters with their labels, and with their units.
-MODEL_UNITS = {
-    "ANGLES": "ANGLE_UNITS",
-    "FORCES": "FORCE_UNITS",
-    "MOMENTS": "MOMENT_UNITS",
-    "POWERS": "POWER_UNITS",
-    "SCALARS": "SCALAR_UNITS",
-}
+MODEL_OUTPUTS = ("ANGLE", "FORCE", "MOMENT", "POWER", "SCALAR")
+"""Results of body models are stored as points: ``ANGLES`` has labels, ``ANGLE_UNITS`` the unit."""
 
 
 def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -37,53 +22,42 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     moments, powers and scalars go before markers. Labels that several signals share are followed by
     a number: ``Voltage (3)``, ``C7 (4).x``.
     """
-    ezc3d = optional_library("ezc3d", "c3d")
-    size, expected = file.stat().st_size, _expected_size(file)
-    if size < expected:  # ezc3d would read such a file in part
-        raise InputError(f"the C3D file ends after {size} of {expected} bytes; copy it again")
+    import ezc3d  # noqa: PLC0415  # optional
+
     content = ezc3d.c3d(str(file))
-    parameters, header = content["parameters"], content["header"]
-    analogs = np.concatenate(list(content["data"]["analogs"]), axis=-1)
-    about = parameters.get("ANALOG", {})
-    units, rate = _texts(about, "UNITS"), stated_rate(header["analogs"]["frame_rate"])
-    units += [""] * len(analogs)
-    for name, values, unit in zip(
-        numbered(_texts(about, "LABELS"), len(analogs)), analogs, units, strict=False
-    ):
-        yield name, in_memory(values, stated_unit(unit), rate)
-    points, about = content["data"]["points"][:3], parameters.get("POINT", {})
-    rate = stated_rate(header["points"]["frame_rate"])
+    points, analogs = content["data"]["points"][:3], content["data"]["analogs"][0]
+    if points.shape[2] < (expected := _frames(file)):
+        raise InputError(
+            f"the C3D file ends after {points.shape[2]} of {expected} frames; copy it again"
+        )
+    about, rate = content["parameters"]["ANALOG"], content["header"]["analogs"]["frame_rate"]
+    units = padded(_texts(about, "UNITS"), len(analogs))
+    names = numbered(padded(_texts(about, "LABELS"), len(analogs)))
+    for name, values, unit in zip(names, analogs, units, strict=True):
+        yield name, channel_of(values, unit, rate)
+    about, rate = content["parameters"]["POINT"], content["header"]["points"]["frame_rate"]
     model_units = {
-        label: "".join(_texts(about, unit))
-        for kind, unit in MODEL_UNITS.items()
-        for label in _texts(about, kind)
+        label: "".join(_texts(about, f"{kind}_UNITS"))
+        for kind in MODEL_OUTPUTS
+        for label in _texts(about, f"{kind}S")
     }
-    labels, marker_unit = _texts(about, "LABELS"), "".join(_texts(about, "UNITS"))
-    names = numbered(labels, points.shape[1])
-    labels += [""] * len(names)
-    for number in sorted(range(len(names)), key=lambda number: labels[number] not in model_units):
-        unit = stated_unit(model_units.get(labels[number], marker_unit))
-        for axis, values in zip("xyz", points[:, number], strict=True):
-            yield f"{names[number]}.{axis}", in_memory(values, unit, rate)
+    labels = padded(_texts(about, "LABELS"), points.shape[1])
+    marker_unit = "".join(_texts(about, "UNITS"))
+    named = list(zip(labels, numbered(labels), points.swapaxes(0, 1), strict=True))
+    for label, name, position in sorted(named, key=lambda item: item[0] not in model_units):
+        for axis, values in zip("xyz", position, strict=True):
+            yield f"{name}.{axis}", channel_of(values, model_units.get(label, marker_unit), rate)
 
 
 def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
     """Return texts of a parameter and of its continuations, which have a number at the end."""
-    parts = (name, *(f"{name}{number}" for number in range(2, 10)))
-    return [
-        str(text).strip()
-        for part in parts
-        if part in parameters
-        for text in parameters[part]["value"]
-    ]
+    parts = (parameters.get(f"{name}{number}") for number in ("", *range(2, 10)))
+    return [str(text).strip() for part in parts if part for text in part["value"]]
 
 
-def _expected_size(file: Path) -> int:
-    """Return the bytes that the header promises at least."""
+def _frames(file: Path) -> int:
+    """Return the number of frames that the header promises at least, in either order of bytes."""
     with file.open("rb") as stream:
-        head = stream.read(512)
-        stream.seek(512 * (head[0] - 1) + 3)
-        order = ">" if stream.read(1) == bytes([BIG_ENDIAN]) else "<"
-    _, points, analogs, first, last, _, scale, start = struct.unpack(f"{order}HHHHHHfH", head[:18])
-    width = 4 if scale < 0 else 2
-    return int(512 * (start - 1) + max(last - first + 1, 0) * (4 * points + analogs) * width)
+        head = stream.read(10)
+    ranges = (np.frombuffer(head, order)[3:].astype(int) for order in ("<u2", ">u2"))
+    return int(min(last - first + 1 for first, last in ranges))

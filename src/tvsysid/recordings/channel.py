@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
-from itertools import pairwise
-from types import ModuleType
 from typing import Any
 
 import attrs
@@ -18,18 +14,37 @@ from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError, printable
 
-# Variables and attributes, in lower case, by which files state a sampling rate in Hz.
-RATE_NAMES = {"sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency"}
-RATE_NAMES |= {"fs"}
-NO_UNITS = ("", "defaultunits", "unknown", "none")
-MAX_JITTER = 0.1  # of a time step: clocks of computers leave that, and a lost sample more
-UNEVEN = "values at times that are not evenly spaced"
-COPIES = 3  # of values in memory: as read, one trial after the other, and in SI units
-SAVE_PART = "save the part that is needed to a file of its own"
-# Words of libraries' errors where there is not enough memory.
-NO_MEMORY = ("bad_alloc", "malloc of size", "memory allocation failed", "Unable to allocate")
+# Names, in lower case, of variables and attributes by which files state a sampling rate in Hz.
+RATE_NAMES = {
+    "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs"
+}  # fmt: skip
+NO_UNITS = ("", "defaultunits", "unknown", "none", "na")
+MAX_JITTER = 0.1  # of a time step: computer clocks stay below it, a lost sample does not
+UNEVEN = "values without evenly spaced times"
 
-Values = NDArray[Any] | Callable[[], NDArray[Any]]
+Values = ArrayLike | Callable[[], ArrayLike]
+
+
+def stated_unit(unit: object) -> str:
+    """Return a unit as a file states it, without brackets around; empty if it states none.
+
+    Examples
+    --------
+    >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
+    ('rad', 'N m', '')
+    """
+    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit))
+    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text.strip()).strip()
+    return "" if re.sub(r"[\W_]", "", text.lower()) in NO_UNITS and text not in "%°" else text
+
+
+def stated_rate(value: object) -> float | None:
+    """Return a sampling rate as a file states it; None if it is no positive number."""
+    try:
+        rate = float(np.asarray(value).item())
+    except (ValueError, TypeError):
+        return None
+    return rate if 0 < rate < math.inf else None
 
 
 @attrs.frozen
@@ -39,7 +54,7 @@ class Channel:
     Parameters
     ----------
     shape
-        As it is read; (time,) or (time, trial) for a signal.
+        Shape of the values; (time,) or (time, trial) for a signal.
     dtype
         NumPy's name for numbers; a word such as ``"text"`` for what cannot be a signal.
     unit
@@ -55,8 +70,8 @@ class Channel:
 
     shape: tuple[int, ...]
     dtype: str
-    unit: str = ""
-    sampling_rate: float | None = None
+    unit: str = attrs.field(default="", converter=stated_unit)
+    sampling_rate: float | None = attrs.field(default=None, converter=stated_rate)
     trial_starts: tuple[int, ...] = ()
     values: Values | None = attrs.field(default=None, repr=False, eq=False)
 
@@ -80,8 +95,7 @@ class Channel:
         Raises
         ------
         InputError
-            If the channel, which the message calls ``name``, holds no numbers, cannot be read, or
-            holds more than there is memory for.
+            If the channel, which the message calls ``name``, holds no numbers or cannot be read.
         """
         if 0 in self.shape:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
@@ -90,51 +104,36 @@ class Channel:
                 f"{name}: expected real numbers, got {self.dtype}; name another channel or "
                 "convert it"
             )
-        check_memory(name, COPIES * self.size)
         with explained(name):
-            return self.values() if callable(self.values) else self.values
+            return np.asarray(self.values() if callable(self.values) else self.values)
 
 
-def numeric(
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
+def channel_of(
     values: Values,
-    unit: str = "",
-    sampling_rate: float | None = None,
+    unit: object = "",
+    sampling_rate: object = None,
+    shape: tuple[int, ...] = (),
+    dtype: np.dtype[Any] | None = None,
 ) -> Channel:
-    """Return a channel that has values if its type is numeric."""
+    """Return a channel, which has values if they are numbers.
+
+    A function that reads the values needs their shape and type beside it.
+    """
+    if dtype is None:
+        values = np.asarray(values)
+        shape, dtype = values.shape, values.dtype
     if dtype.kind in "biufc":
         return Channel(shape, str(dtype), unit, sampling_rate, values=values)
-    kinds = {"m": "dates", "M": "dates"} | dict.fromkeys("USTO", "text")
-    return Channel(shape, kinds.get(dtype.kind, "records"), unit, sampling_rate)
+    kinds = {"V": "records", "m": "dates", "M": "dates", "O": "text or cells"}
+    return Channel(shape, kinds.get(dtype.kind, "text"), unit, sampling_rate)
 
 
-def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
-    """Return a channel of values that are read already."""
-    array = np.asarray(values)
-    return numeric(array.shape, array.dtype, array, unit, sampling_rate)
-
-
-def stated_unit(unit: object) -> str:
-    """Return a unit as a file states it, without brackets around; empty if it states none.
-
-    Examples
-    --------
-    >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
-    ('rad', 'N m', '')
-    """
-    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit))
-    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text.strip()).strip()
-    return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
-
-
-def stated_rate(value: object) -> float | None:
-    """Return a sampling rate as a file states it, or None for what is none."""
-    try:
-        rate = float(np.asarray(value).item())
-    except (ValueError, TypeError):
-        return None
-    return rate if math.isfinite(rate) and rate > 0 else None
+def stated(*attributes: Mapping[str, object]) -> tuple[object, object]:
+    """Return the unit that the first attributes state, and the first sampling rate of all."""
+    units = [value for name, value in attributes[0].items() if name.lower() in ("unit", "units")]
+    pairs = (pair for each in attributes for pair in each.items())
+    rates = [value for name, value in pairs if name.lower() in RATE_NAMES]
+    return (units or [""])[0], (rates or [None])[0]
 
 
 def even_rate(times: NDArray[Any]) -> float | None:
@@ -147,61 +146,27 @@ def even_rate(times: NDArray[Any]) -> float | None:
     """
     steps = np.diff(np.asarray(times, dtype=float))
     step = float(steps.mean()) if len(steps) else 0.0
-    even = math.isfinite(step) and step > 0 and np.abs(steps - step).max() <= MAX_JITTER * step
-    return round(1 / step, 9) if even else None
+    is_even = 0 < step < math.inf and np.abs(steps - step).max() <= MAX_JITTER * step
+    return round(1 / step, 9) if is_even else None
 
 
-def stated(*attributes: Mapping[str, object]) -> tuple[str, float | None]:
-    """Return the unit that the first attributes state, and the first sampling rate of all."""
-    units = [value for name, value in attributes[0].items() if name.lower() in ("unit", "units")]
-    rates = [
-        stated_rate(value)
-        for item in attributes
-        for name, value in item.items()
-        if name.lower() in RATE_NAMES
-    ]
-    return stated_unit(units[-1]) if units else "", next(filter(None, rates), None)
-
-
-def numbered(labels: Sequence[str], count: int) -> list[str]:
-    """Return a name for each of so many signals: its label, with a number if it is not unique.
+def numbered(labels: Sequence[str]) -> list[str]:
+    """Return a name for each label: itself, with a number if it is empty or not unique.
 
     Examples
     --------
-    >>> numbered(["emg", "V", "V"], 4)
+    >>> numbered(["emg", "V", "V", ""])
     ['emg', 'V (2)', 'V (3)', '(4)']
     """
-    padded = [*labels, *[""] * count][:count]
     return [
         label if label and labels.count(label) == 1 else f"{label} ({number})".lstrip()
-        for number, label in enumerate(padded, 1)
+        for number, label in enumerate(labels, start=1)
     ]
 
 
-def optional_library(module: str, extra: str) -> ModuleType:
-    """Import a module of a library that only those install who need it."""
-    try:
-        return import_module(module)
-    except ImportError as error:
-        library = module.partition(".")[0]
-        raise InputError(f"these files need {library}: pip install 'tvsysid[{extra}]'") from error
-
-
-def available_memory() -> float:
-    """Return the bytes of memory that the computer has, if it tells."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError):
-        return math.inf
-
-
-def check_memory(name: str, size: int) -> None:
-    """Raise an InputError if so many bytes are more than there is memory for."""
-    if size > (available := available_memory()):
-        raise InputError(
-            f"{name}: reading it takes {size / 1e9:.3g} GB, and the computer has "
-            f"{available / 1e9:.3g} GB of memory; {SAVE_PART}"
-        )
+def padded(texts: Sequence[str], count: int) -> list[str]:
+    """Return so many texts: those that are too many are cut off, and empty ones are added."""
+    return [*texts, *[""] * count][:count]
 
 
 @contextmanager
@@ -210,35 +175,17 @@ def explained(name: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise error if name in str(error) else InputError(f"{name}: {error}") from None
-    except (PermissionError, BlockingIOError) as error:
+        text = str(error)
+        raise InputError(text if name in text else f"{name}: {text}") from None
+    except ImportError as error:
         raise InputError(
-            f"{name}: cannot be opened ({error.strerror or error}); close it in other programs, or "
-            "change its permissions"
+            f"{name}: these files need {error.name}; pip install {error.name}"
         ) from error
-    except Exception as error:  # damage brings forth errors of all kinds
+    except Exception as error:  # damaged files raise errors of all kinds
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        if isinstance(error, MemoryError) or any(words in reason for words in NO_MEMORY):
-            raise InputError(
-                f"{name}: reading it takes more memory than there is, or than what it holds "
-                f"accounts for; if it is whole, {SAVE_PART}, else copy it again"
-            ) from error
-        raise InputError(
-            f"{name}: cannot be read ({reason}); is it whole? Copy it again"
-        ) from error
-
-
-def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return positions and values of the lowest and highest sample of each block, for a drawing.
-
-    Signals of shape (time,) that are shorter than two samples for each block come out whole.
-    """
-    if len(values) <= 2 * blocks:
-        return np.arange(len(values)), values
-    edges = np.linspace(0, len(values), blocks + 1).astype(np.int64)
-    # NaN counts as the lowest, so that a gap is seen.
-    known = np.nan_to_num(values, nan=-np.inf)
-    lowest = [np.argmin(values[first:end]) for first, end in pairwise(edges)]
-    highest = [np.argmax(known[first:end]) for first, end in pairwise(edges)]
-    positions = np.unique([edges[:-1] + lowest, edges[:-1] + highest])
-    return positions, values[positions]
+        remedy = "Is it whole, and is its ending right?"
+        if isinstance(error, PermissionError | BlockingIOError):
+            remedy = "Close it in other programs, or change its permissions"
+        elif isinstance(error, MemoryError):
+            remedy += " If so, save the part that is needed to a file of its own"
+        raise InputError(f"{name}: cannot be read ({reason}). {remedy}") from error

@@ -6,23 +6,18 @@ import warnings
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import (
-    Channel,
-    numbered,
-    numeric,
-    optional_library,
-    stated_rate,
-    stated_unit,
-)
+from tvsysid.recordings.channel import Channel, channel_of, numbered
 
 
 def read_edf(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read signals by label, in physical units."""
-    edfio = optional_library("edfio", "edf")
+    import edfio  # noqa: PLC0415  # optional
+
     read = edfio.read_bdf if file.suffix.lower() == ".bdf" else edfio.read_edf
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # of records that are missing at the end
@@ -31,10 +26,8 @@ def read_edf(file: Path) -> Iterator[tuple[str, Channel]]:
         raise InputError(
             "the recording was interrupted (EDF+D); save each part as a file of its own"
         )
-    signals = content.signals
-    names = numbered([signal.label for signal in signals], len(signals))
-    for name, signal in zip(names, signals, strict=True):
+    signals: Any = content.signals
+    for name, signal in zip(numbered([each.label for each in signals]), signals, strict=True):
         shape = (signal.samples_per_data_record * content.num_data_records,)
-        unit, rate = stated_unit(signal.physical_dimension), stated_rate(signal.sampling_frequency)
-        values = partial(getattr, signal, "data")
-        yield name, numeric(shape, np.dtype(np.float64), values, unit, rate)
+        about = signal.physical_dimension, signal.sampling_frequency
+        yield name, channel_of(partial(getattr, signal, "data"), *about, shape, np.dtype(float))

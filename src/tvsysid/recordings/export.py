@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from tvsysid import __version__
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.recordings.write import whole_file
+from tvsysid.recordings.write import checked, whole_file
 from tvsysid.signals import Recording
 
 if TYPE_CHECKING:
@@ -30,19 +30,13 @@ GROUPS = (
     "stimulus/presentation",
     "stimulus/templates",
 )
-MEANINGS = {
-    "_lower": "Lower limit of the 95 % band of ",
-    "_upper": "Upper limit of the 95 % band of ",
-    "": "",
+DESCRIPTIONS = {
+    "time_s": "Time within a realization",
+    "method": "Method of tvsysid, with its settings",
+    "time_varying_vaf": "Variance of the torque that is accounted for",
 }
-COLUMNS = {
-    "time_s": {"Description": "Time within a realization", "Units": "s"},
-    "method": {"Description": "Method of tvsysid, with its settings"},
-    "time_varying_vaf": {
-        "Description": "Variance of the torque that is accounted for",
-        "Units": "%",
-    },
-}
+COLUMN_UNITS = {**UNITS, "time_s": "s", "time_varying_vaf": "%"}
+LIMITS = {"_lower": "lower limit of its 95 % band", "_upper": "upper limit of its 95 % band"}
 
 
 def write_nwb(
@@ -64,7 +58,7 @@ def write_nwb(
         Angle (rad), torque (N·m) and channels become the time series ``acquisition/angle`` and so
         on.
     session_start
-        When the recording began, with a time zone, as NWB demands.
+        When the recording began; in local time if it has no time zone.
     description
         Of the session, in words.
     units
@@ -73,9 +67,9 @@ def write_nwb(
     Raises
     ------
     InputError
-        For another ending, a time without a zone, a channel whose name has a slash, or more than
-        one trial: NWB has one axis of time, so write each trial to a file of its own, which
-        :func:`tvsysid.read_trials` joins.
+        For another ending, a channel whose name has a slash, or more than one trial: NWB has one
+        axis of time, so write each trial to a file of its own, which :func:`tvsysid.read_trials`
+        joins.
 
     Examples
     --------
@@ -92,49 +86,35 @@ def write_nwb(
     """
     import h5py  # noqa: PLC0415  # heavy
 
-    file = Path(path)
-    if file.suffix.lower() != ".nwb":
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; give .nwb")
-    if session_start.tzinfo is None:
-        raise InputError(
-            f"session_start: {session_start} has no time zone; give tzinfo, such as "
-            "datetime.timezone.utc"
-        )
-    if len(recording.trial_starts) > 1:
+    file = checked(path, ".nwb")
+    if len(recording.trials) > 1:
         raise InputError(f"{file}: NWB has one axis of time; write each trial to a file of its own")
     signals = {"angle": recording.angle, "torque": recording.torque, **recording.channels}
     if bad := [name for name in signals if not name or "/" in name or name == "."]:
         raise InputError(f"{file}: a time series cannot be called {bad[0]!r}; rename the channel")
-    began, text = session_start.isoformat(), h5py.string_dtype()
-    about = {"identifier": file.stem, "session_description": description}
-    about |= dict.fromkeys(("session_start_time", "timestamps_reference_time"), began)
+    began = session_start.astimezone().isoformat()
+    units = {"angle": "rad", "torque": "N m", **units}
     with whole_file(file) as temporary, h5py.File(temporary, "w") as root:
         for group in GROUPS:
             root.create_group(group)
-        for name, told in about.items():
-            root.create_dataset(name, data=told, dtype=text)
-        root.create_dataset("file_create_date", data=[began], dtype=text, maxshape=(None,))
-        _typed(root, "NWBFile", f"{file.stem} {began}", nwb_version=NWB_VERSION)
+        root["identifier"], root["session_description"] = file.stem, description
+        root["session_start_time"] = root["timestamps_reference_time"] = began
+        root.create_dataset("file_create_date", data=[began], maxshape=(None,))
+        _set_type(root, "NWBFile", began)
+        root.attrs["nwb_version"] = NWB_VERSION
         for name, values in signals.items():
             series = root.create_group(f"acquisition/{name}")
-            about = {"description": "no description", "comments": "no comments"}
-            _typed(series, "TimeSeries", f"{file.stem} {began} {series.name}", **about)
+            _set_type(series, "TimeSeries", began)
             data = series.create_dataset("data", data=values, compression="gzip", shuffle=True)
-            unit = {"angle": "rad", "torque": "N m", **units}.get(name, "unknown")
-            data.attrs.update({"unit": unit, "conversion": 1.0, "offset": 0.0, "resolution": -1.0})
+            data.attrs["unit"] = units.get(name, "unknown")
             start = series.create_dataset("starting_time", data=float(recording.start))
             start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
 
 
-def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> None:
-    """Say what a group is.
-
-    Its identifier follows from the recording, so that the same one gives the same file.
-    """
-    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, identity))
-    group.attrs.update(
-        {"namespace": "core", "neurodata_type": kind, "object_id": identifier, **attributes}
-    )
+def _set_type(group: h5py.Group, kind: str, began: str) -> None:
+    """State the type of a group, and an identifier that is the same whenever it is written."""
+    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, f"{began} {group.name}"))
+    group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier})
 
 
 def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
@@ -181,35 +161,34 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
             "sub-01_task-ankle_motion.tsv"
         )
     above = [word for word in words[:2] if word.startswith(("sub-", "ses-"))]
-    file = Path(folder).joinpath(
-        *above, "motion", "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"])
-    )
-    _write_json(
-        file.with_suffix(".json"),
-        {"Sources": [name], **{column: _meaning(column) for column in table.columns}},
-    )
+    stem = "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"])
+    file = Path(folder).joinpath(*above, "motion", stem)
+    meanings = {column: _meaning(column) for column in table.columns}
+    _write_json(file.with_suffix(".json"), {"Sources": [name], **meanings})
     with whole_file(file) as temporary:
         table.to_csv(temporary, sep="\t", index=False, float_format="%.6g", na_rep="n/a")
     described = Path(folder) / "dataset_description.json"
     if not described.exists():
-        by = [{"Name": "tvsysid", "Version": __version__}]
-        about = {"Name": "Joint impedance identified by tvsysid", "BIDSVersion": BIDS_VERSION}
-        _write_json(described, about | {"DatasetType": "derivative", "GeneratedBy": by})
+        about = {
+            "Name": "Joint impedance identified by tvsysid",
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "derivative",
+            "GeneratedBy": [{"Name": "tvsysid", "Version": __version__}],
+        }
+        _write_json(described, about)
     return file
 
 
 def _meaning(column: str) -> dict[str, str]:
-    """What a column holds, and its unit."""
-    if column in COLUMNS:
-        return COLUMNS[column]
-    ending = next(ending for ending in MEANINGS if column.endswith(ending))
-    quantity = column.removesuffix(ending)
-    unit = {"Units": UNITS[quantity]} if quantity in UNITS else {}
-    return {"Description": (MEANINGS[ending] + quantity.replace("_", " ")).capitalize()} | unit
+    """Return what a column holds, and its unit."""
+    limit = next((ending for ending in LIMITS if column.endswith(ending)), "")
+    quantity = column.removesuffix(limit)
+    text = DESCRIPTIONS.get(quantity, quantity.replace("_", " ").capitalize())
+    about = {"Description": f"{text}, {LIMITS[limit]}" if limit else text}
+    return about | ({"Units": COLUMN_UNITS[quantity]} if quantity in COLUMN_UNITS else {})
 
 
 def _write_json(file: Path, content: Mapping[str, object]) -> None:
     with whole_file(file) as temporary:
-        temporary.write_text(
-            json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
-        )
+        text = json.dumps(content, indent=2, ensure_ascii=False)
+        temporary.write_text(f"{text}\n", encoding="utf-8")

@@ -1,84 +1,50 @@
-"""HDF5 files: each dataset is a channel, by its path."""
+"""HDF5 files, and those in MATLAB's layout (MAT 7.3) and in that of NWB."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+import posixpath
+from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import Channel, numeric, stated
+from tvsysid.recordings.channel import UNEVEN, Channel, channel_of, even_rate, stated
+from tvsysid.recordings.mat import channels_of, load_objects
 
-MAX_DEPTH = 100  # groups within groups
-
-
-class Item(NamedTuple):
-    """An object in an HDF5 file.
-
-    Parameters
-    ----------
-    thing
-        The object. Where a link leads out of the file, nowhere or in a circle, it is not followed,
-        and this is the reason in words.
-    above
-        Attributes of the groups around it, the innermost first.
-    """
-
-    thing: h5py.Group | h5py.Dataset | h5py.Datatype | str
-    above: tuple[Mapping[str, object], ...]
+NWB_PARTS = ("starting_time", "timestamps", "channel_conversion")  # of a series, beside its data
 
 
-def items_of(root: h5py.File) -> dict[str, Item]:
-    """Return everything in an HDF5 file by path, each group once.
+def items_of(root: h5py.File) -> dict[str, Any]:
+    """Return groups and datasets of a file by path; a reason in words for what is not followed.
 
     Only links to what is in the file are followed: others could make any file of the computer a
     part of a recording.
     """
-    found: dict[str, Item] = {}
-    targets: dict[str, str] = {}
-    for path, item, link in _walk(root, "", (), {h5py.h5o.get_info(root.id).addr}):
-        found[path] = item
-        if isinstance(link, h5py.SoftLink):
-            around = "" if link.path.startswith("/") else path.rpartition("/")[0]
-            targets[path] = f"{around}/{link.path}".strip("/")
-    for path, target in targets.items():
-        linked = found.get(target)
-        if linked is not None and target not in targets and not isinstance(linked[0], h5py.Group):
-            found[path] = linked
-    return found
+    links: dict[str, Any] = {}
+    root.visititems_links(links.__setitem__)
+    items = {path: root[path] for path, link in links.items() if isinstance(link, h5py.HardLink)}
+    for path, link in links.items():
+        if path not in items:
+            target = posixpath.join("/", posixpath.dirname(path), link.path)
+            linked = items.get(posixpath.normpath(target)[1:])
+            is_inside = isinstance(link, h5py.SoftLink) and isinstance(linked, h5py.Dataset)
+            items[path] = linked if is_inside else "a link, which is not followed"
+    for path, item in items.items():
+        if isinstance(item, h5py.Dataset) and (item.is_virtual or item.external):
+            items[path] = "values in another file, which are not followed"
+    return items
 
 
-def _walk(
-    group: h5py.Group, around: str, above: tuple[Mapping[str, object], ...], visited: set[int]
-) -> Iterator[tuple[str, Item, object]]:
-    """Yield the path of each object in a group, the object, and the link to it."""
-    if len(above) > MAX_DEPTH:
-        raise InputError(
-            f"groups are nested more than {MAX_DEPTH} deep; save the signals further outside"
-        )
-    above = (dict(group.attrs), *above)
-    for name in group:
-        path, link = f"{around}{name}", group.get(name, getlink=True)
-        if isinstance(link, h5py.ExternalLink):
-            thing: Any = f"a link to another file, {link.filename}, which is not followed"
-        elif isinstance(link, h5py.SoftLink):
-            thing = f"a link to {link.path}, which is not followed"
-        else:
-            thing = group[name]
-        is_group = isinstance(thing, h5py.Group)
-        if isinstance(thing, h5py.Dataset) and (thing.is_virtual or thing.external):
-            thing = "values in another file, which are not followed"
-        elif is_group and (address := h5py.h5o.get_info(thing.id).addr) in visited:
-            thing, is_group = "a group with another path, which is not followed", False
-        yield path, Item(thing, above), link
-        if is_group:
-            visited.add(address)
-            yield from _walk(thing, f"{path}/", above, visited)
+def check_whole(file: Path) -> None:
+    """Raise an InputError if anything leads out of a file, before a library follows it."""
+    with h5py.File(file, "r") as root:
+        for path, item in items_of(root).items():
+            if isinstance(item, str):
+                raise InputError(f"{path} is {item}; save the file with its values in itself")
 
 
 def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -88,28 +54,80 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     of the file.
     """
     with h5py.File(file, "r") as root:
-        for path, (thing, above) in items_of(root).items():
-            if isinstance(thing, str):
-                yield path, Channel((), thing)
-            elif isinstance(thing, h5py.Dataset):
-                unit, rate = stated(dict(thing.attrs), *above)
-                values = partial(read_values, file, thing.name)
-                yield (
-                    path,
-                    Channel((), "no values", unit, rate)
-                    if thing.shape is None
-                    else numeric(thing.shape, thing.dtype, values, unit, rate),
-                )
+
+        @cache
+        def attributes(group: str) -> tuple[dict[str, object], ...]:
+            above = () if group == "/" else attributes(posixpath.dirname(group))
+            return dict(root[group].attrs), *above
+
+        for path, item in items_of(root).items():
+            if isinstance(item, str):
+                yield path, Channel((), item)
+            elif isinstance(item, h5py.Dataset):
+                above = attributes(posixpath.dirname(item.name))
+                shape = (0,) if item.shape is None else item.shape
+                about = stated(dict(item.attrs), *above)
+                yield path, channel_of(partial(np.asarray, item), *about, shape, item.dtype)
 
 
-def read_values(file: Path, name: str, part: object = ()) -> NDArray[Any]:
-    """Return the values of a dataset, or of a part of it."""
+def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
+    """Read variables as :func:`tvsysid.recordings.mat.read_mat_5` does, each when it is needed."""
     with h5py.File(file, "r") as root:
-        return np.asarray(root[name][part])
+        # "#refs#" and "#subsystem#" hold the content of objects and cells.
+        items = {path: item for path, item in items_of(root).items() if path[0] != "#"}
+        if not any(_matlab(item, "object_decode") in (2, 3) for item in items.values()):
+            for path, item in items.items():
+                name = path.replace("/", ".")
+                if isinstance(item, str) or _matlab(item, "class") == b"char":
+                    yield name, Channel((), item if isinstance(item, str) else "text")
+                elif isinstance(item, h5py.Dataset):
+                    # MATLAB stores columns, HDF5 rows. An empty matrix is stored as its shape.
+                    shape = (0,) if _matlab(item, "empty") else (item.shape or ())[::-1]
+                    values = partial(np.transpose, item)
+                    yield name, channel_of(values, shape=shape, dtype=item.dtype)
+            return
+    check_whole(file)
+    for name, values in load_objects(file).items():
+        yield from channels_of(name, values)
 
 
-def check_whole(root: h5py.File) -> None:
-    """Raise an InputError if anything leads out of a file, before a library follows it."""
-    for path, item in items_of(root).items():
-        if isinstance(item.thing, str):
-            raise InputError(f"{path} is {item.thing}; save the file with its values in itself")
+def _matlab(item: Any, name: str) -> object:
+    """Return an attribute of MATLAB's."""
+    return None if isinstance(item, str) else item.attrs.get(f"MATLAB_{name}")
+
+
+def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
+    """Read time series by path, ``acquisition/angle``; of several columns ``acquisition/emg.1``.
+
+    Values are ``data * conversion + offset``. The rate is the one that a series states, or that of
+    its timestamps.
+    """
+    with h5py.File(file, "r") as root:
+        items = items_of(root)
+        for path, data in items.items():
+            series = path.removesuffix("/data")
+            start, times, gains = (items.get(f"{series}/{name}") for name in NWB_PARTS)
+            if series == path or not (start or times):
+                continue
+            if getattr(data, "ndim", 0) not in (1, 2):
+                yield series, Channel((), data if isinstance(data, str) else "no signals")
+                continue
+            shape, unit, rate = data.shape[:1], data.attrs.get("unit"), None
+            if isinstance(start, h5py.Dataset):
+                rate = start.attrs.get("rate")
+            elif isinstance(times, h5py.Dataset) and times.shape == shape:
+                rate = even_rate(times[()])
+            count = data.shape[1] if data.ndim == 2 else 1
+            factors = np.full(count, data.attrs.get("conversion", 1.0), dtype=float)
+            factors *= gains[()] if isinstance(gains, h5py.Dataset) else 1.0
+            for column, factor in enumerate(factors.tolist()):
+                part = np.s_[:, column] if data.ndim == 2 else ()
+                values = partial(_scaled, data, part, factor, data.attrs.get("offset", 0.0))
+                channel = channel_of(values, unit, rate, shape, data.dtype)
+                if rate is None and not start:
+                    channel = Channel(shape, UNEVEN, unit)
+                yield series if count == 1 else f"{series}.{column + 1}", channel
+
+
+def _scaled(data: h5py.Dataset, part: object, factor: float, offset: float) -> Any:
+    return data[part] * factor + offset

@@ -10,9 +10,8 @@ from typing import Any
 import h5py
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from tvsysid.recordings.channel import Channel, numeric, stated
+from tvsysid.recordings.channel import Channel, channel_of, stated
 from tvsysid.recordings.hdf5 import check_whole
 
 
@@ -21,34 +20,20 @@ def read_netcdf(file: Path) -> Iterator[tuple[str, Channel]]:
 
     A dimension called time comes first. Units and sampling rates are those of the attributes.
     """
-    groups = _groups(file)
+    groups = open_groups(file)
     for path, group in groups.items():
         for name in map(str, group.variables):
-            variable = _time_first(group.variables[name])
-            unit, rate = stated(variable.attrs, group.attrs, groups["/"].attrs)
-            values = partial(_values, file, path, name)
-            channel = numeric(variable.shape, variable.dtype, values, unit, rate)
+            variable = group.variables[name].transpose("time", ..., missing_dims="ignore")
+            about = stated(variable.attrs, group.attrs, groups["/"].attrs)
+            values = partial(np.asarray, variable)
+            channel = channel_of(values, *about, variable.shape, variable.dtype)
             yield f"{path}/{name}".lstrip("/"), channel
 
 
-def _groups(file: Path) -> Mapping[str, xr.Dataset]:
+def open_groups(file: Path) -> Mapping[str, xr.Dataset]:
+    """Open the groups of a file by path, after a check that nothing leads out of it."""
     options: dict[str, Any] = {"decode_times": False, "decode_coords": False}
     if not h5py.is_hdf5(file):
         return {"/": xr.open_dataset(file, engine="scipy", **options)}
-    with h5py.File(file, "r") as root:
-        check_whole(root)  # xarray follows every link
+    check_whole(file)  # xarray follows every link
     return xr.open_groups(file, engine="h5netcdf", phony_dims="sort", **options)
-
-
-def _values(file: Path, path: str, name: str) -> NDArray[Any]:
-    return np.asarray(_time_first(_groups(file)[path].variables[name]).values)
-
-
-def _time_first(variable: xr.Variable) -> xr.Variable:
-    return variable.transpose("time", ...) if "time" in variable.dims else variable
-
-
-def read_contents(file: Path) -> dict[str, Any]:
-    """Return variables and attributes of a file that this package wrote."""
-    content = _groups(file)["/"].load()
-    return {str(name): each.values for name, each in content.variables.items()} | content.attrs

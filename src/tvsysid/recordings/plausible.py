@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.recordings.channel import Channel
-from tvsysid.signals import Recording
+from tvsysid.recordings.reading import Reading
+from tvsysid.signals import Array, Recording
 
 MAX_ANGLE_RMS_RAD = 0.2  # about the mean; more is probably in degrees
 MAX_STANDSTILL_S = {"angle": 0.25, "torque": 0.08}
@@ -23,21 +25,15 @@ UNIT_SPELLINGS = {
 }
 
 
-def contradictions(
-    channels: Mapping[str, Channel], sampling_rate: float, units: Mapping[str, str]
-) -> Iterator[str]:
-    """Yield sentences on rates and units that a file states otherwise than the caller.
-
-    Channels and the units of angle and torque are by name in the file.
-    """
+def contradictions(channels: Mapping[str, Channel], reading: Reading) -> Iterator[str]:
+    """Yield sentences on rates and units that a file states otherwise than the caller."""
+    given = reading.sampling_rate or np.nan
     for rate in sorted({each.sampling_rate for each in channels.values() if each.sampling_rate}):
-        if abs(rate - sampling_rate) > RATE_TOLERANCE * sampling_rate:
+        if abs(rate - given) > RATE_TOLERANCE * given:
             names = ", ".join(name for name in channels if channels[name].sampling_rate == rate)
-            yield (
-                f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check "
-                "the rate"
-            )
-    for name, unit in units.items():
+            yield f"the file states {rate:g} Hz for {names}, you gave {given:g} Hz; check the rate"
+    units = (reading.angle_unit, reading.torque_unit)
+    for name, unit in zip(reading.names[:2], units, strict=True):
         stated = channels[name].unit
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
         if stated and not re.fullmatch(UNIT_SPELLINGS[unit], plain):
@@ -47,69 +43,71 @@ def contradictions(
             )
 
 
-def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) -> Iterator[str]:
+def implausible(recording: Recording, reading: Reading) -> Iterator[str]:
     """Yield sentences on signals that look wrong, by their names in the file."""
-    with np.errstate(over="ignore"):  # of a damaged file's numbers
-        size = float(np.std(recording.angle))
+    size = float(np.std(recording.angle))
     if size > MAX_ANGLE_RMS_RAD:
-        is_rad = angle_unit == "rad"
-        advice = "if it is in degrees, give angle_unit='deg' (--angle-unit deg)"
-        yield (
-            f"{angle} has an RMS of {size:.3g} rad about its mean; "
-            f"{advice if is_rad else 'are these degrees?'}"
+        remedy = (
+            "if it is in degrees, give angle_unit='deg' (--angle-unit deg)"
+            if reading.angle_unit == "rad"
+            else "are these degrees?"
         )
+        yield f"{reading.angle} has an RMS of {size:.3g} rad about its mean; {remedy}"
     for name, values in recording.channels.items():
         if values.min() == values.max():
             yield (
                 f"all {len(values)} values of channel {name} are {values[0]:g}; is this the "
                 "right channel?"
             )
-    yield from _standstills(recording, angle, "angle")
-    yield from _standstills(recording, torque, "torque")
+    for which, name in zip(("angle", "torque"), reading.names, strict=False):
+        for number, trial in enumerate(recording.trials, start=1):
+            values = recording.signal(which)[trial]
+            starts, lengths = _standstills(values, which, recording.sampling_rate)
+            if len(starts):
+                longest = np.argmax(lengths)
+                first = starts[longest]
+                more = f", and {len(starts) - 1} times more" if len(starts) > 1 else ""
+                yield (
+                    f"{name} stays at {values[first]:g} for "
+                    f"{lengths[longest] / recording.sampling_rate:.3g} s from "
+                    f"{recording.start + first / recording.sampling_rate:.6g} s in trial {number} "
+                    f"of {len(recording.trials)}{more}; if the signal was lost there, cut that out"
+                )
 
 
-def unlike_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator[str]:
+def _standstills(
+    values: Array, which: str, sampling_rate: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return first samples and lengths of stretches where a signal keeps one value for too long.
+
+    A joint may be held before and after it is moved, or between two levels, as by a PRBS; a torque
+    sensor always has noise.
+    """
+    edges = np.flatnonzero(np.r_[True, values[1:] != values[:-1], True])
+    starts, lengths = edges[:-1], np.diff(edges)
+    is_lost = lengths > MAX_STANDSTILL_S[which] * sampling_rate
+    if which == "angle":
+        is_lost &= (starts > 0) & (edges[1:] < len(values))
+        margin = LEVEL_SHARE * np.ptp(values)
+        is_low = values[starts] <= values.min() + margin
+        is_high = values[starts] >= values.max() - margin
+        if (is_lost & is_low).any() and (is_lost & is_high).any():
+            is_lost &= ~(is_low | is_high)
+    return starts[is_lost], lengths[is_lost]
+
+
+def unlike_trials(recordings: Mapping[str, Recording]) -> Iterator[str]:
     """Yield sentences on trials whose angle or torque is much larger or smaller than in most."""
     if len(recordings) < 3:
         return
     for what in ("angle", "torque"):
-        sizes = np.array([np.std(recording.signal(what)) for recording in recordings])
-        usual = float(np.median(sizes))
-        for name, size in zip(names, sizes, strict=True):
-            ratio = max(size / usual, usual / size) if size > 0 and usual > 0 else np.inf
+        sizes = {name: float(np.std(each.signal(what))) for name, each in recordings.items()}
+        usual = float(np.median([*sizes.values()]))
+        for name, size in sizes.items():
+            ratio = max(size, usual) / min(size, usual)
             if ratio > MAX_SIZE_RATIO:
                 side = "large" if size > usual else "small"
                 yield (
                     f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is "
                     "it in another unit?"
                 )
-
-
-def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
-    """Yield a sentence for each trial in which a signal keeps exactly one value for too long.
-
-    A joint may be held before and after it is moved, or between two levels, as by a PRBS; a torque
-    sensor always has noise.
-    """
-    trials = recording.trials
-    for number, trial in enumerate(trials):
-        values = recording.signal(which)[trial]
-        edges = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1, [len(values)]])
-        starts, lengths = edges[:-1], np.diff(edges)
-        seconds = lengths / recording.sampling_rate
-        is_lost = seconds > MAX_STANDSTILL_S[which]
-        if which == "angle":
-            is_lost &= (starts > 0) & (starts + lengths < len(values))
-            low, high, margin = values.min(), values.max(), LEVEL_SHARE * np.ptp(values)
-            at_low, at_high = values[starts] <= low + margin, values[starts] >= high - margin
-            if (is_lost & at_low).any() and (is_lost & at_high).any():
-                is_lost &= ~(at_low | at_high)
-        places = np.flatnonzero(is_lost)
-        if len(places):
-            longest = places[np.argmax(lengths[places])]
-            more = f", and {len(places) - 1} times more" if len(places) > 1 else ""
-            yield (
-                f"{name} stays at {values[starts[longest]]:g} for {seconds[longest]:.3g} s from "
-                f"{recording.start + starts[longest] / recording.sampling_rate:.6g} s in trial "
-                f"{number + 1} of {len(trials)}{more}; if the signal was lost there, cut that out"
-            )

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import COPIES, Channel, check_memory
+from tvsysid.recordings.channel import Channel, explained
 from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.recordings.reading import Reading, read_recording
@@ -19,6 +20,8 @@ from tvsysid.signals import Array, Recording
 
 RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
 NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
+
+Signals = Mapping[str, Array]
 
 
 class UsableTrials(NamedTuple):
@@ -42,10 +45,8 @@ class UsableTrials(NamedTuple):
 def read(file: Path, reading: Reading) -> Recording:
     """Read a recording, and warn of what looks wrong. See :meth:`Reading.read`."""
     channels, signals, trial_starts = _read_signals(file, reading)
-    try:
+    with explained(file.name):
         recording = _recording(reading, signals, trial_starts)
-    except InputError as error:
-        raise InputError(f"{file.name}: {error}") from error
     _warn(file.name, reading, channels, recording)
     return recording
 
@@ -69,29 +70,27 @@ def read_usable_trials(
     for label, file in paths.items():
         try:
             channels, signals, starts = _read_signals(file, reading)
-        except (InputError, MemoryError) as error:
-            reason = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
-            refused[label] = reason or "no memory left"
+        except InputError as error:
+            refused[label] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
             continue
         for number, trial in enumerate(map(slice, starts, (*starts[1:], None)), start=1):
             name = label if len(starts) == 1 else f"{label}, trial {number}"
             try:
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
+                if recording.duration < shortest:
+                    raise InputError(
+                        f"it lasts {recording.duration:g} s, and a realization with the ends that "
+                        f"are cut off takes {shortest:g} s"
+                    )
             except InputError as error:
                 refused[name] = str(error)
                 continue
-            if recording.duration < shortest:
-                refused[name] = (
-                    f"it lasts {recording.duration:g} s, and a realization with the ends that are "
-                    f"cut off takes {shortest:g} s"
-                )
-                continue
             usable[name] = recording
             _warn(name, reading, channels, recording)
-    names, recordings = tuple(usable), list(usable.values())
-    for text in unlike_trials(recordings, names):
+    for text in unlike_trials(usable):
         warnings.warn(text, DataQualityWarning, stacklevel=2)
-    return UsableTrials(join_trials(recordings) if usable else None, names, refused)
+    joined = join_trials([*usable.values()]) if usable else None
+    return UsableTrials(joined, tuple(usable), refused)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
@@ -133,109 +132,93 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
     """
     if not recordings:
         raise InputError("join_trials: expected recordings, got none")
-    first = recordings[0]
+    first, starts, length = recordings[0], [], 0
     for number, item in enumerate(recordings):
-        for what, one, other in (
-            ("sampling rate", first.sampling_rate, item.sampling_rate),
-            ("start", first.start, item.start),
-            ("channels", sorted(first.channels), sorted(item.channels)),
-        ):
-            if one != other:
-                raise InputError(
-                    f"join_trials: recording {number} and the first differ in {what}: {other} "
-                    f"instead of {one}; read them alike, or decimate to one rate before"
-                )
+        if _axes(item) != _axes(first):
+            raise InputError(
+                f"join_trials: recording {number} has {_axes(item)}, and the first {_axes(first)}; "
+                "read them alike, or decimate to one rate before"
+            )
+        starts += [length + start for start in item.trial_starts]
+        length += len(item)
+
+    def joined(name: str) -> Array:
+        return np.concatenate([item.signal(name) for item in recordings])
+
     recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
-    begins = np.cumsum([0, *map(len, recordings[:-1])]).tolist()
-    return Recording(
-        angle=np.concatenate([item.angle for item in recordings]),
-        torque=np.concatenate([item.torque for item in recordings]),
-        sampling_rate=first.sampling_rate,
-        start=first.start,
-        channels={
-            name: np.concatenate([item.channels[name] for item in recordings])
-            for name in first.channels
-        },
-        trial_starts=tuple(
-            begin + start
-            for begin, item in zip(begins, recordings, strict=True)
-            for start in item.trial_starts
-        ),
-        origin=first.origin,
+    return attrs.evolve(
+        first,
+        angle=joined("angle"),
+        torque=joined("torque"),
+        channels={name: joined(name) for name in first.channels},
+        trial_starts=tuple(starts),
         recorded_angle=np.concatenate(recorded) if len(recorded) == len(recordings) else None,
     )
 
 
+def _axes(recording: Recording) -> str:
+    channels = ", ".join(sorted(recording.channels)) or "none"
+    return f"{recording.sampling_rate} Hz from {recording.start} s, channels: {channels}"
+
+
 def _read_signals(
     file: Path, reading: Reading
-) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
+) -> tuple[dict[str, Channel], Signals, tuple[int, ...]]:
     """Return the channels that a recording is made of, their values, and where trials start."""
     found = describe_file(file, reading.header)
-    for name in reading.names:
-        if name not in found:
-            there = [f"{own} ({channel.described})" for own, channel in found.items()]
+    with explained(file.name):
+        for name in reading.names:
+            if name not in found:
+                raise InputError(f"no channel {name!r}; it holds {_listed(found) or 'nothing'}")
+        channels = {name: found[name] for name in reading.names}
+        matrices = {name: _as_matrix(name, channel) for name, channel in channels.items()}
+        if len({matrix.shape for matrix in matrices.values()}) > 1:
             raise InputError(
-                f"{file.name}: no channel {name!r}; it holds {', '.join(there) or 'nothing'}"
+                f"the channels have different lengths: {_listed(channels)}; name channels that "
+                "were sampled together, or cut or resample them to one rate before"
             )
-    channels = {name: found[name] for name in reading.names}
-    # Channels without numbers are refused when they are read.
-    shapes = {
-        name: _time_first(channel.shape)
-        for name, channel in channels.items()
-        if channel.values is not None
-    }
-    if len(set(shapes.values())) > 1:
-        lengths = [f"{name} {' x '.join(map(str, shape))}" for name, shape in shapes.items()]
-        rates = {name: channels[name].sampling_rate for name in shapes}
-        stated = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items() if rate)
-        sampled = f" (sampled at {stated})" if len({*rates.values()} - {None}) > 1 else ""
-        raise InputError(
-            f"{file.name}: the channels have different lengths: {', '.join(lengths)}{sampled}; "
-            "name channels that were sampled together, or cut or resample them to one rate before"
-        )
-    check_memory(file.name, sum(COPIES * channels[name].size for name in shapes))
-    signals = {}
-    for name, channel in channels.items():
-        values = channel.read(f"{file.name}: {name}")
-        length, *columns = _time_first(values.shape)
-        if len(columns) != 1:
+        if len({channel.trial_starts for channel in channels.values()}) > 1:
             raise InputError(
-                f"{file.name}: {name}: expected a vector or a matrix, got an array of shape "
-                f"{values.shape}; name another channel"
+                "the channels are cut into trials at different samples; cut them alike"
             )
-        signals[name] = values.ravel(order="F")
-    return channels, signals, _trial_starts(file, reading, channels, length, columns[0])
+        segments, (length, columns) = channels[name].trial_starts, matrices[name].shape
+        if reading.columns == "trials":
+            starts = segments or tuple(range(0, length * columns, length))
+        elif len(segments) > 1:
+            raise InputError(
+                f"the channels are {len(segments)} segments with gaps between them; read each as "
+                "a trial (--columns trials)"
+            )
+        else:
+            starts = (0,)
+    return channels, {name: each.ravel(order="F") for name, each in matrices.items()}, starts
 
 
-def _trial_starts(
-    file: Path, reading: Reading, channels: Mapping[str, Channel], length: int, columns: int
-) -> tuple[int, ...]:
-    """Return the first sample of each trial: of each column, or as the file states."""
-    stated = {channel.trial_starts for channel in channels.values()}
-    if len(stated) > 1:
+def _listed(channels: Mapping[str, Channel]) -> str:
+    return ", ".join(f"{name} ({channel.described})" for name, channel in channels.items())
+
+
+def _as_matrix(name: str, channel: Channel) -> Array:
+    """Return the values of a channel with an axis of time and one of columns."""
+    values = channel.read(name)
+    if values.ndim < 2 or (values.ndim == 2 and len(values) == 1):
+        values = values.reshape(-1, 1)
+    if values.ndim != 2:
         raise InputError(
-            f"{file.name}: the channels are cut into trials at different samples; cut them alike"
+            f"{name}: expected a vector or a matrix, got an array of shape {values.shape}; name "
+            "another channel"
         )
-    segments = stated.pop()
-    if reading.columns == "trials":
-        return segments or tuple(range(0, length * columns, length))
-    if len(segments) > 1:
-        raise InputError(
-            f"{file.name}: the channels are {len(segments)} segments with gaps between them; "
-            "read each as a trial (--columns trials)"
-        )
-    return (0,)
+    return values
 
 
 def _recording(
-    reading: Reading, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
+    reading: Reading, signals: Signals, trial_starts: tuple[int, ...] = (0,)
 ) -> Recording:
     """Return the recording of signals of shape (time,), by their names in the file."""
-    angle, torque = reading.names[:2]
-    torque_factor = reading.torque_sign * NM_PER_UNIT[reading.torque_unit]
+    angle, torque = (signals[name] for name in reading.names[:2])
     return Recording(
-        angle=_scaled(signals[angle], RAD_PER_UNIT[reading.angle_unit]),
-        torque=_scaled(signals[torque], torque_factor),
+        angle=_scaled(angle, RAD_PER_UNIT[reading.angle_unit]),
+        torque=_scaled(torque, reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
         sampling_rate=reading.sampling_rate or math.nan,
         start=reading.start,
         channels={name: signals[in_file] for name, in_file in reading.channels.items()},
@@ -244,21 +227,12 @@ def _recording(
 
 
 def _scaled(values: Array, factor: float) -> Array:
-    return values if factor == 1 else values * factor
+    return values if factor == 1 else values * factor  # other types must come out unchanged
 
 
 def _warn(
     name: str, reading: Reading, channels: Mapping[str, Channel], recording: Recording
 ) -> None:
     """Warn of all that the file states otherwise, or that looks wrong."""
-    angle, torque = reading.names[:2]
-    units = {angle: reading.angle_unit, torque: reading.torque_unit}
-    texts: Iterator[str] = contradictions(channels, recording.sampling_rate, units)
-    for text in (*texts, *implausible(recording, angle, torque, reading.angle_unit)):
+    for text in (*contradictions(channels, reading), *implausible(recording, reading)):
         warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=5)
-
-
-def _time_first(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of a vector of any orientation as (time, 1), and that of a matrix as is."""
-    is_vector = len(shape) < 2 or (len(shape) == 2 and shape[0] == 1)
-    return (math.prod(shape), 1) if is_vector else shape

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.validators import boolean, finite, not_negative, one_of, optional, positive
+from tvsysid.validators import Validator, boolean, finite, not_negative, one_of, optional, positive
 
 if TYPE_CHECKING:  # the command line imports this module for its options, and must start quickly
     from tvsysid.signals import Recording
@@ -41,12 +41,27 @@ def named_channels(channels: Iterable[str]) -> dict[str, str]:
                     f"--channel {name}{equals}{in_file}: expected NAME=CHANNEL, as in "
                     "emg=EMG_SIGNAL"
                 )
+        names = [name for name, _, _ in pairs]
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise InputError(
+                f"--channel {repeated[0]}=… is given twice; give each channel a name of its own"
+            )
         channels = {name: in_file for name, _, in_file in pairs}
     if taken := [name for name in ("angle", "torque") if name in channels]:
         raise InputError(
             f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
         )
     return dict(channels)
+
+
+def _named(validator: Validator) -> Callable[[object, attrs.Attribute[Any], object], None]:
+    """Return a validator whose error begins with the option on the command line."""
+
+    def check(_: object, field: attrs.Attribute[Any], value: object) -> None:
+        option = OPTION_NAMES.get(field.name, field.name).replace("_", "-")
+        validator.check(f"--{option}", field.name, value)
+
+    return check
 
 
 @attrs.frozen(kw_only=True)
@@ -98,14 +113,14 @@ class Reading:
 
     angle: str | None = None
     torque: str | None = attrs.field(default=None)
-    sampling_rate: float | None = attrs.field(default=None, validator=optional(positive))
+    sampling_rate: float | None = attrs.field(default=None, validator=_named(optional(positive)))
     channels: Mapping[str, str] = attrs.field(factory=dict, converter=named_channels, hash=False)
-    columns: Columns = attrs.field(default="contiguous", validator=one_of(Columns))
-    torque_sign: TorqueSign = attrs.field(default=1, validator=one_of(TorqueSign))
-    angle_unit: AngleUnit = attrs.field(default="rad", validator=one_of(AngleUnit))
-    torque_unit: TorqueUnit = attrs.field(default="Nm", validator=one_of(TorqueUnit))
-    header: bool = attrs.field(default=True, validator=boolean)
-    start: float = attrs.field(default=0.0, validator=finite)
+    columns: Columns = attrs.field(default="contiguous", validator=_named(one_of(Columns)))
+    torque_sign: TorqueSign = attrs.field(default=1, validator=_named(one_of(TorqueSign)))
+    angle_unit: AngleUnit = attrs.field(default="rad", validator=_named(one_of(AngleUnit)))
+    torque_unit: TorqueUnit = attrs.field(default="Nm", validator=_named(one_of(TorqueUnit)))
+    header: bool = attrs.field(default=True, validator=_named(boolean))
+    start: float = attrs.field(default=0.0, validator=_named(finite))
 
     @torque.validator
     def _is_another_channel(self, _: object, torque: str | None) -> None:
@@ -169,9 +184,9 @@ class Segmentation:
         ends.
     """
 
-    period: float | None = attrs.field(default=None, validator=optional(positive))
-    decimate: float | None = attrs.field(default=None, validator=optional(positive))
-    context: float = attrs.field(default=0.5, validator=not_negative)
+    period: float | None = attrs.field(default=None, validator=_named(optional(positive)))
+    decimate: float | None = attrs.field(default=None, validator=_named(optional(positive)))
+    context: float = attrs.field(default=0.5, validator=_named(not_negative))
 
 
 def read_recording(path: str | Path, **settings: Any) -> Recording:

@@ -6,37 +6,36 @@ import csv
 import json
 import warnings
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import (
     UNEVEN,
     Channel,
+    channel_of,
     even_rate,
-    in_memory,
-    numeric,
-    optional_library,
     stated,
-    stated_rate,
-    stated_unit,
 )
 
 MAX_COLUMNS = 10_000
-MAX_LINE_LENGTH = 1_000_000  # characters of the first line
+HEAD_LENGTH = 1_000_000  # characters that hold the first line
 MISSING = ("", "n/a", "N/A", "NA")  # cells of a line of numbers
 BIDS_FOLDERS = 4  # data set, participant, session, kind of data: all may hold descriptions
 
 
 def read_text(file: Path, header: bool = True) -> Iterator[tuple[str, Channel]]:
-    """Read columns by the names in the first line, or by number: 1, 2, ..."""
-    separator = "," if file.suffix.lower() == ".csv" else "\t"
-    first = _first_row(file, separator)
+    """Read columns by the names in the first line, or by number: 1, 2, ...
+
+    Semicolons may separate the columns of a CSV file; its numbers may have decimal commas then.
+    """
+    first, dialect = _first_row(file)
     if header and _are_numbers(first):
         raise InputError(
             "the first line is all numbers, and would be lost as names; if the file has no names, "
@@ -47,60 +46,70 @@ def read_text(file: Path, header: bool = True) -> Iterator[tuple[str, Channel]]:
         raise InputError(
             f"the first line has names, such as {first[:1]}; read it without --no-header"
         )
-    for number, values in enumerate(_columns(file, separator, len(first), header), start=1):
-        name = first[number - 1] or f"Unnamed: {number}" if header else str(number)
-        yield name, in_memory(values)
+    for number, values in enumerate(_columns(file, len(first), header, **dialect), start=1):
+        name = first[number - 1] or f"Unnamed: {number}"
+        yield name if header else str(number), channel_of(values)
 
 
-def _columns(file: Path, separator: str, count: int, header: bool) -> list[NDArray[Any]]:
-    """Return the values of so many columns."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    is_exact = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
-    precision: dict[str, Any] = {} if is_exact else {"float_precision": "round_trip"}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the first
-            table = pd.read_csv(
-                file,
-                sep=separator,
-                header=0 if header else None,
-                names=range(count),
-                index_col=False,
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-                low_memory=False,
-                **precision,
-            )
-    except (pd.errors.ParserWarning, ValueError) as error:
-        what = "with a header line" if header else f"of {count} columns of numbers"
-        raise InputError(
-            f"not a text table {what} ({str(error).strip().splitlines()[0]})"
-        ) from error
-    return [table[number].to_numpy() for number in table.columns]
-
-
-def _first_row(file: Path, separator: str) -> list[str]:
-    """Return the cells of the first line that is not empty."""
+def _first_row(file: Path) -> tuple[list[str], dict[str, str]]:
+    """Return the cells of the first line that is not empty, and the separator and decimal mark."""
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
-        lines = (stream.readline(MAX_LINE_LENGTH) for _ in range(100))
-        line = next((line for line in lines if line.strip()), "")
-    rows = csv.reader([line], delimiter=separator, skipinitialspace=True)
+        head = stream.read(HEAD_LENGTH).strip(" \r\n")
+    line = head.partition("\n")[0]
+    dialect = {"sep": "\t" if file.suffix.lower() == ".tsv" else ",", "decimal": "."}
+    is_split = ";" in line and ("," not in line or _are_numbers(line.split(";")))
+    if is_split and dialect["sep"] == ",":
+        dialect = {"sep": ";", "decimal": "," if "," in head else "."}
+    rows = csv.reader([line], delimiter=dialect["sep"], skipinitialspace=True)
     cells = [cell.strip() for row in rows for cell in row]
-    if len(line) == MAX_LINE_LENGTH or len(cells) > MAX_COLUMNS:
+    if len(cells) > MAX_COLUMNS:
         raise InputError(
             f"the first line has {len(cells)} columns or more; expected {MAX_COLUMNS} at most: "
             "give each signal a column, and each sample a line"
         )
-    return cells
+    return cells, dialect
 
 
 def _are_numbers(cells: list[str]) -> bool:
     """Whether all cells that are not empty are numbers."""
     try:
-        return bool([float(cell) for cell in cells if cell not in MISSING])
+        return bool([float(cell.replace(",", ".")) for cell in cells if cell not in MISSING])
     except ValueError:
         return False
+
+
+def _columns(
+    file: Path, count: int, header: bool, sep: str, decimal: str
+) -> Iterator[NDArray[Any]]:
+    """Yield the values of so many columns."""
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    is_exact = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+    precision: dict[str, Any] = {} if is_exact else {"float_precision": "round_trip"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the first
+        table = pd.read_csv(
+            file,
+            sep=sep,
+            decimal=decimal,
+            header=0 if header else None,
+            names=range(count),
+            index_col=False,
+            skipinitialspace=True,
+            encoding="utf-8-sig",
+            low_memory=False,
+            **precision,
+        )
+    if table[count - 1].isna().any():  # pandas fills up short rows
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            for row in (rows := csv.reader(stream, delimiter=sep, skipinitialspace=True)):
+                if any(row) and len(row) < count:
+                    raise InputError(
+                        f"line {rows.line_num} has {len(row)} of {count} columns; delete the line, "
+                        "or copy the file again"
+                    )
+    for number in range(count):
+        yield table[number].to_numpy()
 
 
 def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -110,7 +119,7 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     that of the times in a channel of type LATENCY. Both files may also be in folders above, with
     fewer words in their names.
     """
-    first, rows = _first_row(file, "\t"), _motion_channels(file)
+    (first, dialect), rows = _first_row(file), _motion_channels(file)
     if not _are_numbers(first):
         raise InputError(
             "expected numbers in the first line, as Motion-BIDS has no names there; got "
@@ -120,16 +129,14 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
         raise InputError(
             f"it has {len(first)} columns, and its _channels.tsv describes {len(rows)}"
         )
-    columns = _columns(file, "\t", len(first), header=False)
+    columns = list(_columns(file, len(first), header=False, **dialect))
     kinds = [row["type"].upper() for row in rows]
-    times = columns[kinds.index("LATENCY")] if "LATENCY" in kinds else None
-    rate = _sampling_frequency(file) if times is None else even_rate(times)
+    is_timed = "LATENCY" in kinds
+    rate = even_rate(columns[kinds.index("LATENCY")]) if is_timed else _sampling_frequency(file)
     for row, values in zip(rows, columns, strict=True):
-        unit = stated_unit(row.get("units") or "").removeprefix("n/a")
-        is_uneven = times is not None and rate is None
-        channel = (
-            Channel(values.shape, UNEVEN, unit) if is_uneven else in_memory(values, unit, rate)
-        )
+        channel = channel_of(values, row.get("units"), rate)
+        if is_timed and rate is None:
+            channel = Channel(values.shape, UNEVEN, row.get("units"))
         yield row["name"], channel
 
 
@@ -149,71 +156,55 @@ def _motion_channels(file: Path) -> list[dict[str, str]]:
     )
 
 
-def _sampling_frequency(file: Path) -> float | None:
+def _sampling_frequency(file: Path) -> object:
     for description in _described_by(file, "_motion.json"):
         content = json.loads(description.read_text(encoding="utf-8-sig"))
-        if isinstance(content, dict) and "SamplingFrequency" in content:
-            return stated_rate(content["SamplingFrequency"])
+        if "SamplingFrequency" in content:
+            return content["SamplingFrequency"]
     return None
 
 
 def _described_by(file: Path, ending: str) -> Iterator[Path]:
     """Yield files that describe a recording, the nearest first: their words are all in its name."""
-    words = set(file.name.split("_")[:-1])
+    words = set(file.name.split("_"))
     for folder in file.absolute().parents[:BIDS_FOLDERS]:
-        found = {
-            item: item.name.removesuffix(ending).split("_") for item in folder.glob(f"*{ending}")
-        }
-        fitting = [item for item, own in found.items() if words.issuperset(own)]
-        yield from sorted(fitting, key=lambda item: -len(found[item]))
+        found = [
+            item
+            for item in folder.glob(f"*{ending}")
+            if words.issuperset(item.name.removesuffix(ending).split("_"))
+        ]
+        yield from sorted(found, key=lambda item: -item.name.count("_"))
 
 
 def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read arrays by name. Nothing is unpickled."""
-
-    def values(member: str) -> NDArray[Any]:
-        with zipfile.ZipFile(file) as archive, archive.open(member) as stream:
-            return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
-
-    with zipfile.ZipFile(file) as archive:
+    with zipfile.ZipFile(file) as archive, np.load(file, allow_pickle=False) as arrays:
         for member in archive.namelist():
-            if not member.endswith(".npy"):
+            name = member.removesuffix(".npy")
+            if name == member:
                 continue
             with archive.open(member) as stream:
-                is_first = np.lib.format.read_magic(stream) == (1, 0)
-                shape, _, dtype = (
-                    np.lib.format.read_array_header_1_0(stream)
-                    if is_first
-                    else np.lib.format.read_array_header_2_0(stream)
-                )
-            channel = numeric(shape, dtype, partial(values, member))
+                is_first = npy.read_magic(stream) == (1, 0)
+                read = npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0
+                shape, _, dtype = read(stream)
             if dtype.hasobject:
-                channel = Channel(shape, "pickled objects, which are never read")
-            yield member.removesuffix(".npy"), channel
+                yield name, Channel(shape, "pickled objects, which are never read")
+            else:
+                values = partial(arrays.__getitem__, name)
+                yield name, channel_of(values, shape=shape, dtype=dtype)
 
 
 def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read columns by name, with the units and rates that their metadata state."""
-    parquet = optional_library("pyarrow.parquet", "parquet")
-    types = optional_library("pyarrow.types", "parquet")
+    from pyarrow import parquet  # noqa: PLC0415  # optional
 
-    def values(name: str) -> NDArray[Any]:
-        with parquet.ParquetFile(file) as table:
-            return np.asarray(table.read(columns=[name], use_threads=False).column(0).to_numpy())
+    def texts(metadata: Mapping[bytes, bytes] | None) -> dict[str, object]:
+        pairs = (metadata or {}).items()
+        return {key.decode(errors="replace"): value for key, value in pairs}
 
-    def texts(metadata: dict[bytes, bytes] | None) -> dict[str, object]:
-        return {
-            key.decode(errors="replace"): value.decode(errors="replace")
-            for key, value in (metadata or {}).items()
-        }
-
-    with parquet.ParquetFile(file) as table:
-        schema, shape = table.schema_arrow, (table.metadata.num_rows,)
-    for item in schema:
-        unit, rate = stated(texts(item.metadata), texts(schema.metadata))
-        kind = item.type
-        if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind):
-            dtype = np.dtype(kind.to_pandas_dtype())
-            yield item.name, numeric(shape, dtype, partial(values, item.name), unit, rate)
-        else:
-            yield item.name, Channel(shape, f"values of type {kind}", unit, rate)
+    schema, shape = parquet.read_schema(file), (parquet.read_metadata(file).num_rows,)
+    dtypes = schema.empty_table().to_pandas(ignore_metadata=True).dtypes
+    for item, dtype in zip(schema, dtypes, strict=True):
+        values = partial(parquet.read_table, file, columns=[item.name], use_threads=False)
+        about = stated(texts(item.metadata), texts(schema.metadata))
+        yield item.name, channel_of(values, *about, shape, dtype)

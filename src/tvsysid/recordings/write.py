@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,25 +19,34 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError, printable
 from tvsysid.models import Model
-from tvsysid.recordings.formats import read_contents
+from tvsysid.recordings.channel import explained
+from tvsysid.recordings.worker import run_isolated
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-MAX_NAME_LENGTH = 28  # of a variable; MAT files hold 31, with a number behind
+MAX_NAME_LENGTH = 31  # of a variable in a MAT file
 DIMENSIONS = {
     Recording: ("time", "sample"),
     Ensemble: ("realization", "time", "sample"),
 }
 """Axes of signals. The last is that of samples at the recorded rate."""
-VECTOR_DIMENSIONS = {"trial_starts": "trial", "onsets": "realization", "trials": "realization"}
-CONVERTERS = {"context": int, "left_out": int, "mean_subtracted": bool}  # others are float
-RESERVED = {"time", "realization", "trial", "tvsysid"}
-RESERVED |= {item.name for kind in DIMENSIONS for item in attrs.fields(kind)}
+UNITS = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
+CONVERTERS: dict[str, Callable[[Any], Any]] = {
+    "trial_starts": lambda starts: tuple(np.ravel(starts).astype(int).tolist()),
+    "onsets": np.ravel,
+    "trials": np.ravel,
+    "context": int,
+    "left_out": int,
+    "mean_subtracted": bool,
+}
+"""What restores a value from a file; others are float."""
+RESERVED = {"time", "realization", "trial", "sample", "tvsysid"}
+RESERVED |= {name for kind in DIMENSIONS for name in attrs.fields_dict(kind)}
 
-Signals = TypeVar("Signals", Recording, Ensemble)
+Written = TypeVar("Written", Recording, Ensemble)
 
 
 @contextmanager
@@ -48,15 +57,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(
-        dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix
-    )
-    os.close(handle)
-    temporary = Path(name)
+    temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex[:8]}{target.suffix}")
     try:
         yield temporary
-        os.umask(mask := os.umask(0))
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except OSError as error:
         error.filename = error.filename or str(target)  # the system may not name the file
@@ -74,20 +77,15 @@ def write_simulation(
     which also keeps the ``sampling_rate``. An InputError is raised for a path with another
     ending.
     """
-    file = _checked(path, ".mat", ".csv", ".tsv")
-    with whole_file(file) as temporary:
-        if file.suffix.lower() == ".mat":
-            matrices = {
-                name: np.asarray(values).reshape(len(values), -1)
-                for name, values in columns.items()
-            }
-            _save_mat(temporary, {**matrices, "sampling_rate": sampling_rate})
-        else:
-            import pandas as pd  # noqa: PLC0415  # heavy
+    file = checked(path, ".mat", ".csv", ".tsv")
+    if file.suffix.lower() == ".mat":
+        _save_mat(file, {**columns, "sampling_rate": sampling_rate})
+        return
+    import pandas as pd  # noqa: PLC0415  # heavy
 
-            separator = "," if file.suffix.lower() == ".csv" else "\t"
-            table = pd.DataFrame(dict(columns))
-            table.to_csv(temporary, sep=separator, index=False, float_format="%.9g")
+    separator = "," if file.suffix.lower() == ".csv" else "\t"
+    with whole_file(file) as temporary:
+        pd.DataFrame(columns).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
 def write_table(path: str | Path, table: pd.DataFrame) -> None:
@@ -163,9 +161,10 @@ def _save_netcdf(path: str | Path, content: xr.Dataset | xr.DataTree) -> None:
 
 
 def _save_mat(file: Path, content: Mapping[str, object]) -> None:
-    from scipy.io import savemat  # noqa: PLC0415  # heavy
+    from scipy.io.matlab import savemat  # noqa: PLC0415  # heavy
 
-    savemat(file, dict(content), do_compression=True, oned_as="column")
+    with whole_file(file) as temporary:
+        savemat(temporary, dict(content), do_compression=True, oned_as="column")
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -211,73 +210,65 @@ def load_ensemble(path: str | Path) -> Ensemble:
 
 def _write(path: str | Path, signals: Recording | Ensemble) -> None:
     """Write arrays as variables, and single values as attributes."""
-    file, kind = _checked(path, ".nc", ".mat"), type(signals)
+    file, kind = checked(path, ".nc", ".mat"), type(signals)
     names = _variables(signals.channels)
-    values = {name: getattr(signals, name) for name in attrs.fields_dict(kind)}
-    values |= {variable: signals.channels[name] for name, variable in names.items()}
-    arrays = {
-        name: np.asarray(each)
-        for name, each in values.items()
-        if name != "channels" and each is not None and np.ndim(each)
-    }
-    about: dict[str, Any] = {
-        name: float(each) for name, each in values.items() if isinstance(each, int | float)
-    }
+    values = attrs.asdict(signals, recurse=False, filter=lambda _, each: each is not None)
+    values |= {names[own]: each for own, each in values.pop("channels").items()}
+    arrays = {name: np.asarray(each) for name, each in values.items() if np.ndim(each)}
+    about: dict[str, Any] = {name: float(values[name]) for name in values.keys() - arrays.keys()}
     # As text, so that names that are no names of variables come back unchanged.
     about |= {"tvsysid": kind.__name__.lower(), "channels": json.dumps(names)}
     if file.suffix.lower() == ".mat":
-        with whole_file(file) as temporary:
-            _save_mat(temporary, {**arrays, **about})
+        _save_mat(file, arrays | about)
         return
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    units = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
-    variables = {
-        name: (
-            VECTOR_DIMENSIONS.get(name, DIMENSIONS[kind][: each.ndim]),
-            each,
-            units.get(name, {}),
-        )
-        for name, each in arrays.items()
-    }
-    _save_netcdf(file, xr.Dataset(variables, attrs=about))
+    content = xr.Dataset(attrs=about)
+    for name, each in arrays.items():
+        axes = ("trial",) if name == "trial_starts" else DIMENSIONS[kind][: each.ndim]
+        content[name] = axes, each, UNITS.get(name, {})
+    _save_netcdf(file, content)
 
 
-def _load(path: str | Path, kind: type[Signals]) -> Signals:
-    file, name = _checked(path, ".nc", ".mat"), kind.__name__.lower()
-    found = read_contents(file)
-    if found.get("tvsysid") != name:
-        raise InputError(
-            f"{file}: not written by write_{name}; what others wrote is read by read_recording"
-        )
-    try:
-        shape: tuple[int, ...] = (-1,) if kind is Recording else found["angle"].shape
-        channels = json.loads(found["channels"]).items()
+def _load(path: str | Path, kind: type[Written]) -> Written:
+    file, name = checked(path, ".nc", ".mat"), kind.__name__.lower()
+    with explained(str(file)):
+        found = run_isolated(file.stat().st_size, _contents, file.absolute())
+        if found.get("tvsysid") != name:
+            raise InputError(
+                f"not written by write_{name}; what others wrote is read by read_recording"
+            )
+        angle = np.asarray(found["angle"])
+        shape: tuple[int, ...] = angle.shape if kind is Ensemble else (angle.size,)
+        as_signal = partial(np.reshape, shape=shape)
+        # MATLAB drops a last axis of one sample.
+        as_samples = partial(np.reshape, shape=(*shape, -1))
+        own = {"angle": as_signal, "torque": as_signal, "recorded_angle": as_samples}
+        convert: dict[str, Callable[[Any], Any]] = {**CONVERTERS, **own}
         settings: dict[str, Any] = {
-            "channels": {own: np.reshape(found[variable], shape) for own, variable in channels}
+            item: convert.get(item, float)(found[item])
+            for item in found.keys() & attrs.fields_dict(kind).keys() - {"channels"}
         }
-        for item in found.keys() & attrs.fields_dict(kind).keys() - {"channels"}:
-            values = found[item]
-            if item in ("angle", "torque"):
-                settings[item] = np.reshape(values, shape)
-            elif item == "recorded_angle":  # MATLAB drops a last axis of one sample
-                settings[item] = np.reshape(values, (*shape, values.size // found["angle"].size))
-            elif item == "onsets":
-                settings[item] = np.ravel(values)
-            elif item in VECTOR_DIMENSIONS:
-                settings[item] = tuple(np.ravel(values).astype(np.int64).tolist())
-            else:
-                settings[item] = CONVERTERS.get(item, float)(values)
+        channels = json.loads(found["channels"]).items()
+        settings["channels"] = {own: as_signal(found[variable]) for own, variable in channels}
         return kind(**settings)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(
-            f"{file}: not as write_{name} wrote it ({error!r}); copy it again"
-        ) from error
 
 
-def _checked(path: str | Path, *endings: str) -> Path:
+def _contents(file: Path) -> dict[str, Any]:
+    """Return variables and attributes of a file that this package wrote, single values as such."""
+    if file.suffix.lower() == ".mat":
+        from scipy.io.matlab import loadmat  # noqa: PLC0415  # heavy
+
+        variables = loadmat(file, mat_dtype=True).items()
+        return {name: np.ravel(each)[0] if np.size(each) == 1 else each for name, each in variables}
+    from tvsysid.recordings.netcdf import open_groups  # noqa: PLC0415  # heavy
+
+    content = open_groups(file)["/"].load()
+    return {str(name): each.values for name, each in content.variables.items()} | content.attrs
+
+
+def checked(path: str | Path, *endings: str) -> Path:
+    """Return a path if it has one of the endings."""
     file = Path(path)
     if file.suffix.lower() not in endings:
         raise InputError(
@@ -292,17 +283,12 @@ def _variables(names: Iterable[str]) -> dict[str, str]:
     Examples
     --------
     >>> _variables(["emg", "sv.Ankle (rad)", "angle"])
-    {'emg': 'emg', 'sv.Ankle (rad)': 'sv_Ankle_rad', 'angle': 'angle_2'}
+    {'emg': 'emg', 'sv.Ankle (rad)': 'sv_Ankle_rad', 'angle': 'channel_3_'}
     """
-    taken = set(RESERVED)
-    variables = {}
-    for name in names:
-        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:MAX_NAME_LENGTH]
-        plain = plain if re.match("[A-Za-z]", plain) else f"channel_{plain}".rstrip("_")
-        number, free = 1, plain
-        while free.lower() in taken:
-            number += 1
-            free = f"{plain}_{number}"
-        taken.add(free.lower())
-        variables[name] = free
+    taken, variables = set(RESERVED), {}
+    for number, name in enumerate(names, start=1):
+        plain = re.sub(r"\W+", "_", name, flags=re.ASCII)[:MAX_NAME_LENGTH].strip("_")
+        is_free = plain[:1].isalpha() and plain.lower() not in taken
+        variables[name] = plain if is_free else f"channel_{number}_"
+        taken.add(plain.lower())
     return variables

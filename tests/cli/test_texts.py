@@ -100,5 +100,5 @@ def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):
             "what is odd: it",
         ):
             warnings.warn(text, DataQualityWarning, stacklevel=1)
-    told = ["9.5 to 12 % is odd (sds, esm)", "kbr: 5 lags", "what is odd: it"]
+    told = ["sds, esm: 9.5 to 12 % is odd", "kbr: 5 lags", "what is odd: it"]
     assert capsys.readouterr().err.splitlines() == [f"warning: {text}" for text in told]

@@ -23,7 +23,7 @@ from tvsysid.progress import Progress
 output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
 
-NUMBER = re.compile(r"[-+]?\d|-$")
+NUMBER = re.compile(r"-|[-+]?\d[-+.e\d]*( ± [\d.]+| s| min)?")
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -43,8 +43,12 @@ def say_written(out: Path, names: Iterable[str]) -> None:
 
 
 class _Cells(Formatter):
+    """Formatter to which a value that is missing, None or NaN is a dash."""
+
+    def get_value(self, key: int | str, args: Any, kwargs: Mapping[Any, Any]) -> Any:
+        return kwargs.get(key)
+
     def format_field(self, value: Any, format_spec: str) -> str:
-        """Return the text of a value; a dash for None and NaN."""
         is_known = value is not None and not (isinstance(value, float) and math.isnan(value))
         return super().format_field(value, format_spec) if is_known else "-"
 
@@ -80,7 +84,7 @@ def show_table(
     for heading, form in columns.items():
         column = [printable(_Cells().vformat(form, (), record)) for record in records]
         if set(column) != {"-"}:
-            is_number = all(map(NUMBER.match, column))
+            is_number = all(map(NUMBER.fullmatch, column))
             side: Literal["left", "right"] = "right" if is_number else "left"
             table.add_column(heading, justify=side, no_wrap=is_number, overflow="fold")
             cells.append(column)
@@ -109,10 +113,7 @@ def shown_warnings() -> Iterator[None]:
         finally:
             texts = (_method_and_text(str(warning.message)) for warning in caught)
             for text, methods in by_text(texts).items():
-                if len(methods) > 1:
-                    remark("warning", f"{text} ({', '.join(methods)})")
-                else:
-                    remark("warning", f"{methods[0]}: {text}" if methods[0] else text)
+                remark("warning", ": ".join(filter(None, [", ".join(methods), text])))
 
 
 def _method_and_text(message: str) -> tuple[str, str]:

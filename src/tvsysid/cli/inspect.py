@@ -84,7 +84,8 @@ def inspect(
             f"--reference {reference}: no --channel is read under this name; add --channel "
             f"{reference}=CHANNEL, one of {', '.join(channels)}"
         )
-    _show_channels(file.name, channels)
+    records = [{"name": name, "channel": channel} for name, channel in channels.items()]
+    show_table(file.name, records, {"channel": "{name}", "content": "{channel.described}"})
     try:
         save(recorded_channels(channels, file.name), picture)
         say(f"wrote {picture}")
@@ -145,27 +146,6 @@ def _diagnose(
         if period is None:
             return diagnosis, None
         return diagnosis, recommend(lowered(ensemble), reference, diagnosis=diagnosis)
-
-
-def _show_channels(file: str, channels: dict[str, Channel]) -> None:
-    """Print a row for each channel of a file."""
-    columns = {
-        "channel": "{name}",
-        "shape": "{shape}",
-        "type": "{channel.dtype}",
-        "unit": "{unit}",
-        "rate (Hz)": "{channel.sampling_rate:g}",
-    }
-    records = [
-        {
-            "name": name,
-            "shape": " x ".join(map(str, channel.shape)) or "one value",
-            "unit": channel.unit or "-",
-            "channel": channel,
-        }
-        for name, channel in channels.items()
-    ]
-    show_table(file, records, columns)
 
 
 def _show_next(file: Path, channels: dict[str, Channel]) -> None:

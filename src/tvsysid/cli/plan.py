@@ -160,28 +160,25 @@ def _show(found: Plan) -> None:
         "follows a step in": "{rise_time:.2f} s",
     }
     for setup in found.setups:
-        records, notes = [], []
-        for each in found.answers:
-            if each.setup == setup:
-                bias = found.multiple * each.bias
-                records.append(
-                    {
-                        **each._asdict(),
-                        "duration": each.duration if each.realizations else None,
-                        "bias": bias,
-                        "both": math.hypot(each.half_width, bias),
-                    }
-                )
-                if each.why:
-                    notes.append(f"{each.method} does not suffice: {each.why}")
-                if each.excess > LARGE_EXCESS:
-                    notes.append(
-                        f"{each.method}: the pilot's scatter is {each.excess:.2g} times the "
-                        "simulated one; the plan allows for it"
-                    )
+        answers = [each for each in found.answers if each.setup == setup]
+        records = [
+            {
+                **each._asdict(),
+                "duration": each.duration if each.realizations else None,
+                "bias": found.multiple * each.bias,
+                "both": math.hypot(each.half_width, found.multiple * each.bias),
+            }
+            for each in answers
+        ]
         show_table(setup, records, columns)
-        for note in notes:
-            say(f"  {note}")
+        for each in answers:
+            if each.why:
+                say(f"  {each.method} does not suffice: {each.why}")
+            if each.excess > LARGE_EXCESS:
+                say(
+                    f"  {each.method}: the pilot's scatter is {each.excess:.2g} times the "
+                    "simulated one; the plan allows for it"
+                )
     say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")
 
 
@@ -189,23 +186,11 @@ def _verify(found: Plan) -> None:
     """Simulate the planned recordings, and print how precise they are."""
     with shown_progress("verifying") as advance:
         verified = found.verify(progress=advance)
-    bias = {(each.setup, each.method): each.bias for each in found.answers}
-    records = [
-        {
-            **each._asdict(),
-            "predicted": found.multiple * each.predicted,
-            "reached": found.multiple * each.reached,
-            "both": found.multiple * math.hypot(each.reached, bias[each.setup, each.method]),
-        }
-        for each in verified
-    ]
-    columns = {
-        "method": "{method}",
-        "setup": "{setup}",
-        "realizations": "{realizations}",
-        "± noise\npredicted": "{predicted:.1f}",
-        "± noise\nreached": "{reached:.1f}",
-        "± both\nreached": "{both:.1f}",
-    }
-    if records:
-        show_table(f"verified by {verified[0].trials} simulations each", records, columns)
+    planned = [each for each in found.answers if each.realizations is not None]
+    for each, answer in zip(verified, planned, strict=True):
+        noise = [found.multiple * error for error in (each.predicted, each.reached)]
+        both = math.hypot(noise[1], found.multiple * answer.bias)
+        say(
+            f"{each.method}, {each.setup}: {each.trials} simulations reach ± {noise[1]:.1f} of "
+            f"noise (predicted: {noise[0]:.1f}), ± {both:.1f} with bias"
+        )

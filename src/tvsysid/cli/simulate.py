@@ -95,41 +95,50 @@ def simulate(
         experiment` reads; of the other options only --perturbation applies to it.
     """
     from tvsysid.methods import resolve
-    from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS
-    from tvsysid.simulate.simulation import checked_simulation
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
     perturbed = resolve(perturbation, PERTURBATIONS, "perturbation")
-    if participant is not None:
-        if simulated != Simulated():
-            raise InputError(
-                "--participant: only --perturbation applies to it; leave out the other options"
-            )
+    if participant is None:
+        _write_system(file, simulated, perturbed)
+    elif simulated == Simulated():
         _write_participant(file, participant, perturbation, perturbed)
-        return
-    system = _system(simulated)
+    else:
+        raise InputError(
+            "--participant: only --perturbation applies to it; leave out the other options"
+        )
+
+
+def _write_system(file: Path, simulated: Simulated, perturbation: Perturbation) -> None:
+    """Write a simulation of a system, and print how to identify it."""
+    from tvsysid.recordings import write_simulation
+    from tvsysid.simulate.simulation import checked_simulation
+
+    system, rate = _system(simulated), simulated.rate
     try:
         made = system.simulate(
             simulated.duration,
-            perturbation=perturbed,
+            perturbation=perturbation,
             snr_db=simulated.snr,
             seed=simulated.seed,
-            rate=simulated.rate,
+            rate=rate,
         )
         simulation = checked_simulation(made, simulated.system)
     except InputError:
         raise
     except Exception as error:  # a system of one's own may raise anything
         raise InputError(f"system {simulated.system}: {describe_error(error)}") from error
-    write_simulation(file, _signals(simulation, simulated.duration), simulated.rate)
-    at = f"{simulated.rate:g} {decimation(simulated.rate)}".rstrip()
+    first = round(-simulation.recording.start * rate)
+    last = first + round(simulated.duration * rate)
+    signals = _signals(simulation)
+    write_simulation(file, {name: signals[name][first:last] for name in signals}, rate)
+    at = f"{rate:g} {decimation(rate)}".rstrip()
     period = getattr(getattr(system, "stiffness", None), "period", PERIOD_S)
     channels = simulation.recording.channels
     named = "".join(f" --channel {name}={name}" for name in channels)
     say(
-        f"wrote {file}: {simulated.duration:g} s at {simulated.rate:g} Hz; identify it with\n"
+        f"wrote {file}: {simulated.duration:g} s at {rate:g} Hz; identify it with\n"
         f"tvsysid identify {shlex.quote(str(file))} --angle angle --torque torque --rate {at} "
         f"--period {period:g}{named}"
     )
@@ -156,24 +165,6 @@ def _system(simulated: Simulated) -> System:
         ) from error
 
 
-def _signals(simulation: Simulation, duration: float) -> dict[str, Array]:
-    """Return recorded signals and truth without their context, by their names in the file."""
-    recording = simulation.recording
-    pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
-    signals = {
-        "angle": recording.angle,
-        "torque": recording.torque,
-        **recording.channels,
-        "noiseless_torque": simulation.noiseless.torque,
-        **{f"torque_{name}": torque for name, torque in pathways.items()},
-        **simulation.truth,
-    }
-    rate = recording.sampling_rate
-    first = round(-recording.start * rate)
-    last = first + round(duration * rate)
-    return {name: values[first:last] for name, values in signals.items()}
-
-
 def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:
     """Write the trials of a virtual participant, and print how a study reads them."""
     from tvsysid.recordings import write_simulation
@@ -184,20 +175,31 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
             f"{file}: a participant's trials are matrices; give a file that ends in .mat"
         )
     simulation = Participant(number).simulate(perturbation=perturbation)
-    recording = simulation.recording
-    signals = {
-        "angle": recording.angle,
-        "torque": recording.torque,
-        "target": recording.channels["target"],
-        "stiffness": simulation.truth["stiffness"],
-    }
+    signals, recording = _signals(simulation), simulation.recording
     trials, rate = len(recording.trials), recording.sampling_rate
-    columns = {name: values.reshape(trials, -1).T for name, values in signals.items()}
+    columns = {
+        each: signals[each].reshape(trials, -1).T
+        for each in ("angle", "torque", "target", "stiffness")
+    }
     write_simulation(file, columns, rate)
     key = re.sub(r"\W", "-", name)
     say(
-        f"wrote {file}: angle, torque, target and the true stiffness, {trials} trials of "
-        f"{recording.duration / trials:g} s at {rate:g} Hz, a column each; to analyse it, put this "
-        f'into study.toml:\n\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\n'
-        f'angle = "angle"\ntorque = "torque"\nsampling_rate = {rate:g}\ncolumns = "trials"\n'
+        f"wrote {file}: {', '.join(columns)}, {trials} trials of {recording.duration / trials:g} s "
+        f"at {rate:g} Hz, a column each; to analyse it, put this into study.toml:\n\n"
+        f'[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\n'
+        f'torque = "torque"\nsampling_rate = {rate:g}\ncolumns = "trials"\n'
     )
+
+
+def _signals(simulation: Simulation) -> dict[str, Array]:
+    """Return recorded signals and truth, by their names in the file."""
+    recording = simulation.recording
+    pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
+    return {
+        "angle": recording.angle,
+        "torque": recording.torque,
+        **recording.channels,
+        "noiseless_torque": simulation.noiseless.torque,
+        **{f"torque_{name}": torque for name, torque in pathways.items()},
+        **simulation.truth,
+    }

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.numerics import bases, bayes
+from tvsysid.numerics import bases
+from tvsysid.numerics.gaussian import PRIORS, Moments
 
 
 def relative(values, expected):
@@ -73,9 +74,8 @@ def test_parametric_regression_equals_the_reference_given_its_derivatives(refere
     columns = [(signals[order][:, :, None] * functions).reshape(-1, 10) for order in (0, 1)]
     regressor = np.concatenate([*columns, signals[2].reshape(-1, 1)], axis=1)
     torque = reference["torque"].ravel()
-    posterior = bayes.PRIORS[prior](
-        regressor.T @ regressor, regressor.T @ torque, float(torque @ torque), len(torque)
-    )
+    square, cross = float(torque @ torque), regressor.T @ torque
+    posterior = PRIORS[prior](Moments(regressor.T @ regressor, cross, square, len(torque)))
     stiffness = functions @ posterior.mean[:10]
     assert relative(stiffness, reference[f"birf_parametric_stiffness{suffix}"]) < 1e-6
     if not suffix:

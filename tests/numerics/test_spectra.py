@@ -39,16 +39,6 @@ def test_window_peaks_at_its_centre_and_is_symmetric_about_it(length):
     np.testing.assert_allclose(inner, inner[::-1])
 
 
-@pytest.mark.parametrize("length", [10, 11, 400])
-@pytest.mark.parametrize("half_cycles", range(6))
-def test_half_cosines_are_transformed_in_closed_form(length, half_cycles):
-    wave = np.cos(np.pi * half_cycles * (np.arange(length) + 0.5) / length)
-    found = spectra.half_cosine_spectrum(half_cycles, length, 1, length // 2)
-    np.testing.assert_allclose(found, np.fft.rfft(wave)[1 : length // 2], atol=1e-9)
-    (first,) = spectra.half_cosine_spectrum(half_cycles, length, 0, 1)
-    assert first == pytest.approx(wave.sum(), abs=1e-9)
-
-
 def test_power_shares():
     time = np.arange(400) / 100
     two = np.sin(2 * np.pi * 2 * time) + 3 * np.sin(2 * np.pi * 10 * time) + 5

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import attrs
+import numpy as np
 
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import Method, fitting_lags, whole_samples
@@ -85,10 +86,14 @@ class EnsembleIRF(Method):
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
         windows = shared.solve_windows(ensemble, lags, 0, solve)
-        errors = self._errors(ensemble, windows)
-        return shared.window_model(
-            repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors
+        unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
+        why = (
+            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot "
+            "be separated from the joint's response; record more, or shorten max_lag"
         )
+        enough = np.full(len(windows.weights), independent > unknowns)
+        errors = shared.WindowErrors.of(ensemble, windows, enough, why)
+        return shared.window_model(repr(self), ensemble, windows, errors)
 
     def _solve(
         self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array
@@ -108,19 +113,6 @@ class EnsembleIRF(Method):
             return pseudoinverse.direct(angle[:, within], torque[:, within], lags)
 
         return solve
-
-    def _errors(
-        self, ensemble: Ensemble, windows: shared.Windows
-    ) -> dict[str, shared.StandardError]:
-        unknowns = 2 * windows.lags + 1
-        if shared.independent_realizations(ensemble) > unknowns:
-            return shared.window_errors(ensemble, windows)
-        why = (
-            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot "
-            "be separated from the "
-            "joint's response; record more, or shorten max_lag"
-        )
-        return shared.no_errors(ensemble.samples, why)
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)

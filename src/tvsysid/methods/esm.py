@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
@@ -23,25 +21,17 @@ from tvsysid.validators import one_of, positive
 
 Stiffness = Literal["dc", "fit"]
 
-FEWEST = 10  # realizations below which averaged spectra say little
-FEWEST_AT_REST = 2  # independent realizations below which those leave nothing of the noise at 0 Hz
+MIN_REALIZATIONS = 10  # below which averaged spectra say little
+MIN_REALIZATIONS_AT_REST = 2  # independent ones, below which nothing of the noise at 0 Hz is left
 MAX_LEAKAGE = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
 # share of the angle's power in the band's upper half below which it counts as sampled too fast
 OVERSAMPLED = 1e-6
 # share of the strongest frequency's input power from which on a frequency counts as excited
 EXCITED = 1e-6
-WINDOWS = (
-    0.12,
-    0.16,
-    0.20,
-    0.26,
-    0.30,
-    0.36,
-    0.44,
-    0.56,
-    0.70,
-)  # s, of which a tuned one is the best
+# s, of which a tuned one is the best
+WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
+TINY = float(np.finfo(np.float64).tiny)  # keeps the response finite where there is no input
 
 
 @attrs.frozen
@@ -79,15 +69,10 @@ class EnsembleSpectral(shared.ByReference):
     The second-order fit does not start from H, from which the window takes inertia and viscosity
     (fitted to H, they come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are
     true). It takes the cross-spectra of the same segments with the velocity and the acceleration,
-    which are differentiated before they are windowed:
-
-    .. math:: S_{y u^{(m)}}(f) = k\, S_{u u^{(m)}}(f) + b\, S_{\dot u u^{(m)}}(f)
-              + I\, S_{\ddot u u^{(m)}}(f), \qquad m = 0, 1, 2
-
-    which holds at every frequency without leakage, and solves them by least squares over all
-    frequencies. The diagnostics' ``second_order_agreement`` says how much of the torque that
-    depends linearly on the angle the fit explains. Where the derivatives lack samples (12 to
-    either side), segments are cut short.
+    which are differentiated before they are windowed (:mod:`tvsysid.methods.shared.segments`). The
+    diagnostics' ``second_order_agreement`` says how much of the torque that depends linearly on the
+    angle the fit explains. Where the derivatives lack samples (12 to either side), segments are cut
+    short.
 
     The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the
     realizations alone, and needs no assumption on colour or strength. They do not count what the
@@ -132,69 +117,56 @@ class EnsembleSpectral(shared.ByReference):
         base.check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
         before, after = length // 2, (length - 1) // 2
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
-        first = ensemble.context + missing[0] - before
-        last = ensemble.context + ensemble.samples - missing[1] + after
+        begin = ensemble.context + missing[0] - before
+        end = ensemble.context + ensemble.samples - missing[1] + after
+        segments = shared.Segments(ensemble, shared.hann(length) ** 2, begin, end)
         instrument = self.instrument(ensemble)
-        products = shared.colour_products(ensemble)
-        mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
-        angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
-        moved = angle if instrument is None else instrument.moved.angle[:, first:last]
-        along = products[first + mirrored : last + mirrored] if instrument is None else None
-        spectra = shared.short_time_spectra(moved, torque, length, along)
-        excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
-        # A frequency without any input has no response; the smallest number keeps it finite.
-        input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
-        response: NDArray[np.complex128] = spectra.yu / input_power
-        if instrument is not None:
-            told = _told(
-                shared.short_time_spectra(moved, angle, length),
-                shared.independent_realizations(ensemble),
-            )
-            response, excited = response * told, excited * np.isfinite(told)
-        powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
-        coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
-        frequencies = np.asarray(
-            np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64
+        found = (
+            self._by_angle(segments, missing)
+            if instrument is None
+            else _by_reference(segments, missing, instrument)
         )
-        power = shared.hann(length) ** 2
-        errors: SegmentErrors | shared.WhereStrong
-        warned: tuple[str, ...] = ()
-        if instrument is None:
-            segments, impedance, agreement = _segment_fit(ensemble, products, power, first, last)
-            at_rest = None
-            if self.stiffness == "dc":
-                warned = _leaking(response[:, 0].real, impedance[:, 0])
-                impedance[:, 0] = response[:, 0].real
-                at_rest = _variance_at_rest(
-                    angle, torque, impedance[:, 0], shared.independent_realizations(ensemble)
-                )
-            errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
-            impedance = base.padded(impedance, *missing)
-        else:
-            found = shared.segment_fit(ensemble, instrument.moved, power, first, last)
-            impedance, values = (
-                base.padded(each, *missing) for each in (found.impedance, np.sqrt(found.variances))
-            )
-            freedom = np.full(
-                values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0)
-            )
-            errors = instrument.banded(shared.standard_errors(values, freedom))
-            agreement = shared.second_order_agreement(ensemble, instrument.moved, impedance)
-        stiffness, viscosity, inertia = impedance.T
+        spectra, response, excited = found.spectra, found.response, found.excited
+        powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
+        coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
+        stiffness, viscosity, inertia = base.padded(found.impedance, *missing).T
         diagnostics = Diagnostics(
-            float(length), warnings=warned, details={"second_order_agreement": agreement}
+            float(length),
+            warnings=found.warnings,
+            details={"second_order_agreement": found.agreement},
         )
         return (FrequencyResponseModel if instrument is None else InstrumentalResponseModel)(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, found.errors),
             frequency_response=base.padded(response, *missing),
-            frequencies=frequencies,
+            frequencies=np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate)),
             coherence=base.padded(coherence, *missing),
-            excited=base.padded(excited, *missing) > 0,
+            excited=base.padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
             diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics),
+        )
+
+    def _by_angle(self, segments: shared.Segments, missing: tuple[int, int]) -> Estimated:
+        """Estimate where the angle is imposed."""
+        ensemble, power, begin, end = segments
+        products = shared.colour_products(ensemble)
+        mirrored = begin + (len(products) - ensemble.angle.shape[1] + 1) // 2
+        angle, torque = ensemble.angle[:, begin:end], ensemble.torque[:, begin:end]
+        along = products[mirrored : mirrored + end - begin]
+        spectra = shared.short_time_spectra(angle, torque, len(power), along)
+        response = spectra.yu / np.maximum(spectra.uu, TINY)
+        fit = shared.SegmentFit.of(segments, products)
+        impedance, at_rest = fit.impedance, None
+        warned: tuple[str, ...] = ()
+        if self.stiffness == "dc":
+            warned = _leaking(response[:, 0].real, impedance[:, 0])
+            impedance[:, 0] = response[:, 0].real
+            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], fit.realizations)
+        errors = SegmentErrors(fit, at_rest, missing, shared.counted(ensemble))
+        return Estimated(
+            spectra, response, _excited(spectra), impedance, errors, fit.agreement, warned
         )
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
@@ -207,7 +179,7 @@ class EnsembleSpectral(shared.ByReference):
                 "response there is noise, "
                 f"and so is the prediction of torque; decimate to {rate / 2:.4g} Hz"
             )
-        if len(ensemble) < FEWEST:
+        if len(ensemble) < MIN_REALIZATIONS:
             yield (
                 f"spectra are averaged over only {len(ensemble)} realizations: the response is "
                 "hardly determined; "
@@ -230,130 +202,59 @@ class InstrumentalResponseModel(FrequencyResponseModel):
         return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, ensemble.derivatives())))}
 
 
-class Segments(NamedTuple):
-    r"""Second-order fit to segments, from moments of angle, velocity, acceleration and torque.
+class Estimated(NamedTuple):
+    """Spectra of segments, response and impedance at the times of whole windows, and errors.
 
-    With :math:`u^{(m)}` the angle's derivatives, taken before the window, the segments obey
-
-    .. math:: S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f)
-              + I S_{\ddot u u^{(m)}}(f)
-
-    at every frequency, without leakage. Least squares sum over frequency. By Parseval's theorem,
-    this is a sum over samples with the squared window as weights.
-
-    ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end
-    (``edges``) where the derivatives lack samples, so that segments are cut short; ``power`` is
-    the squared window (sample,). ``realizations`` is the number of independent ones.
+    ``excited`` (time, frequency) says where the angle moves.
     """
 
-    moments: Array
-    edges: tuple[int, int]
-    power: Array
-    realizations: int
-    colour: shared.Colour
-
-    def variances(self) -> Array:
-        """Return the variances (time, 3) of stiffness, viscosity and inertia."""
-        sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
-        fourth = fourth[:, :3, :3]
-        impedance, inverse = shared.second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
-        known = np.pad(np.ones(len(self.moments) - sum(self.edges)), self.edges)
-        weight = self.realizations * sliding_window_view(known, len(self.power)) @ self.power
-        fitted = np.einsum("tmk,tkm->t", inverse, fourth)
-        left = np.maximum(sums[:, 3, 3] - np.einsum("tm,tm->t", impedance, sums[:, :3, 3]), 0.0)
-        noise = np.where(
-            weight > fitted, left / np.where(weight > fitted, weight - fitted, 1.0), np.nan
-        )
-        white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
-        overlap = _overlap(self.power, len(self.colour.covariance))
-        _, factors = self.colour.noise_and_factors(overlap / overlap[0])
-        return np.asarray(factors * white)
-
-    @property
-    def freedom(self) -> float:
-        """Return the degrees of freedom of the variances."""
-        return float(self.realizations * self.power.sum() ** 2 / np.sum(self.power**2) - 3)
+    spectra: ShortTimeSpectra
+    response: NDArray[np.complex128]
+    excited: NDArray[np.bool_]
+    impedance: Array
+    errors: SegmentErrors | shared.WhereStrong
+    agreement: float
+    warnings: tuple[str, ...] = ()
 
 
-def _segment_fit(
-    ensemble: Ensemble, products: Array, power: Array, begin: int, end: int
-) -> tuple[Segments, Array, float]:
-    """Fit segments from one sample to another, which count the context.
-
-    Return the segments, their impedance (time, 3) and its agreement in per cent.
-    """
-    rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
-    reach = shared.HALF_WIDTH
-    first, last = max(reach, begin), min(samples - reach, end)  # where the derivatives are known
-    signals = (
-        *shared.differentiate(ensemble.angle[:, first - reach : last + reach], rate),
-        ensemble.torque[:, first:last],
+def _by_reference(
+    segments: shared.Segments, missing: tuple[int, int], instrument: shared.Instrument
+) -> Estimated:
+    """Estimate by the angle that a reference predicts."""
+    ensemble, power, begin, end = segments
+    angle, torque, moved = (
+        each[:, begin:end] for each in (ensemble.angle, ensemble.torque, instrument.moved.angle)
     )
-    moments = np.zeros((end - begin, 4, 4))
-    for a, b in itertools.combinations_with_replacement(range(4), 2):
-        moments[first - begin : last - begin, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
-        moments[:, b, a] = moments[:, a, b]
-    sums = window_sums(moments, power)
-    impedance, _ = shared.second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
-
-    # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-    start, stop = max(first, begin + centre), min(last, begin + centre + len(impedance))
-    at_centre = impedance[start - begin - centre : stop - begin - centre].T
-    angle, velocity, acceleration, torque = (
-        signal[:, start - first : stop - first] for signal in signals
+    spectra = shared.short_time_spectra(moved, torque, len(power))
+    independent = shared.independent_realizations(ensemble)
+    ratio = _angle_ratio(shared.short_time_spectra(moved, angle, len(power)), independent)
+    response = ratio * spectra.yu / np.maximum(spectra.uu, TINY)
+    fit = shared.instrumental_fit(segments, instrument.moved)
+    values = base.padded(np.sqrt(fit.variances), *missing)
+    errors = shared.standard_errors(values, np.full(values.shape, max(1.0, independent - 3.0)))
+    agreement = shared.second_order_agreement(
+        ensemble, instrument.moved, base.padded(fit.impedance, *missing)
     )
-    fit = angle * at_centre[0]
-    fit += velocity * at_centre[1]
-    fit += acceleration * at_centre[2]
-    left = torque - fit
-    filters = shared.derivative_filters(reach, rate)
-    longest = shared.colour_lags(ensemble)
-    colour = shared.Colour.of(
-        ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products
-    )
-    covariance = shared.angle_covariance(ensemble, products, 2 * min(centre, longest))
-    # The response itself would not do for a comparison, because leakage takes more from it than
-    # higher dynamics.
-    agreement = shared.agreement_of(fit, left, angle, covariance)
-    edges = first - begin, end - last
-    return (
-        Segments(moments, edges, power, shared.independent_realizations(ensemble), colour),
-        impedance,
-        agreement,
+    excited = _excited(spectra) & np.isfinite(ratio)
+    return Estimated(
+        spectra, response, excited, fit.impedance, instrument.banded(errors), agreement
     )
 
 
-def _told(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
+def _excited(spectra: ShortTimeSpectra) -> NDArray[np.bool_]:
+    """Return at which times and frequencies the angle moves."""
+    return np.asarray(spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True))
+
+
+def _angle_ratio(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
     """Return the predicted angle's power over its cross-spectrum with the angle.
 
     The shape is (time, frequency). The ratio is NaN where the two are no more coherent than
     independent signals are in 5 % of cases.
     """
     least = 1 - 0.05 ** (1 / max(independent - 1, 1))
-    told = np.abs(spectra.yu) ** 2 > least * spectra.uu * spectra.yy
-    return np.where(told, spectra.uu / np.where(told, spectra.yu, 1.0), np.nan)
-
-
-def window_sums(moments: Array, weights: Array) -> Array:
-    """Return weighted sums (time, 4, 4) of moments (sample, 4, 4) over each segment."""
-    return np.asarray(sliding_window_view(moments, len(weights), axis=0) @ weights)
-
-
-def _overlap(power: Array, lags: int) -> Array:
-    """Return the sum over a segment of the products of lagged weights, shape (lag,)."""
-    products = np.correlate(power, power, mode="full")[len(power) - 1 :][:lags]
-    return np.pad(products, (0, lags - len(products)))
-
-
-def _taken(power: Array, count: int, lags: int) -> Array:
-    """Return the share (lag,) of the noise's autocovariance that the fit of a segment explains.
-
-    The fit has three regressors, and the segment is weighted.
-    """
-    centre = len(power) // 2
-    own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
-    total = float(power.sum())
-    return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
+    is_coherent = np.abs(spectra.yu) ** 2 > least * spectra.uu * spectra.yy
+    return np.where(is_coherent, spectra.uu / np.where(is_coherent, spectra.yu, 1.0), np.nan)
 
 
 def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
@@ -383,7 +284,7 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
     sums, answers = shared.convolve_lags(angle, weights), shared.convolve_lags(torque, weights)
     squares = sums * sums
-    total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
+    total = np.maximum(squares.sum(axis=0), TINY)
     # In place: what takes time here is memory.
     sums *= stiffness
     answers -= sums
@@ -406,26 +307,23 @@ class SegmentErrors:
     number of realizations in words.
     """
 
-    segments: Segments
+    fit: shared.SegmentFit
     at_rest: Array | None
     missing: tuple[int, int]
     counted: str
 
     def standard_errors(self) -> dict[str, shared.StandardError]:
         """Return the standard errors by quantity."""
-        variances = self.segments.variances()
-        freedom, absent = np.full(variances.shape, self.segments.freedom), ""
+        variances, realizations = self.fit.variances(), self.fit.realizations
+        freedom, absent = np.full(variances.shape, self.fit.freedom), ""
         if self.at_rest is not None:
-            realizations = self.segments.realizations
             variances[:, 0], freedom[:, 0] = self.at_rest, max(realizations - 1, 1)
-            if realizations < FEWEST_AT_REST:
+            if realizations < MIN_REALIZATIONS_AT_REST:
                 absent = (
                     f"{self.counted} tell nothing of the noise at 0 Hz: there is one number of "
-                    "each; record more, or "
-                    "set stiffness to 'fit'"
+                    "each; record more, or set stiffness to 'fit'"
                 )
                 variances[:, 0] = np.nan
-        values, freedom = (
-            base.padded(each, *self.missing) for each in (np.sqrt(variances), freedom)
-        )
+        values = base.padded(np.sqrt(variances), *self.missing)
+        freedom = base.padded(freedom, *self.missing)
         return shared.standard_errors(values, freedom, absent=absent)

@@ -5,34 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import attrs
-import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.numerics.pseudoinverse import Solution
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Ensemble
 from tvsysid.validators import optional, positive, text
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
-WINDOWS = (
-    0.02,
-    0.04,
-    0.06,
-    0.08,
-    0.10,
-    0.14,
-    0.20,
-    0.30,
-    0.40,
-)  # s, of which a tuned one is the best
-# samples for each lag below which a window has no band: with fewer, 95 % bands held the truth in 78
-# to 90 %
-FEWEST = 3
-FEWEST_REALIZATIONS = (
-    2  # independent ones below which there is none: in one, the noise is hardly known (80 to 86 %)
-)
+# s, of which a tuned one is the best
+WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
+# below which a window has no band: with fewer, 95 % bands held the truth in 78 to 90 %
+MIN_SAMPLES_PER_LAG = 3
+# independent ones, below which there is no band: in one, the noise is hardly known (80 to 86 %)
+MIN_REALIZATIONS = 2
 
 
 @attrs.frozen
@@ -101,29 +88,24 @@ class ShortDataSegments(shared.ByReference):
                 "longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        if (instrument := self.instrument(ensemble)) is not None:
-            return self._by_reference(ensemble, lags, half, instrument)
-        windows = shared.solve_windows(ensemble, lags, half)
-        noise = windows.noise_correlation(ensemble)
-        products, counted = windows.angle_products(ensemble), shared.counted(ensemble)
-        errors = SegmentErrors(windows, products, noise, ensemble.samples, counted)
-        return shared.window_model(repr(self), ensemble, windows, noise, errors)
-
-    def _by_reference(
-        self, ensemble: Ensemble, lags: int, half: int, instrument: shared.Instrument
-    ) -> ImpulseResponseModel:
-        """Return the model of two-stage least squares with a reference."""
-        lagged = shared.lagged_reference(ensemble, instrument.reference, lags, half)
-
-        def solve(at: slice, phi_uu: Array, phi_uy: Array, *others: Array) -> Solution:
-            return shared.truncated_at_threshold(phi_uu, phi_uy)
-
-        windows = shared.solve_windows(ensemble, lags, half, solve, lagged)
-        errors = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
-        model = shared.window_model(
-            repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors
+        instrument = self.instrument(ensemble)
+        if instrument is not None:
+            lagged = shared.lagged_reference(ensemble, instrument.reference, lags, half)
+            windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
+            banded = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
+            model = shared.window_model(repr(self), ensemble, windows, banded)
+            return attrs.evolve(model, diagnostics=instrument.seen(model.diagnostics))
+        windows, unknowns = shared.solve_windows(ensemble, lags, half), 2 * lags + 1
+        enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
+        enough &= windows.realizations >= MIN_REALIZATIONS
+        why = (
+            f"windows over {shared.counted(ensemble)} hold {windows.independent.max():.0f} "
+            f"independent samples for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
+            f"{MIN_REALIZATIONS} realizations are needed to tell the noise from what the joint "
+            "does; record more, shorten max_lag, or lengthen window"
         )
-        return attrs.evolve(model, diagnostics=instrument.seen(model.diagnostics))
+        errors = shared.WindowErrors.of(ensemble, windows, enough, why)
+        return shared.window_model(repr(self), ensemble, windows, errors)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -139,38 +121,3 @@ class ShortDataSegments(shared.ByReference):
         return tuning.evidence_by_halves(
             self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
         )
-
-
-@attrs.frozen(eq=False)
-class SegmentErrors:
-    """Standard errors at the times whose windows hold enough samples.
-
-    They follow from the angle's ``products`` along the diagonals (sample, distance) and from the
-    autocorrelation of the ``noise`` (distance,). A realization has ``times`` times. ``counted``
-    describes the number of realizations in words.
-    """
-
-    windows: shared.Windows
-    products: Array
-    noise: Array
-    times: int
-    counted: str
-
-    def standard_errors(self) -> dict[str, shared.StandardError]:
-        """Return the standard errors by quantity."""
-        windows, unknowns = self.windows, 2 * self.windows.lags + 1
-        enough = (windows.independent >= FEWEST * unknowns) & (
-            windows.realizations >= FEWEST_REALIZATIONS
-        )
-        if not enough.any():
-            why = (
-                f"windows over {self.counted} hold {windows.independent.max():.0f} independent "
-                f"samples for {unknowns} "
-                f"lags, where {FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed "
-                "to tell the noise "
-                "from what the joint does; record more, shorten max_lag, or lengthen window"
-            )
-            return shared.no_errors(self.times, why)
-        variances = shared.coloured_variances(windows, self.products, self.noise)
-        variances[~enough] = np.nan
-        return shared.errors_of_variances(windows, variances, (self.times - len(variances)) // 2)

@@ -13,7 +13,7 @@ from tvsysid.numerics.moments import diagonal_moments, window_matrices
 ROUNDING = (
     1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
 )
-# determinant of three regressors' correlation matrix below which they cannot be told apart
+# determinant of a matrix with a diagonal of ones below which it has no inverse
 SINGULAR = 1e-9
 
 
@@ -167,11 +167,11 @@ def agreement_of_moments(
 
 
 def _inverses(matrices: Array) -> Array:
-    """Inverses of symmetric matrices, shape (time, 3, 3); NaN where there is none."""
-    power = np.diagonal(matrices, axis1=1, axis2=2)
+    """Return inverses of matrices, shape (time, 3, 3); NaN where there is none."""
+    power = np.abs(np.diagonal(matrices, axis1=1, axis2=2))
     scale = np.sqrt(np.where(power > 0, power, np.inf))  # what has no power is not determined
     scales = scale[:, :, None] * scale[:, None, :]
     scaled = matrices / scales
-    determined = np.linalg.det(scaled) > SINGULAR
+    determined = np.abs(np.linalg.det(scaled)) > SINGULAR
     scaled[~determined] = np.eye(matrices.shape[1])
     return np.where(determined[:, None, None], np.linalg.inv(scaled) / scales, np.nan)

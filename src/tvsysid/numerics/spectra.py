@@ -88,27 +88,6 @@ def _from_segments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     return ShortTimeSpectra(out.uu / samples, out.yu / samples, out.yy / samples)
 
 
-def half_cosine_spectrum(half_cycles: int, length: int, low: int, high: int) -> ComplexArray:
-    r"""Return the Fourier transform of q half-cycles of a cosine over a record at some bins.
-
-    It is computed without a transform:
-
-    .. math:: \sum_{n=0}^{N-1} \cos\frac{\pi q (n + 1/2)}{N}\, e^{-2\pi j k n / N}, \qquad
-              low \le k < high
-
-    a geometric series for each k.
-    """
-    bins = np.arange(low, high)
-    total = np.zeros(high - low, dtype=np.complex128)
-    for sign in (1, -1):
-        start = 0.5 * np.exp(0.5j * np.pi * sign * half_cycles / length)
-        if half_cycles % 2:  # e^{jN(...)} is -1
-            total += start * -2 / np.expm1(1j * np.pi * (sign * half_cycles - 2 * bins) / length)
-        else:  # orthogonal to all bins but one
-            total += start * length * ((2 * bins - sign * half_cycles) % (2 * length) == 0)
-    return total
-
-
 def hann(length: int) -> Array:
     """Hann window that is symmetric about, and peaks at, sample length // 2."""
     if length % 2 == 0:

@@ -2,13 +2,10 @@
 
 from tvsysid.methods.shared.correlations import (
     Solver,
-    Windows,
-    coloured_variances,
-    errors_of_variances,
+    WindowErrors,
     impulse_response_model,
     lagged_reference,
     solve_windows,
-    window_errors,
     window_model,
 )
 from tvsysid.methods.shared.estimates import impedance_estimates, no_errors, standard_errors
@@ -17,7 +14,6 @@ from tvsysid.methods.shared.instrument import (
     ByReference,
     Instrument,
     WhereStrong,
-    segment_fit,
 )
 from tvsysid.methods.shared.residuals import (
     Colour,
@@ -33,7 +29,7 @@ from tvsysid.methods.shared.residuals import (
     second_order_agreement,
     second_order_torque,
 )
-from tvsysid.methods.shared.two_stage import truncated_at_threshold
+from tvsysid.methods.shared.segments import SegmentFit, Segments, instrumental_fit
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import PRIORS, Moments, Regression

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
+import attrs
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.methods.shared.estimates import ErrorStatistics, impedance_estimates, standard_errors
+from tvsysid.methods.shared.estimates import (
+    Errors,
+    impedance_estimates,
+    no_errors,
+    standard_errors,
+)
 from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
-from tvsysid.methods.shared.two_stage import LaggedReference
+from tvsysid.methods.shared.two_stage import LaggedReference, truncated_at_threshold
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.instrument import lag_samples
 from tvsysid.numerics.moments import (
@@ -22,6 +29,7 @@ from tvsysid.numerics.moments import (
     lagged_moments,
     sliding_sum,
     time_chunks,
+    window_matrices,
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
@@ -40,9 +48,8 @@ class Windows(NamedTuple):
     ``independent`` ones, the ``noise`` variance, its degrees of ``freedom``, and three powers of
     the torque. A second-order fit explains ``fitted``, lagged angles explain ``beyond`` more, and
     noise would make them explain ``chance`` more. ``readout`` (time, 3, lag) gives stiffness,
-    viscosity and inertia from the correlations. The ``impedance`` has shape (time, 3), as have
-    its variances under ``white`` noise, which only windows of one sample have. With instruments,
-    ``on_instruments`` (time, 3, lag) gives the impedance from their correlations with the torque.
+    viscosity and inertia from the correlations. The ``impedance`` has shape (time, 3). With
+    instruments, ``on_instruments`` (time, 3, lag) gives it from their correlations with the torque.
     """
 
     realizations: int
@@ -60,7 +67,6 @@ class Windows(NamedTuple):
     chance: Array
     readout: Array
     impedance: Array
-    white: Array
     on_instruments: Array
 
     def angle_products(self, ensemble: Ensemble) -> Array:
@@ -76,7 +82,8 @@ class Windows(NamedTuple):
         reach = 2 * (self.lags + 2 * self.half)
         # So many lagged angles share hardly anything with those of the next sample: the fit takes
         # variance only.
-        taken = np.eye(reach + 1)[0] * np.mean(self.rank / self.independent)
+        taken = np.zeros(reach + 1)
+        taken[0] = np.mean(self.rank / self.independent)
         return noise_correlation(autocovariance(residual(ensemble, self.weights), reach), taken)
 
 
@@ -110,37 +117,25 @@ def solve_windows(
             total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
         )
         count, independent = samples * len(ensemble), samples * realizations
-        variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         projection = np.empty((len(count), 2 * lags + 1, 0))
         if instruments is not None:
             phi_uu, phi_uy, projection = instruments.projected(begin, end, half, centres)
-        correlations = phi_uu, phi_uy, variance, count
-        weights, rank, inverse, usable, explained = (
-            solve(chunk, *correlations) if solve else truncated(*correlations)
+            solution = truncated_at_threshold(phi_uu, phi_uy)
+        else:
+            variance = (square - mean**2) * count / np.maximum(count - 1, 1)
+            correlations = phi_uu, phi_uy, variance, count
+            solution = solve(chunk, *correlations) if solve else truncated(*correlations)
+        readout, fitted = second_order_readout(
+            phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
         )
-        readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, ensemble.sampling_rate)
-        freedom = independent - usable
-        left = np.maximum(square - explained, 0.0)
+        freedom = independent - solution.usable
+        left = np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
-        chance = noise * np.maximum(usable - 3, 0) / count
+        chance = noise * np.maximum(solution.usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
-        white = np.full(impedance.shape, np.nan)
-        if not half:  # within a window, noise is not white
-            white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
-        by_noise = noise, freedom, fitted, explained - fitted, chance
-        parts.append(
-            (
-                weights,
-                rank,
-                count,
-                independent,
-                *by_noise,
-                readout,
-                impedance,
-                white,
-                readout @ projection,
-            )
-        )
+        of_noise = noise, freedom, fitted, solution.explained - fitted, chance
+        of_readout = readout, impedance, readout @ projection
+        parts.append((*solution[:2], count, independent, *of_noise, *of_readout))
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
     return Windows(realizations, lags, half, margin, *arrays)
 
@@ -162,6 +157,10 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     times, cut = len(windows.weights), half - margin
     last = len(products) - length  # the latest centre of lagged angles
     out = np.empty((times, 3))
+    if not half:  # noise at one time is white, and running sums would lose digits
+        moments = window_matrices(products, products)[:, ::-1, ::-1]
+        out[:] = np.einsum("tmk,tmk->tm", windows.readout @ moments, windows.readout)
+        return out * (windows.noise / windows.samples)[:, None]
     whole = slice(cut, max(cut, times - cut))
     if whole.stop > whole.start:
         out[whole] = coloured_moments(products, windows.readout[whole], noise) / len(noise)
@@ -174,9 +173,8 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
         moments = products[
             begin + np.minimum.outer(index, index), np.abs(np.subtract.outer(index, index))
         ]
-        answers = np.zeros(
-            (3, count, reach)
-        )  # of each quantity and sample, from the angles about the window
+        # Of each quantity and sample, from the angles about the window.
+        answers = np.zeros((3, count, reach))
         for sample in range(count):
             answers[:, sample, sample : sample + length] = windows.readout[time, :, ::-1]
         mixed = answers @ moments @ answers.transpose(0, 2, 1)
@@ -184,35 +182,54 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     return np.asarray(np.maximum(out, 0.0) * (windows.noise / windows.samples)[:, None])
 
 
-def window_errors(ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
-    """Return the standard errors of windows of one sample, whose noise is white."""
-    return errors_of_variances(windows, windows.white, missing_edge(windows.lags, ensemble))
+@attrs.frozen(eq=False)
+class WindowErrors:
+    """Standard errors of windows, at the times at which there is ``enough`` data.
 
-
-def errors_of_variances(
-    windows: Windows, variances: Array, missing: int
-) -> dict[str, StandardError]:
-    """Return the standard errors from variances (time, 3) at the windows' times.
-
-    ``missing`` times at either end have no window; their errors are NaN.
+    They follow from the angle's ``products`` along the diagonals (sample, distance) and from the
+    autocorrelation of the ``noise`` (distance,). ``missing`` times at either end have no window.
+    ``reason`` says what is too little.
     """
-    freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
-    # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
-    values = np.sqrt(np.where(variances >= 0, variances, np.nan))
-    return standard_errors(padded(values, missing), padded(freedom, missing))
+
+    windows: Windows
+    products: Array
+    noise: Array
+    missing: int
+    enough: NDArray[np.bool_]
+    reason: str
+
+    @classmethod
+    def of(
+        cls, ensemble: Ensemble, windows: Windows, enough: NDArray[np.bool_], reason: str
+    ) -> WindowErrors:
+        """Keep of an ensemble what the errors need."""
+        angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
+        products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
+        noise, missing = windows.noise_correlation(ensemble), missing_edge(windows.lags, ensemble)
+        return cls(windows, products, noise, missing, enough, reason)
+
+    def standard_errors(self) -> dict[str, StandardError]:
+        """Return the standard errors by quantity."""
+        if not self.enough.any():
+            return no_errors(len(self.enough) + 2 * self.missing, self.reason)
+        variances = coloured_variances(self.windows, self.products, self.noise)
+        # A negative one is rounding: there is hardly any motion within the lags.
+        known = self.enough[:, None] & (variances >= 0)
+        values = np.sqrt(np.where(known, variances, np.nan))
+        freedom = np.broadcast_to(self.windows.freedom[:, None], variances.shape)
+        return standard_errors(padded(values, self.missing), padded(freedom, self.missing))
 
 
 def window_model(
-    method: str,
-    ensemble: Ensemble,
-    windows: Windows,
-    noise: Array,
-    errors: ErrorStatistics | Mapping[str, StandardError],
+    method: str, ensemble: Ensemble, windows: Windows, errors: Errors
 ) -> ImpulseResponseModel:
-    """Return the model of windows and of the autocorrelation of their noise."""
+    """Return the model of windows."""
     rank = padded(windows.rank.astype(float), missing_edge(windows.lags, ensemble))
     # With few samples for so many lags the noise, and so chance, is hardly known.
     chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
+    noise = (
+        errors.noise if isinstance(errors, WindowErrors) else windows.noise_correlation(ensemble)
+    )
     details = {
         "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
         "second_order_agreement_error": _agreement_error(windows, chance, noise),
@@ -235,20 +252,16 @@ def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
     known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
     if not known.any():
         return float("nan")
-    directions = (
-        chance[known] / windows.noise[known] * windows.samples[known]
-    )  # noiseless times are not among them
+    # noiseless times are not among them
+    directions = chance[known] / windows.noise[known] * windows.samples[known]
     variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
     span = 2 * (windows.lags + windows.half) + 1
     window = np.bartlett(4 * windows.half + 3)[1:-1]
     smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
     shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
     total = float(np.sum((windows.fitted + windows.beyond)[known]))
-    return (
-        float(100 * np.sqrt(variance * (2 * shared.sum() - 1)) / total)
-        if total > 0
-        else float("nan")
-    )
+    error = np.sqrt(variance * (2 * shared.sum() - 1))
+    return float(100 * error / total) if total > 0 else float("nan")
 
 
 def impulse_response_model(
@@ -257,7 +270,7 @@ def impulse_response_model(
     weights: Array,
     impedance: Array,
     diagnostics: Diagnostics,
-    errors: ErrorStatistics | Mapping[str, StandardError],
+    errors: Errors,
 ) -> ImpulseResponseModel:
     """Return the model of weights (time, lag) at the times whose lags lie within the context.
 

@@ -21,10 +21,10 @@ from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.shared.estimates import ErrorStatistics
 from tvsysid.methods.shared.residuals import independent_realizations
+from tvsysid.methods.shared.segments import Segments, instrumental_fit
 from tvsysid.models import Diagnostics, StandardError
-from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
-from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.spectra import hann, power_spectrum
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 LEAST = 0.01  # share of the angle that the reference predicts below which nobody can use it
 WEAK = 0.5  # below which there is a warning
 WINDOW = 0.30  # s over which the strength at a time counts
-SINGULAR = 1e-9  # determinant of scaled moments below which the quantities are not identifiable
 
 
 class Instrument(NamedTuple):
@@ -202,77 +201,6 @@ class WhereStrong:
         }
 
 
-class SegmentFit(NamedTuple):
-    """Impedance (time, 3) of segments, its ``variances`` and the instrument's ``strength``.
-
-    ``strength`` has shape (time,).
-    """
-
-    impedance: Array
-    variances: Array
-    strength: Array
-
-
-def segment_fit(
-    ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
-) -> SegmentFit:
-    r"""Fit the impedance of segments by instruments.
-
-    The segments lie between the samples ``begin`` and ``end``, which count the context. ``power``
-    weighs a segment's samples.
-
-    .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
-              \hat\theta = \left(\sum_r A_r\right)^{-1} \sum_r c_r, \quad
-              V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
-
-    The realizations are the independent samples, so that the noise may have any colour and
-    strength. Where the derivatives lack samples, segments are cut short.
-    """
-    products = _segment_products(ensemble, moved, power, begin, end)
-    count, independent = len(ensemble), independent_realizations(ensemble)
-    inverse = _inverse(products[..., :3].sum(axis=0))
-    impedance = np.einsum("tij,rtj->ti", inverse, products[..., 3])
-    scores = products[..., 3] - np.einsum("rtij,tj->rti", products[..., :3], impedance)
-    effects = np.einsum("tij,rtj->rti", inverse, scores)
-    share = count / (independent - 3) if independent > 3 else np.nan
-    own = np.einsum("ti,rtij,tj->rt", inverse[:, 0], products[..., :3], inverse[:, :, 0])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        strength = own.sum(axis=0) ** 2 / np.sum(own**2, axis=0)
-    return SegmentFit(impedance, share * np.sum(effects**2, axis=0), strength)
-
-
-def _segment_products(
-    ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int
-) -> Array:
-    """Return weighted sums over segments of z times x and y: (realization, time, 3, 4)."""
-    reach, samples = HALF_WIDTH, ensemble.angle.shape[1]
-    first, last = max(reach, begin), min(samples - reach, end)
-    at = slice(first - reach, last + reach)
-    z, x = (differentiate(each.angle[:, at], ensemble.sampling_rate) for each in (moved, ensemble))
-    x = np.concatenate([x, ensemble.torque[None, :, first:last]])
-    weights = np.broadcast_to(power[::-1], (end - begin - len(power) + 1, len(power)))
-    out = np.empty((len(ensemble), len(weights), 3, 4))
-    product = np.zeros((len(ensemble), end - begin))
-    for a, left in enumerate(z):
-        for b, right in enumerate(x):
-            np.multiply(left, right, out=product[:, first - begin : last - begin])
-            out[:, :, a, b] = convolve_lags(product, weights)
-    return out
-
-
-def _inverse(matrices: Array) -> Array:
-    """Invert matrices (time, 3, 3) that are not symmetric; NaN where they are singular."""
-    rows, columns = (np.sqrt(np.sum(matrices**2, axis=axis, keepdims=True)) for axis in (2, 1))
-    scale = np.sqrt(rows * columns)
-    scaled = np.divide(matrices, scale, out=np.zeros_like(matrices), where=scale > 0)
-    told = np.abs(np.linalg.det(scaled)) > SINGULAR
-    scaled[~told] = np.eye(3)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(
-            told[:, None, None], np.linalg.inv(scaled) / scale.transpose(0, 2, 1), np.nan
-        )
-
-
 def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) -> Array:
     """Return the reference with more samples before and after each realization and its context.
 
@@ -319,9 +247,8 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
     begin, end = ensemble.core.start + early - before, ensemble.core.stop - late + after
     if end - begin < len(power) + 2 * HALF_WIDTH:
         return np.full(ensemble.samples, np.nan)
-    return np.pad(
-        segment_fit(ensemble, moved, power, begin, end).strength, (early, late), mode="edge"
-    )
+    strength = instrumental_fit(Segments(ensemble, power, begin, end), moved).strength
+    return np.pad(strength, (early, late), mode="edge")
 
 
 def _needed(independent: int) -> float:

@@ -1,0 +1,204 @@
+r"""Second-order fits to short segments about each time, from moments of the signals.
+
+With :math:`u^{(m)}` the angle's derivatives, taken before the window, segments obey
+
+.. math:: S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f)
+          + I S_{\ddot u u^{(m)}}(f), \qquad m = 0, 1, 2
+
+at every frequency, without leakage. Least squares sum over frequency. By Parseval's theorem, this
+is a sum over samples with the squared window as weights.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tvsysid.methods.shared.residuals import (
+    Colour,
+    agreement_of,
+    angle_covariance,
+    colour_lags,
+    independent_realizations,
+)
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.second_order import derivative_filters, second_order_fit
+from tvsysid.signals import Array, Ensemble
+
+
+class Segments(NamedTuple):
+    """Segments of an ensemble about each time that lie between two samples.
+
+    The samples ``begin`` and ``end`` count the context. ``power`` (sample,) is the squared window.
+    Where the derivatives lack samples, segments are cut short: only the samples from ``first`` to
+    ``last`` count.
+    """
+
+    ensemble: Ensemble
+    power: Array
+    begin: int
+    end: int
+
+    @property
+    def first(self) -> int:
+        """Return the first sample at which the derivatives are known."""
+        return max(HALF_WIDTH, self.begin)
+
+    @property
+    def last(self) -> int:
+        """Return the end of the samples at which the derivatives are known."""
+        return min(self.ensemble.samples + 2 * self.ensemble.context - HALF_WIDTH, self.end)
+
+    @property
+    def known(self) -> slice:
+        """Return the samples at which the derivatives are known, from ``begin`` on."""
+        return slice(self.first - self.begin, self.last - self.begin)
+
+    def derivatives(self, angle: Array) -> Array:
+        """Return an angle and its derivatives, shape (3, realization, known sample)."""
+        within = angle[:, self.first - HALF_WIDTH : self.last + HALF_WIDTH]
+        return differentiate(within, self.ensemble.sampling_rate)
+
+    @property
+    def torque(self) -> Array:
+        """Return the torque, shape (realization, known sample)."""
+        return self.ensemble.torque[:, self.first : self.last]
+
+
+class InstrumentalFit(NamedTuple):
+    """Impedance (time, 3) of segments, its ``variances`` and the instrument's ``strength``.
+
+    ``strength`` has shape (time,).
+    """
+
+    impedance: Array
+    variances: Array
+    strength: Array
+
+
+def instrumental_fit(segments: Segments, moved: Ensemble) -> InstrumentalFit:
+    r"""Fit the impedance of segments by instruments z, from the angle of the ensemble ``moved``.
+
+    .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
+              \hat\theta = \left(\sum_r A_r\right)^{-1} \sum_r c_r, \quad
+              V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
+
+    The realizations are the independent samples, so that the noise may have any colour and
+    strength.
+    """
+    ensemble, power, begin, end = segments
+    weights = np.broadcast_to(power[::-1], (end - begin - len(power) + 1, len(power)))
+    z = segments.derivatives(moved.angle)
+    x = np.concatenate([segments.derivatives(ensemble.angle), segments.torque[None]])
+    products = np.empty((len(ensemble), len(weights), 3, 4))
+    product = np.zeros((len(ensemble), end - begin))
+    for a, b in itertools.product(range(3), range(4)):
+        np.multiply(z[a], x[b], out=product[:, segments.known])
+        products[:, :, a, b] = convolve_lags(product, weights)
+    sums = products.sum(axis=0)
+    impedance, inverse = second_order_fit(sums[..., :3], sums[..., 3])
+    scores = products[..., 3] - np.einsum("rtij,tj->rti", products[..., :3], impedance)
+    effects = np.einsum("tij,rtj->rti", inverse, scores)
+    independent = independent_realizations(ensemble)
+    share = len(ensemble) / (independent - 3) if independent > 3 else np.nan
+    own = np.einsum("ti,rtij,tj->rt", inverse[:, 0], products[..., :3], inverse[:, :, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        strength = own.sum(axis=0) ** 2 / np.sum(own**2, axis=0)
+    return InstrumentalFit(impedance, share * np.sum(effects**2, axis=0), strength)
+
+
+class SegmentFit(NamedTuple):
+    """Least-squares fit to segments.
+
+    ``impedance`` has shape (time, 3), ``agreement`` is in per cent. ``moments`` (sample, 4, 4) of
+    angle, velocity, acceleration and torque are sums over realizations, of which ``realizations``
+    are independent. They are 0 but at the ``known`` samples.
+    """
+
+    impedance: Array
+    agreement: float
+    moments: Array
+    known: slice
+    power: Array
+    realizations: int
+    colour: Colour
+
+    @classmethod
+    def of(cls, segments: Segments, products: Array) -> SegmentFit:
+        """Fit segments. ``products`` are the :func:`colour_products` of the angle."""
+        ensemble, power, begin, end = segments
+        signals = *segments.derivatives(ensemble.angle), segments.torque
+        moments = np.zeros((end - begin, 4, 4))
+        for a, b in itertools.combinations_with_replacement(range(4), 2):
+            moments[segments.known, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
+            moments[:, b, a] = moments[:, a, b]
+        sums = window_sums(moments, power)
+        impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+
+        # What the fit leaves at the segments' centres, as far as the derivatives are known there.
+        known, centre = segments.known, len(power) // 2
+        start, stop = max(known.start, centre), min(known.stop, centre + len(impedance))
+        at_centre = impedance[start - centre : stop - centre].T
+        angle, velocity, acceleration, torque = (
+            signal[:, start - known.start : stop - known.start] for signal in signals
+        )
+        fit = angle * at_centre[0]
+        fit += velocity * at_centre[1]
+        fit += acceleration * at_centre[2]
+        left, longest = torque - fit, colour_lags(ensemble)
+        taken = _taken(power, len(ensemble), longest + 1)
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+        colour = Colour.of(ensemble, left, taken, filters, products)
+        covariance = angle_covariance(ensemble, products, 2 * min(centre, longest))
+        # The response itself would not do for a comparison, because leakage takes more from it
+        # than higher dynamics.
+        agreement = agreement_of(fit, left, angle, covariance)
+        realizations = independent_realizations(ensemble)
+        return cls(impedance, agreement, moments, known, power, realizations, colour)
+
+    def variances(self) -> Array:
+        """Return the variances (time, 3) of stiffness, viscosity and inertia."""
+        sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
+        fourth = fourth[:, :3, :3]
+        impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+        known = np.zeros(len(self.moments))
+        known[self.known] = self.realizations
+        freedom = sliding_window_view(known, len(self.power)) @ self.power
+        freedom -= np.einsum("tmk,tkm->t", inverse, fourth)
+        left = np.maximum(sums[:, 3, 3] - np.einsum("tm,tm->t", impedance, sums[:, :3, 3]), 0.0)
+        noise = np.where(freedom > 0, left / np.where(freedom > 0, freedom, 1.0), np.nan)
+        white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
+        overlap = _overlap(self.power, len(self.colour.covariance))
+        _, factors = self.colour.noise_and_factors(overlap / overlap[0])
+        return np.asarray(factors * white)
+
+    @property
+    def freedom(self) -> float:
+        """Return the degrees of freedom of the variances."""
+        return float(self.realizations * self.power.sum() ** 2 / np.sum(self.power**2) - 3)
+
+
+def window_sums(moments: Array, weights: Array) -> Array:
+    """Return weighted sums (time, 4, 4) of moments (sample, 4, 4) over each segment."""
+    return np.asarray(sliding_window_view(moments, len(weights), axis=0) @ weights)
+
+
+def _overlap(power: Array, lags: int) -> Array:
+    """Return the sum over a segment of the products of lagged weights, shape (lag,)."""
+    products = np.correlate(power, power, mode="full")[len(power) - 1 :][:lags]
+    return np.pad(products, (0, lags - len(products)))
+
+
+def _taken(power: Array, count: int, lags: int) -> Array:
+    """Return the share (lag,) of the noise's autocovariance that the fit of a segment explains.
+
+    The fit has three regressors, and the segment is weighted.
+    """
+    centre = len(power) // 2
+    own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
+    total = float(power.sum())
+    return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)

@@ -20,7 +20,7 @@ def read_only(values: ArrayLike) -> NDArray[Any]:
 
 
 def to_array(values: ArrayLike) -> Array:
-    """Convert real numbers to a read-only, C-ordered array; leave the rest to the validator."""
+    """Convert real numbers to a read-only, C-ordered array. A validator checks other values."""
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:

@@ -1,4 +1,4 @@
-"""Layout of a model's dataset: variables with axes and units, and their names."""
+"""Lay a model out as a dataset: variables with names, axes and units."""
 
 from __future__ import annotations
 

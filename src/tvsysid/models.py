@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-# Quantities of a joint of second order. Each multiplies the angle's derivative of its position.
+# Quantities of a joint of second order: factors of the angle and of its first two derivatives.
 IMPEDANCE = ("stiffness", "viscosity", "inertia")
 
 
@@ -39,14 +39,14 @@ class StandardError:
     Parameters
     ----------
     values
-        In the unit of the estimate and of its shape, NaN where unknown.
+        Standard error of each value of the estimate, in its unit. NaN where unknown.
     freedom
-        Degrees of freedom of the standard error, one number or an array of the same shape.
+        Degrees of freedom: one number, or one for each value.
     arc
-        Length of the path of the normalised estimate over time, which a simultaneous band needs
-        (:func:`tvsysid.numerics.bands.simultaneous_value`).
+        Arc length of the normalised estimate over time, for simultaneous bands (see
+        :func:`tvsysid.numerics.bands.simultaneous_value`).
     absent
-        Reason why no standard error is known at any time.
+        Why there is no standard error, if there is none at any time.
     """
 
     values: Array = attrs.field(converter=to_array)
@@ -56,19 +56,19 @@ class StandardError:
 
     @property
     def freedom(self) -> Array:
-        """Degrees of freedom, with the shape of the values."""
+        """Degrees of freedom of each value."""
         return np.broadcast_to(self._freedom, self.values.shape)
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
-        """Return lower and upper limits of the band about ``values``; see :meth:`Estimate.band`."""
+        """Return the lower and upper limit of the band about estimates with these ``values``."""
         known, width = np.isfinite(self.values), np.full(self.values.shape, np.nan)
         width[known] = self.multiple(level, simultaneous) * self.values[known]
         return values - width, values + width
 
     def multiple(self, level: float, simultaneous: bool = False) -> Array:
-        """Return how many standard errors wide a band is to either side, where they are known."""
+        """Return half the width of a band in standard errors, for each one that is known."""
         freedom = self.freedom[np.isfinite(self.values)]
         if simultaneous:
             return simultaneous_value(level, freedom, self.arc)
@@ -76,7 +76,7 @@ class StandardError:
 
     @classmethod
     def none(cls, shape: int | tuple[int, ...], why: str) -> StandardError:
-        """Return an unknown standard error, with the reason."""
+        """Return a standard error that is unknown everywhere, and the reason."""
         return cls(np.full(shape, np.nan), np.inf, absent=why)
 
 
@@ -91,7 +91,7 @@ class Estimate:
     Parameters
     ----------
     values
-        In ``unit``, NaN where not identified.
+        Values in ``unit``, NaN where not identified.
     unit
         SI unit, such as ``"N m/rad"``.
     axes
@@ -187,11 +187,17 @@ def _to_optional_array(values: ArrayLike | None) -> Array | None:
 class Diagnostics:
     """Diagnostics of an identification.
 
-    ``parameters`` is the effective number of parameters of the model; if each time has its own,
-    their mean. ``rank`` (time,) is the number of singular values kept, if the method truncates.
-    ``strength`` (time,) is that of the instrument, if the method has a reference. ``warnings`` are
-    reasons to doubt the result, ``seconds`` the time that the identification took, ``details``
-    further numbers by name.
+    Parameters
+    ----------
+    parameters
+        Effective number of parameters; the mean over time if each time has parameters of its own.
+    rank, strength
+        Number of singular values kept, if the method truncates, and strength of the reference as an
+        instrument, if it has one, shape (time,).
+    warnings, seconds
+        Reasons to doubt the result, and duration of the identification in s.
+    details
+        Further numbers by name.
     """
 
     parameters: float = np.nan
@@ -214,8 +220,8 @@ def _to_coordinates(coordinates: Mapping[str, ArrayLike]) -> dict[str, NDArray[A
 class Model:
     r"""Impedance and other quantities that a method identified over one realization.
 
-    Its prediction is :math:`K(t)\theta + B(t)\dot\theta + I(t)\ddot\theta`, with the derivatives
-    of :meth:`tvsysid.Ensemble.derivatives`, unless a subclass has other pathways.
+    It predicts the torque :math:`K(t)\theta + B(t)\dot\theta + I(t)\ddot\theta`, with the
+    derivatives of :meth:`tvsysid.Ensemble.derivatives`, unless it has other pathways.
 
     Parameters
     ----------
@@ -232,7 +238,7 @@ class Model:
     coordinates
         Values along the axes of the estimates other than time and realization, by axis.
     torques
-        Function that returns the torque of each pathway, if a method has one of its own.
+        Function that returns the torque of each pathway. By default, there is one pathway.
     """
 
     sampling_rate: float
@@ -241,7 +247,6 @@ class Model:
     method: str = ""
     diagnostics: Diagnostics = attrs.field(factory=Diagnostics)
     coordinates: Mapping[str, NDArray[Any]] = attrs.field(factory=dict, converter=_to_coordinates)
-
     torques: Callable[[Ensemble], Mapping[str, Array]] | None = None
 
     @classmethod
@@ -391,5 +396,5 @@ class Model:
         return content_of(self, ensemble)
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        """Return what was identified beside the estimates, as variables and coordinates."""
+        """Return further results of a subclass for the dataset: variables and coordinates."""
         return {}, {}

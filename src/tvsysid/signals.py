@@ -88,9 +88,9 @@ class Signals:
 
     @property
     def angle_as_recorded(self) -> Array:
-        """Angle before its sampling rate was lowered: the samples of each interval on a last axis.
+        """Recorded angle: the last axis holds the samples that became one sample of the angle.
 
-        This is ``recorded_angle``. Without it, the last axis of the angle has one sample.
+        It has one sample if the angle was not decimated.
         """
         return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
 
@@ -159,8 +159,8 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Position of time 0 within the trial as recorded, in s, if its ends were removed and the
-        time starts anew.
+        Time in the recorded trial, in s, at which time 0 lies now: more than 0 if the beginning of
+        the trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle
@@ -196,7 +196,7 @@ class Recording(Signals):
 
     @property
     def duration(self) -> float:
-        """Seconds of all trials together."""
+        """Duration of all trials together, in s."""
         return len(self) / self.sampling_rate
 
     @property
@@ -207,7 +207,7 @@ class Recording(Signals):
 
     @property
     def time(self) -> Array:
-        """Time of each sample in s, shape (time,). It starts anew in each trial."""
+        """Time of each sample within its trial in s, shape (time,)."""
         counts = [np.arange(trial.stop - trial.start) for trial in self.trials]
         return self.start + np.concatenate(counts) / self.sampling_rate
 
@@ -313,12 +313,12 @@ class Ensemble(Signals):
 
     @property
     def samples(self) -> int:
-        """Samples of one realization without its context."""
+        """Number of samples of one realization without its context."""
         return int(self.angle.shape[1] - 2 * self.context)
 
     @property
     def duration(self) -> float:
-        """Seconds of one realization without its context."""
+        """Duration of one realization without its context, in s."""
         return self.samples / self.sampling_rate
 
     @property

@@ -35,8 +35,9 @@ class Bootstrap:
         Number of realizations in the ensemble.
     draws
         Estimates of each draw by quantity, shape (draw, time) or (draw, value of a measured
-        variable). NaN where not identified, or identified at other values of the variable. Means
-        over realizations where the method has an estimate for each of them.
+        variable). NaN where not identified. Means over realizations where the method has an
+        estimate for each of them. A quantity is left out if a draw has it at other values of the
+        variable.
     failed, count
         Number of draws that failed, and of all draws. ``draws`` of the former are NaN.
     """
@@ -181,9 +182,10 @@ def bootstrap(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                found = method.identify(drawn)
-            for name, values in _values(found, model).items():
-                draws[name][number] = values
+                found = _values(method.identify(drawn), model)
+            draws = {name: values for name, values in draws.items() if name in found}
+            for name, values in draws.items():
+                values[number] = found[name]
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
         progress(number + 1, count)

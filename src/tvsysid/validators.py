@@ -53,12 +53,12 @@ class Validator:
 
 
 def is_whole(value: object) -> bool:
-    """Whether a value is a whole number; a truth value is none."""
+    """Return whether a value is a whole number. True and False are not."""
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; a truth value is none."""
+    """Return whether a value is a finite real number. True and False are not."""
     is_real = isinstance(value, numbers.Real) and not isinstance(value, bool)
     return is_real and math.isfinite(value)
 
@@ -100,12 +100,12 @@ text = Validator("a text", lambda value: isinstance(value, str))
 
 
 def to_float(value: Any) -> float:
-    """Convert a number to float; leave other values to the validator."""
+    """Convert a number to float. The validator checks other values."""
     return float(value) if is_number(value) else value
 
 
 def settings_of(item: object) -> dict[str, Any]:
-    """Return an object's settings by name: the parameters of its class that are attributes too."""
+    """Return an object's settings by name: the arguments of its class that it has as attributes."""
     names = inspect.signature(type(item)).parameters
     return {name: getattr(item, name) for name in names if hasattr(item, name)}
 

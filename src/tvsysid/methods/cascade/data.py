@@ -1,10 +1,11 @@
-"""Hold the torque and the intrinsic signals of a joint, weighted by the noise's covariance."""
+"""Hold the columns of both pathways as factors, and sum their products under coloured noise."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
+from functools import cached_property, reduce
 from itertools import pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 import attrs
 import numpy as np
@@ -20,6 +21,50 @@ MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 ALL = slice(None)
 
 
+class Factor(NamedTuple):
+    """Columns of the regression: a signal times functions of time, perhaps behind a muscle.
+
+    The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
+    column). The ``muscle`` is the matrix (time, history + time) of its impulse response.
+    """
+
+    signal: Array
+    functions: Array
+    muscle: Array | None = None
+
+    def within(self, window: slice, rows: slice) -> Factor:
+        """Return the factor for some realizations and a window of time."""
+        times, muscle = window, None
+        if self.muscle is not None:
+            history = self.muscle.shape[1] - self.muscle.shape[0]
+            count = window.stop - window.start
+            times = slice(window.start, window.stop + history)
+            muscle = self.muscle[:count, : count + history]
+        return Factor(self.signal[rows, times], self.functions[times], muscle)
+
+    def products(self, others: Sequence[Factor], weights: Array) -> Array:
+        """Return products with the columns of others, weighted by a matrix (time, time).
+
+        Sums over many realizations come first: one matrix (time, time) for each pair of signals
+        serves all functions of time. Few columns are multiplied by the weights themselves.
+        """
+        are_few = self.functions.shape[1] * len(self.signal) < 3 * len(weights)
+        if are_few:
+            columns = self.signal * self.functions.T[:, None]
+            left = (columns if self.muscle is None else columns @ self.muscle.T) @ weights
+        else:
+            left = weights if self.muscle is None else self.muscle.T @ weights
+        parts = []
+        for other in others:
+            right = left if other.muscle is None else left @ other.muscle
+            if are_few:
+                sums = np.einsum("krt,rt->kt", right, other.signal)
+            else:
+                sums = self.functions.T @ (self.signal.T @ other.signal * right)
+            parts.append(sums @ other.functions)
+        return np.concatenate(parts, axis=1)
+
+
 @attrs.frozen(eq=False)
 class Data:
     """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
@@ -27,8 +72,7 @@ class Data:
     The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
     and ``times`` of an ensemble are fitted. ``bases`` are the functions of time (time, function)
     by which each signal's coefficient changes, at all times. ``noise`` is the autocorrelation of
-    the noise, and ``windows`` are stretches of time with the inverse of its matrix. ``products``
-    (fold, column, column) are those of the intrinsic columns and the torque, which is last.
+    the noise, and ``windows`` are stretches of time with the inverse of its matrix.
     """
 
     torque: Array
@@ -38,7 +82,6 @@ class Data:
     times: slice
     noise: Array = attrs.field(factory=lambda: np.ones(1))
     windows: list[tuple[slice, Array]] = attrs.field(factory=list)
-    products: Array = attrs.field(factory=lambda: np.zeros(()))
 
     @classmethod
     def of(
@@ -72,22 +115,15 @@ class Data:
         """Return whether any coefficient changes over time."""
         return any(functions.shape[1] > 1 for functions in self.bases)
 
-    @property
-    def ends(self) -> NDArray[np.int64]:
-        """Return where the columns of each signal begin, and the end of all."""
-        return np.cumsum([0, *(functions.shape[1] for functions in self.bases)])
-
     def constant(self) -> Self:
         """Return the data with constant coefficients."""
-        bases = tuple(functions[:, :1] for functions in self.bases)
-        products = self.products[:, self.ends[:, None], self.ends]
-        return attrs.evolve(self, bases=bases, products=products)
+        return attrs.evolve(self, bases=tuple(functions[:, :1] for functions in self.bases))
 
     def weighted(self, noise: Array, true: Array | None = None) -> Self:
         """Return the data weighted by the inverse of the noise's autocorrelation.
 
         The autocorrelation begins at lag 0, and holds within a realization or a window of it. If
-        the ``true`` autocorrelation is another one, the products are those of the sandwich
+        the ``true`` autocorrelation is another one, the moments are those of the sandwich
         covariance of the coefficients.
         """
         rows, times = self.torque.shape
@@ -100,55 +136,62 @@ class Data:
                 inverse -= np.outer(weight, weight) / weight.sum()
             inverses[size] = inverse if true is None else inverse @ _matrix(true, size) @ inverse
         windows = [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
-        data = attrs.evolve(self, noise=noise, windows=windows)
-        return attrs.evolve(data, products=np.stack([data._products(each) for each in self.folds]))
+        return attrs.evolve(self, noise=noise, windows=windows)
 
-    def factors(self, rows: slice) -> Iterator[tuple[Array, Array]]:
-        """Yield each signal (realization, time) and its functions of time; the torque is last."""
-        for signal, functions in zip(self.signals, self.bases, strict=True):
-            yield signal[rows], functions[self.times]
-        yield self.torque[rows], np.ones((self.torque.shape[1], 1))
+    @property
+    def factors(self) -> list[Factor]:
+        """Return the intrinsic columns."""
+        every = zip(self.signals, self.bases, strict=True)
+        return [Factor(signal, functions[self.times]) for signal, functions in every]
 
-    def are_few(self, columns: int) -> bool:
-        """Return whether products of this number of columns are faster from the columns."""
-        return columns * len(self.torque) < 3 * len(self.windows[0][1])
+    @property
+    def output(self) -> Factor:
+        """Return the torque as a column."""
+        return Factor(self.torque, np.ones((self.torque.shape[1], 1)))
 
-    def _products(self, rows: slice) -> Array:
-        """Return weighted products of the intrinsic columns and the torque of some realizations."""
-        factors = list(self.factors(rows))
-        if self.are_few(int(self.ends[-1])):
-            columns = np.concatenate([x * functions.T[:, None] for x, functions in factors])
-            return np.tensordot(columns, self.whitened(columns), ((1, 2), (1, 2)))
-        ends = np.append(self.ends, self.ends[-1] + 1)
-        out = np.zeros((ends[-1], ends[-1]))
-        for inside, inverse in self.windows:
-            for i, (x, a) in enumerate(factors):
-                for j, (z, b) in enumerate(factors[: i + 1]):
-                    weighted = x[:, inside].T @ z[:, inside] * inverse
-                    block = slice(ends[i], ends[i + 1]), slice(ends[j], ends[j + 1])
-                    out[block] += a[inside].T @ weighted @ b[inside]
-        return np.tril(out) + np.tril(out, -1).T
+    @cached_property
+    def fold_moments(self) -> list[Moments]:
+        """Return the moments of the intrinsic columns in each fold."""
+        every = [*self.factors, self.output]
+        found = []
+        for rows in self.folds:
+            lower = [
+                self._products([factor], every[: place + 1], rows)
+                for place, factor in enumerate(every)
+            ]
+            size = lower[-1].shape[1]
+            full = np.concatenate(
+                [np.pad(each, ((0, 0), (0, size - each.shape[1]))) for each in lower]
+            )
+            share = len(self.torque[rows]) / len(self.torque)
+            products = np.tril(full) + np.tril(full, -1).T
+            found.append(Moments.of(products, share * self.number))
+        return found
 
-    def moments(self, fold: int | None) -> Moments:
-        """Return the weighted moments of the intrinsic columns, of a fold or of all."""
-        if fold is None:
-            return Moments.of(self.products.sum(axis=0), self.number)
-        share = len(self.torque[self.folds[fold]]) / len(self.torque)
-        return Moments.of(self.products[fold], share * self.number)
+    @cached_property
+    def moments(self) -> Moments:
+        """Return the moments of the intrinsic columns."""
+        return Moments._make(sum(each) for each in zip(*self.fold_moments, strict=True))
 
-    def cross(self, white: Array, rows: slice = ALL) -> Array:
-        """Return products (column, signal) of intrinsic columns and torque with whitened signals.
+    def append(
+        self, moments: Moments, known: Sequence[Factor], extra: Sequence[Factor], rows: slice = ALL
+    ) -> Moments:
+        """Append ``extra`` columns to the moments of ``known`` ones, of some realizations."""
+        products = self._products(extra, [*known, *extra, self.output], rows)
+        count = len(moments.cross)
+        cross, gram, right = products[:, :count], products[:, count:-1], products[:, -1]
+        return moments._replace(
+            gram=np.block([[moments.gram, cross.T], [cross, gram]]),
+            cross=np.append(moments.cross, right),
+        )
 
-        Only the realizations ``rows`` are summed.
-        """
-        factors = self.factors(rows)
-        parts = [np.einsum("rt,krt->kt", x, white) @ functions for x, functions in factors]
-        return np.concatenate(parts, axis=1).T
-
-    def whitened(self, values: Array) -> Array:
-        """Multiply values (…, time) by the inverse covariance of the noise."""
-        parts = [values[..., inside] @ inverse for inside, inverse in self.windows]
-        return np.concatenate(parts, axis=-1)
+    def _products(self, some: Sequence[Factor], others: Sequence[Factor], rows: slice) -> Array:
+        sums = []
+        for window, weights in self.windows:
+            parts = [each.within(window, rows) for each in others]
+            blocks = [each.within(window, rows).products(parts, weights) for each in some]
+            sums.append(np.concatenate(blocks))
+        return reduce(np.add, sums)
 
     def features(self, weights: Array) -> list[Array]:
         """Return matrices (time, column) that give weighted sums of the signals' coefficients.
@@ -162,7 +205,8 @@ class Data:
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
-        parts = np.split(coefficients, self.ends[1:-1])
+        ends = np.cumsum([functions.shape[1] for functions in self.bases])
+        parts = np.split(coefficients, ends[:-1])
         return np.stack([a @ c for a, c in zip(self.bases, parts, strict=True)], axis=1)
 
     def intrinsic(self, coefficients: Array) -> Array:
@@ -173,18 +217,14 @@ class Data:
             out += coefficient * signal
         return deviations(out) if len(out) == 1 else out
 
+    def squares(self, values: Array) -> Array:
+        """Return the weighted squares of values (realization, time), one for each realization."""
+        parts = [
+            np.sum(values[:, window] @ weights * values[:, window], axis=1)
+            for window, weights in self.windows
+        ]
+        return reduce(np.add, parts)
+
 
 def _matrix(correlation: Array, times: int) -> Array:
     return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
-
-
-def appended(moments: Moments, cross: Array, gram: Array) -> Moments:
-    """Append columns to moments.
-
-    ``cross`` are their products with the other columns and, last, with the torque. ``gram`` are
-    those with each other.
-    """
-    return moments._replace(
-        gram=np.block([[moments.gram, cross[:-1]], [cross[:-1].T, gram]]),
-        cross=np.append(moments.cross, cross[-1]),
-    )

@@ -8,7 +8,7 @@ from functools import cached_property
 import attrs
 import numpy as np
 
-from tvsysid.methods.cascade.data import ALL, Data, appended
+from tvsysid.methods.cascade.data import ALL, Data, Factor
 from tvsysid.methods.cascade.evidence import UNLIMITED, Prior, Ridge
 from tvsysid.methods.cascade.reflex_columns import Reflex
 from tvsysid.methods.cascade.reflex_test import predicts_better
@@ -42,16 +42,16 @@ class Problem:
     @property
     def own(self) -> int:
         """Return the number of intrinsic columns."""
-        return int(self.data.ends[-1])
+        return sum(functions.shape[1] for functions in self.data.bases)
 
     def moments(self, shape: Shape, fold: int | None = None) -> Moments:
         """Return the weighted moments of all columns, of a fold of the realizations or of all."""
-        moments = self.data.moments(fold)
+        data = self.data
+        moments = data.moments if fold is None else data.fold_moments[fold]
+        rows = ALL if fold is None else data.folds[fold]
         if self.reflex is None:
             return moments
-        rows = ALL if fold is None else self.data.folds[fold]
-        gram, cross = self.reflex.products(shape, self.data, rows)
-        return appended(moments, cross, gram)
+        return data.append(moments, data.factors, [self.reflex.factor(shape)], rows)
 
     def at(self, shape: Shape, parameters: Array | None = None) -> Solution:
         """Return the solution for a shape; hyperparameters that are not given are tuned."""
@@ -140,10 +140,7 @@ class Solution:
     def better_than(self, other: Solution) -> float:
         """Return the probability that this solution predicts so much better by chance."""
         data = self.problem.data
-        squares = (
-            np.sum(data.whitened(each.held_out) * each.held_out, axis=1) for each in (self, other)
-        )
-        return predicts_better(*squares)[0]
+        return predicts_better(data.squares(self.held_out), data.squares(other.held_out))[0]
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
@@ -166,17 +163,11 @@ class Solution:
 
     def moments_with_slopes(self, data: Data, moments: Moments) -> Moments:
         """Append the torque's derivatives by the shape to moments of all columns."""
-        reflex, slopes = self.problem.reflex, self.slopes()
-        if reflex is None or not len(slopes):
+        reflex, always = self.problem.reflex, np.ones((self.problem.data.torque.shape[1], 1))
+        slopes = [Factor(slope, always) for slope in self.slopes()]
+        if reflex is None or not slopes:
             return moments
-        white = data.whitened(slopes)
-        cross = np.insert(
-            data.cross(white),
-            self.problem.own,
-            reflex.with_signals(self.shape, data, white),
-            axis=0,
-        )
-        return appended(moments, cross, np.tensordot(slopes, white, ((1, 2), (1, 2))))
+        return data.append(moments, [*data.factors, reflex.factor(self.shape)], slopes)
 
     def precision(self) -> Array:
         """Return the prior precision of coefficients and shape, times the noise variance."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache
 
 import attrs
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.cascade.columns import deviations
-from tvsysid.methods.cascade.data import ALL, Data
+from tvsysid.methods.cascade.data import MAX_WINDOW, Factor
 from tvsysid.methods.cascade.shape import Shape
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
@@ -52,49 +52,14 @@ class Reflex:
         """Return the reflex torque (realization, time): the columns times their coefficients."""
         return np.asarray(self.columns(shape, coefficients[:, None])[0])
 
-    def products(self, shape: Shape, data: Data, rows: slice = ALL) -> tuple[Array, Array]:
-        """Return weighted products of the columns with each other, and with all other columns.
-
-        The other columns are the intrinsic ones and the torque. Sums over many realizations come
-        first: one matrix (time, time) for each pair of signals serves all functions of time.
-        """
-        if data.are_few(2 * self.basis.harmonics + 1):
-            columns = self.columns(shape)[:, rows]
-            white = data.whitened(columns)
-            return np.tensordot(columns, white, ((1, 2), (1, 2))), data.cross(white, rows)
-        drive, gram, cross = self.drive(shape.threshold)[rows], np.zeros(()), np.zeros(())
-        factors = list(data.factors(rows))
-        for inside, driven, inverse, muscle, gain in self._windows(shape, data):
-            part, later = drive[:, driven], inverse @ muscle
-            gram = gram + gain.T @ (muscle.T @ later * (part.T @ part)) @ gain
-            mixed = [a[inside].T @ (x[:, inside].T @ part * later) for x, a in factors]
-            cross = cross + np.concatenate(mixed) @ gain
-        return gram, cross
-
-    def with_signals(self, shape: Shape, data: Data, white: Array) -> Array:
-        """Return products (function, signal) of the columns with whitened signals."""
-        drive, out = self.drive(shape.threshold), np.zeros(())
-        for inside, driven, _, muscle, gain in self._windows(shape, data):
-            late = np.einsum("rs,krs->sk", drive[:, driven], white[..., inside] @ muscle)
-            out = out + gain.T @ late
-        return out
-
-    def _windows(
-        self, shape: Shape, data: Data
-    ) -> Iterator[tuple[slice, slice, Array, Array, Array]]:
-        """Yield each window of time, with its drive, its matrices and its functions of time.
-
-        Each item holds the window of time, the window of the muscle's drive, the inverse matrix
-        of the noise, the matrix of the muscle, and the functions (time, function) of the gain.
-        """
-        gain, times = self._gain(shape), data.torque.shape[1]
-        history, longest = len(gain) - times, max(len(inverse) for _, inverse in data.windows)
+    def factor(self, shape: Shape) -> Factor:
+        """Return the columns as a signal, functions of time and a muscle."""
+        gain = self._gain(shape)
+        history = len(gain) - (self.times.stop - self.times.start)
+        longest = min(len(gain) - history, MAX_WINDOW)
         response = shape.response(history + longest, self.rate)
-        matrix = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
-        for inside, inverse in data.windows:
-            driven = slice(inside.start, inside.stop + history)
-            muscle = matrix[: len(inverse), : len(inverse) + history]
-            yield inside, driven, inverse, muscle, gain[driven]
+        muscle = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
+        return Factor(self.drive(shape.threshold), gain, muscle)
 
 
 @lru_cache(maxsize=2)  # of the gain that changes, and of the one that does not

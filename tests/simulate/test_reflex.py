@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import (
-    FilteredNoise,
-    Joint,
-    Pulses,
-    ReflexJoint,
-    SineWave,
-    StretchReflex,
-)
+from tvsysid.simulate import FilteredNoise, Joint, ReflexJoint, SineWave, StretchReflex
 
 
 def simulate(system, duration=10.0, **settings):
@@ -23,19 +16,15 @@ def simulate(system, duration=10.0, **settings):
 def slowly(reflex, velocity, gain, rate):
     """Reflex torque sample by sample, by the trapezoidal rule."""
     late, state, before, torque = round(reflex.delay * rate), np.zeros(2), 0.0, []
+    profile = reflex.frequency if callable(reflex.frequency) else lambda time: reflex.frequency
     for sample in range(len(velocity)):
-        frequency = (
-            reflex.frequency(sample / rate) if callable(reflex.frequency) else reflex.frequency
-        )
+        frequency = profile(sample / rate)
         system = np.array([[0.0, 1.0], [-(frequency**2), -2 * reflex.damping * frequency]])
-        entry = np.array([0.0, frequency**2])
         speed = reflex.direction * velocity[sample - late] if sample >= late else 0.0
-        force = (
-            reflex.direction
-            * max(speed - reflex.threshold, 0.0)
-            * (1 if reflex.gain_after else gain[sample])
-        )
-        known = state + (system @ state + entry * (before + force)) / (2 * rate)
+        stretch = reflex.direction * max(speed - reflex.threshold, 0.0)
+        force = stretch if reflex.gain_after else gain[sample] * stretch
+        entry = np.array([0.0, frequency**2]) * (before + force)
+        known = state + (system @ state + entry) / (2 * rate)
         state = np.linalg.solve(np.eye(2) - system / (2 * rate), known)
         before = force
         torque.append(state[0] * (gain[sample] if reflex.gain_after else 1))
@@ -75,21 +64,6 @@ def test_the_emg_is_what_arrives_at_the_muscle_10_ms_before_it_pulls(direction, 
     products = [np.dot(emg[late:-100], stretch[: -100 - late]) for late in range(100)]
     assert np.argmax(products) == pytest.approx(30, abs=3)
     assert max(products) / np.dot(stretch, stretch) == pytest.approx(1.0, abs=0.03)
-
-
-@pytest.mark.parametrize("pulses", [Pulses(), Pulses(0.1, 0.35, 0.0)])
-def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
-    samples = pulses.generate(200_000, 1000.0, random)
-    assert set(samples) == {-1.0, 0.0, 1.0}
-    edges = np.flatnonzero(np.diff(samples)) + 1
-    lengths, kinds = np.diff(edges) / 1000, samples[edges[:-1]]
-    for mean, own in (
-        (pulses.duration, lengths[kinds != 0]),
-        (pulses.interval - pulses.duration, lengths[kinds == 0]),
-    ):
-        assert np.abs(own - mean).max() <= pulses.variation * mean + 0.0011
-        assert own.mean() == pytest.approx(mean, rel=0.03)
-    assert abs(samples.sum()) < 0.2 * np.abs(samples).sum()
 
 
 def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():

@@ -30,7 +30,7 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
         0.75,
         "above",
     )
-    assert "takes viscosity times d from the inertia" in delay.fault.effect
+    assert "lowers the inertia by viscosity times d" in delay.fault.effect
     assert "align_channels" in delay.fault.remedy
     assert unlike.strength == "11 realizations, at most 0 is in order"
 

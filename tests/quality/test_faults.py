@@ -299,7 +299,7 @@ def test_one_channel_as_both_is_all_that_is_judged():
 def test_a_coarse_angle_is_no_feedback():
     check = checks(cut(faults.coarse(decimate(brief(), 100))))["feedback"]
     assert not check.judged
-    assert "in steps so coarse" in check.what
+    assert "in such coarse steps" in check.what
 
 
 @pytest.mark.parametrize(("actuator", "wrong"), [(100.0, True), (10_000.0, False)])

@@ -36,8 +36,8 @@ STEP_S, MIN_WINDOW_S = 0.01, 0.05  # of differences that stand for derivatives; 
     "realizations",
     15,
     "realizations",
-    effect="the random error falls with the square root of their number; methods that look at each "
-    "time by itself need more of them than they have lags",
+    effect="the random error falls with the square root of their number; methods that look at "
+    "each time by itself need more realizations than they have lags",
     remedy="record more, or cut shorter realizations if the behaviour repeats more often",
     wrong="below",
 )
@@ -53,8 +53,8 @@ def few_realizations(data: FittedEnsemble) -> Measured:
     30,
     "%",
     effect="the random error of the stiffness is large",
-    remedy="perturb more strongly, record more realizations, and see whether these are the right "
-    "two channels, and whether every realization was perturbed anew",
+    remedy="perturb more strongly, record more realizations, and check that these are the right "
+    "channels and that every realization was perturbed anew",
     wrong="below",
 )
 def weak_answer(data: FittedEnsemble) -> Measured:
@@ -66,12 +66,12 @@ def weak_answer(data: FittedEnsemble) -> Measured:
 
 @check(
     "narrow-excitation",
-    "The perturbation leaves impedance undetermined",
-    "standard error of the mean stiffness or inertia, whichever is worse, over its value",
+    "The perturbation leaves the impedance undetermined",
+    "relative standard error of the mean stiffness or inertia, whichever is larger",
     20,
     "%",
-    effect="stiffness, viscosity and inertia are not separately identifiable, and none of them can "
-    "be trusted",
+    effect="stiffness, viscosity and inertia are not separately identifiable; none of them can be "
+    "trusted",
     remedy="use a perturbation with power from below 2 Hz to above the joint's natural frequency, "
     "some 10 Hz at the ankle",
 )
@@ -103,10 +103,9 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     "share of the angle's variance that is common to all realizations, or white as sensor noise is",
     30,
     "%",
-    effect="a response to the angle cannot be separated from what repeats anyway; once the mean is "
-    "subtracted, only noise is left",
-    remedy="draw a new random perturbation for every realization; data recorded like this cannot "
-    "be repaired",
+    effect="a response to the angle cannot be separated from what repeats anyway; once the mean "
+    "is subtracted, only noise is left",
+    remedy="draw a new random perturbation for every realization; these data cannot be repaired",
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:
     """Return the share of the angle that repeats, or is noise, where no torque responds to it."""
@@ -123,7 +122,7 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
         shares[f"{common:.0f} % of the angle's variance is common to all realizations"] = common
     what = max(shares, key=shares.__getitem__)
     if data.explained >= MIN_EXPLAINED:
-        return Measured(0.0, f"{what}, but the torque answers what differs")
+        return Measured(0.0, f"{what}, but the torque responds to what differs")
     return Measured(shares[what], f"{what}, and {NO_RESPONSE} where realizations differ")
 
 
@@ -133,8 +132,7 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
     "realizations whose angle and torque are copies of another one",
     0,
     "realizations",
-    effect="the same noise counts as if it were measured again: bands and random errors come out "
-    "too small",
+    effect="the same noise counts twice: bands and random errors come out too small",
     remedy="keep one of each (ensemble.select), and check whether a file was read twice",
 )
 def repeated_realizations(data: FittedEnsemble) -> Measured:
@@ -159,7 +157,7 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
 @check(
     "mean-angle",
     "A mean angle is left",
-    "RMS of the angle's mean over realizations against what chance leaves",
+    "RMS of the angle's mean over realizations, over the RMS expected by chance",
     2.5,
     "times",
     effect="an offset or an imposed movement counts as perturbation, and biases the stiffness",
@@ -169,11 +167,11 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
 @check(
     "mean-torque",
     "A mean torque is left",
-    "RMS of the torque's mean over realizations against what chance leaves",
+    "RMS of the torque's mean over realizations, over the RMS expected by chance",
     2.5,
     "times",
-    effect="the voluntary or passive torque that all realizations share is taken for an answer to "
-    "the angle, and biases the stiffness",
+    effect="voluntary or passive torque that all realizations share counts as a response to the "
+    "angle, and biases the stiffness",
     remedy="ensemble = tv.preprocess.subtract_mean(ensemble)",
     which="torque",
 )

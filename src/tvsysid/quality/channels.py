@@ -22,8 +22,8 @@ MAX_INERTIA = 1.0  # kg·m², more than that of an arm or a lower leg
     "correlation of angle and torque, without its sign",
     99.99,
     "%",
-    effect="the result is the factor between the two signals, and no impedance",
-    remedy="check which channels were named as angle and as torque (--angle, --torque)",
+    effect="the result is the ratio of two copies of one signal, not an impedance",
+    remedy="check which channels --angle and --torque name",
 )
 def same_channel(data: FittedEnsemble) -> Measured:
     """Return the correlation of angle and torque.
@@ -69,7 +69,7 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
     "RMS of the angle about its mean over realizations",
     MAX_ANGLE_RMS_RAD,
     "rad",
-    effect="degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if "
+    effect="degrees read as radians make stiffness, viscosity and inertia 57 times too small; if "
     "they are radians, no joint is linear over such a wide movement",
     remedy="if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this "
     "is the torque, name the channels the other way round",
@@ -89,8 +89,8 @@ def angle_unit(data: FittedEnsemble) -> Measured:
     1500,
     "N·m/rad",
     effect="stiffness, viscosity and inertia are wrong by the same factor",
-    remedy="convert the torque to N·m if it is in mN·m, N·cm or kN·m, do not read radians as "
-    "degrees, and do not swap the channels",
+    remedy="convert the torque to N·m if it is in mN·m, N·cm or kN·m; check that radians are not "
+    "read as degrees, and that the channels are not swapped",
     lowest=0.2,
 )
 def torque_unit(data: FittedEnsemble) -> Measured:

@@ -35,9 +35,9 @@ MAX_SHOWN_CHANGE = 200  # %
     "delay of the torque",
     0.75,
     "ms",
-    effect="a torque that is late by d takes viscosity times d from the inertia (a tenth of it for "
-    "1 ms at the ankle) and stiffness times d from the viscosity, and distorts the rest; an early "
-    "one adds as much",
+    effect="a torque that is late by d lowers the inertia by viscosity times d (a tenth of it for "
+    "1 ms at the ankle) and the viscosity by stiffness times d, and distorts the rest; an early "
+    "one raises both",
     remedy="find what delays a channel (a filter, a clock, a closed loop); correct it with "
     "tv.preprocess.align_channels(recording, delay), as tvsysid identify does unless it predicts "
     "worse",
@@ -137,7 +137,7 @@ def _other_cause(
     "delay of the torque in the second half of the experiment, minus that in the first",
     8,
     "ms",
-    effect="a delay that grows: viscosity is wrong by another amount at each time of the "
+    effect="the delay grows, so the viscosity is wrong by another amount at each time of the "
     "experiment, and the rest is distorted",
     remedy="record both channels by one clock, or stretch one of them before cutting",
 )

@@ -28,7 +28,7 @@ MIN_ALONE = 1.2  # distance from the median beside it, over the usual, of a spik
 MIN_DISTURBANCE = 4.5  # residual beside a spike in the angle, over the usual
 SCATTER = 2.0  # of the residual's level at one time by chance, over the usual level
 MIN_EXPLAINED = 0.1  # share of the torque without which the joint has no impedance to speak of
-NO_RESPONSE = "the torque does not answer the angle"
+NO_RESPONSE = "the torque does not respond to the angle"
 NOT_IDENTIFIABLE = "stiffness, viscosity and inertia are not separately identifiable"
 
 

@@ -34,7 +34,7 @@ MIN_VARIATION, MIN_REPEAT = 0.1, 0.7  # of stiffness: over its mean; correlation
     "stiffness of the second half minus that of the first, over the first",
     10,
     "%",
-    effect="the result is a mean of different behaviours, and describes none of them",
+    effect="the result is a mean of different behaviours and describes none of them",
     remedy="identify the parts of the experiment separately; let people rest or warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
@@ -76,11 +76,12 @@ def drift(data: FittedEnsemble) -> Measured:
 @check(
     "torque-offset",
     "The torque's offset drifts",
-    "change of the realizations' mean from start to end, over the standard deviation about it",
+    "change of the realizations' mean from start to end, over the standard deviation about that "
+    "mean",
     100,
     "%",
-    effect="the drift counts as torque that the angle does not explain: much more noise for the "
-    "fits",
+    effect="the drift counts as torque that the angle does not explain: the fits see much more "
+    "noise",
     remedy="subtract a line, or components slower than a realization, from the recording before "
     "cutting; check the sensor",
     which="torque",
@@ -88,11 +89,11 @@ def drift(data: FittedEnsemble) -> Measured:
 @check(
     "angle-offset",
     "The angle's offset drifts",
-    "change of the realizations' mean from start to end, over the standard deviation about it",
+    "change of the realizations' mean from start to end, over the standard deviation about that "
+    "mean",
     100,
     "%",
-    effect="the drift counts as a movement, which the torque does not answer: stiffness comes out "
-    "too low",
+    effect="the drift counts as movement without a response: the stiffness comes out too low",
     remedy="subtract a line, or components slower than a realization, from the recording before "
     "cutting; check the sensor",
     which="angle",
@@ -155,8 +156,8 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
         outlying |= (distance > MAX_DISTANCE * usual) & (distance > least)
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
-    verb = "lies" if len(found) == 1 else "lie"
-    what = f"{len(found)} of {len(data)} realizations {verb} far out"
+    nouns = "is an outlier" if len(found) == 1 else "are outliers"
+    what = f"{len(found)} of {len(data)} realizations {nouns}"
     if found:
         first = found[0]
         what += (
@@ -169,11 +170,11 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
 @check(
     "scattered-realizations",
     "Realizations are of different behaviours",
-    "standard deviation over realizations of the stiffness, beyond noise and drift, over the "
-    "stiffness' RMS",
+    "standard deviation over realizations of the stiffness, beyond noise and drift, over the RMS "
+    "of the stiffness",
     10,
     "%",
-    effect="the result is a mean of different behaviours, and describes none of them; bands do not "
+    effect="the result is a mean of different behaviours and describes none of them; bands do not "
     "show it",
     remedy="sort the realizations by what may differ (task, muscle activity, instruction), and "
     "identify each kind separately; if it was recorded, let the joint follow it (tvsysid identify "
@@ -282,7 +283,8 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
         is_clear[each] = moved < MAX_SLOW_LEFT * still
     found = indices(is_clear & (np.abs(seconds) >= MIN_SHIFT_S))
     count = len(found)
-    what = f"{count} of {len(data)} realizations {'fits' if count == 1 else 'fit'} better elsewhere"
+    verb = "fits" if count == 1 else "fit"
+    what = f"{count} of {len(data)} realizations {verb} better when shifted"
     if found:
         farthest = max(found, key=lambda each: abs(seconds[each]))
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"

@@ -34,15 +34,15 @@ MIN_POWER = 5.0  # of what repeats, over the power of its noise
 
 @check(
     "wrong-period",
-    "The behaviour does not repeat with this period, or the sampling rate is wrong",
+    "The movement does not repeat with this period, or the sampling rate is wrong",
     "variation of the stiffness with another period, as a share of the mean",
     10,
     "%",
-    effect="each realization holds another part of the behaviour, so that the time variation "
-    "averages out",
-    remedy="cut with the period that is named here, if the behaviour has one, or sort it by what "
-    "it depends on; check the sampling rate: stated as a half of the true one, it makes the period "
-    "twice as long",
+    effect="each realization holds another part of the movement, so the time variation averages "
+    "out",
+    remedy="cut with the period that is named here, if there is one, or sort realizations by what "
+    "the stiffness depends on; check the sampling rate: if half of the true one is stated, the "
+    "period doubles",
 )
 def wrong_period(data: FittedEnsemble) -> Measured:
     """Find stiffness that varies with a period of which no whole number fits a realization.

@@ -34,10 +34,10 @@ INTERPOLATE = "interpolate the samples or exclude the realizations; check the ca
 @check(
     "clipped-torque",
     "The torque is clipped",
-    "times at which the highest or lowest values of several realizations are the same",
+    "times at which the highest or lowest values of several realizations are equal",
     2,
     "%",
-    effect="where the sensor is at its limit the torque does not answer: stiffness comes out too "
+    effect="the sensor stays at its limit where the torque is large: the stiffness comes out too "
     "low where it is high",
     remedy=f"widen the sensor's range; {EXCLUDE}",
     which="torque",
@@ -45,11 +45,11 @@ INTERPOLATE = "interpolate the samples or exclude the realizations; check the ca
 @check(
     "clipped-angle",
     "The angle is clipped",
-    "times at which the highest or lowest values of several realizations are the same",
+    "times at which the highest or lowest values of several realizations are equal",
     2,
     "%",
-    effect="where the sensor is at its limit the torque goes on without the angle: stiffness comes "
-    "out too high",
+    effect="the torque changes while the sensor stays at its limit: the stiffness comes out too "
+    "high",
     remedy=f"widen the sensor's range; {EXCLUDE}",
     which="angle",
 )
@@ -93,10 +93,10 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     "smallest step between values of the angle, over its standard deviation",
     10,
     "%",
-    effect="the steps are noise in the angle, most of it in the acceleration: inertia and "
-    "viscosity come out too low, the stiffness a little",
-    remedy="record the angle with a finer converter, or a gain that uses its range; trust the "
-    "stiffness only",
+    effect="the steps are noise in the angle, mostly in the acceleration: inertia and viscosity "
+    "come out too low, the stiffness a little",
+    remedy="record the angle with a finer converter, or a gain that uses its range; trust only "
+    "the stiffness",
 )
 def coarse_angle(data: FittedEnsemble) -> Measured:
     """Return the smallest step between values of the angle, which shows before any filter only."""
@@ -116,7 +116,7 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     "time during which the angle moves and the torque does not",
     MAX_STANDSTILL_S["torque"],
     "s",
-    effect="where the torque is held or zero the joint seems to have no stiffness",
+    effect="while the torque is held or zero, the joint seems to have no stiffness",
     remedy=EXCLUDE,
     which="torque",
 )
@@ -126,8 +126,7 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     "time during which the torque moves and the angle does not",
     MAX_STANDSTILL_S["angle"],
     "s",
-    effect="the torque seems to move by itself there, which adds noise and mostly lowers the "
-    "stiffness",
+    effect="the torque seems to change by itself, which adds noise and mostly lowers the stiffness",
     remedy=EXCLUDE,
     which="angle",
 )
@@ -250,8 +249,8 @@ def _window_power(first: Array, second: Array, samples: int) -> Array:
     "gaps of 30 ms and more in both signals",
     0,
     "gaps",
-    effect="what was held, zero or interpolated is taken for the joint's answer: stiffness is "
-    "wrong, and bands too narrow",
+    effect="held, zero or interpolated values count as the joint's response: the stiffness is "
+    "wrong, and bands are too narrow",
     remedy="tvsysid identify --period leaves out realizations with gaps; in Python, "
     "tv.preprocess.segment(decimated, period, gaps=tv.preprocess.find_gaps(recording))",
 )
@@ -276,8 +275,8 @@ def gaps(recording: Recording) -> Measured:
     "RMS of a line at 50 or 60 Hz, over that of the angle",
     1,
     "%",
-    effect="the hum has a large acceleration that no torque answers: inertia comes out too low, "
-    "and stiffness wrong",
+    effect="the hum has a large acceleration without a response: the inertia comes out too low, "
+    "and the stiffness wrong",
     remedy="tvsysid identify subtracts it; in Python, tv.preprocess.remove_mains(recording, 50) "
     "before decimation",
 )
@@ -290,11 +289,11 @@ def mains(recording: Recording) -> Measured:
 @check(
     "torque-spikes",
     "Spikes in the torque",
-    "highest sample that neither the joint's model nor the past predicts, over the 90th percentile "
-    "of all",
+    "highest sample that neither the joint's model nor the past predicts, over the 90th "
+    "percentile of all",
     8,
     "times",
-    effect="single samples of large error weigh much in a least-squares fit",
+    effect="single samples with large errors dominate a least-squares fit",
     remedy=INTERPOLATE,
     which="torque",
 )
@@ -304,8 +303,7 @@ def mains(recording: Recording) -> Measured:
     "highest sample that the angle's past does not predict, over the 99th percentile of all",
     2.5,
     "times",
-    effect="a spike of one sample has a large acceleration that no torque answers: inertia comes "
-    "out too low",
+    effect="a spike has a large acceleration without a response: the inertia comes out too low",
     remedy=INTERPOLATE,
     which="angle",
 )

@@ -37,8 +37,8 @@ TOO_SHORT = "realizations and their context are too short"
     "share of the torque that later movement predicts, beyond earlier movement",
     3,
     "%",
-    effect="the methods here take the angle as imposed; if noise in the torque moves it, "
-    "stiffness, viscosity and inertia come out too low",
+    effect="most methods take the angle as imposed; if noise in the torque moves it, stiffness, "
+    "viscosity and inertia come out too low",
     remedy="check that both channels pass the same filters; use a stiffer actuator, or identify "
     "with the actuator's command as the reference (tvsysid identify … --channel command=… --method "
     "kbr:reference=command,weighting=residual)",
@@ -53,7 +53,7 @@ def feedback(data: FittedEnsemble) -> Measured:
     data.require(MIN_TESTED_REALIZATIONS)
     if data.finding("coarse-angle").beyond:
         raise NotApplicable(
-            "the angle is recorded in steps so coarse that the torque tells it better"
+            "the angle is recorded in such coarse steps that the torque shows it better"
         )
     angle, residual, origin = data.whitened(data.angle), data.white_residual, data.region.start
     step = max(1, round(STEP_S * data.rate))
@@ -77,12 +77,12 @@ def feedback(data: FittedEnsemble) -> Measured:
 
 @check(
     "loop-bias",
-    "Closed loop: the stiffness is another with the reference",
-    "mean stiffness of a fit in open loop over that with the reference as the instrument, less 1",
+    "Closed loop: the reference changes the stiffness",
+    "mean stiffness of a fit in open loop over that with the reference as the instrument, minus 1",
     5,
     "%",
-    effect="the methods that take the angle as imposed are biased by as much; no band shows it, "
-    "and no longer record mends it",
+    effect="methods that take the angle as imposed are biased by as much; no band shows it, and a "
+    "longer record does not help",
     remedy="identify with the reference, as the finding says "
     "(kbr:reference=NAME,weighting=residual)",
 )
@@ -153,14 +153,14 @@ def loop_bias_undeclared(data: FittedEnsemble, channel: str) -> Measured:
 
 @check(
     "reflex",
-    "A reflex answers stretch",
-    "share of the residual torque that velocity of one direction 40 to 330 ms earlier predicts at "
-    "least (with 95 % certainty), beyond what both directions do alike",
+    "A stretch reflex",
+    "least share (95 % confidence) of the residual torque that velocity of one direction predicts "
+    "40 to 330 ms later, beyond what both directions do alike",
     0.1,
     "%",
-    effect="methods with one pathway take the reflex's torque for the joint's own: stiffness and "
-    "inertia come out too high, viscosity too low, with short lags and with long ones; no band "
-    "shows it",
+    effect="methods with one pathway include the torque of the stretch reflex in the stiffness: "
+    "stiffness and inertia come out too high, viscosity too low, whatever the lags; no band shows "
+    "it",
     remedy="separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)",
 )
 def reflex(data: FittedEnsemble) -> Measured:
@@ -177,8 +177,8 @@ def reflex(data: FittedEnsemble) -> Measured:
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
         f"{_percent(test.share)} of the residual torque {1000 * SOONEST:.0f} to "
-        f"{1000 * LATEST:.0f} ms later, which neither no reflex does (p = {test.over_none:.1g}) "
-        f"nor one that is linear (p = {test.over_linear:.1g}); the mean stiffness is "
+        f"{1000 * LATEST:.0f} ms later, better than no reflex (p = {test.over_none:.1g}) "
+        f"and than a linear one (p = {test.over_linear:.1g}); the mean stiffness is "
         f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
     if two_paths > 0:
@@ -193,9 +193,9 @@ def reflex(data: FittedEnsemble) -> Measured:
     "found",
     10,
     "%",
-    effect="a model of second order (birf, kbr) misses this part; impulse responses hold it as far "
-    "as their lags reach",
-    remedy="use lags as long as the answer (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), also "
+    effect="a model of second order (birf, kbr) misses this part; impulse responses include it as "
+    "far as their lags reach",
+    remedy="use lags as long as the response (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), also "
     "with --tune; look for a wrong sampling rate, a soft coupling, or a filter in one channel",
 )
 def slow_answer(data: FittedEnsemble) -> Measured:

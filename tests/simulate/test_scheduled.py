@@ -24,6 +24,7 @@ def test_stiffness_is_the_relation_of_the_channel(stiffness):
         simulation.truth["stiffness"], rooted(simulation.recording.channels[name])
     )
     assert simulation.recording.channels[name].min() >= 0
+    assert set(simulation.truth["viscosity"]) == {2.2}
 
 
 def test_the_variable_differs_between_realizations_and_gives_the_profile_on_average():

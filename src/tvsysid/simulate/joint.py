@@ -69,7 +69,7 @@ class Joint:
     stiffness: Profile = attrs.field(factory=SquareWave, validator=is_profile)
     viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
     inertia: float = attrs.field(default=0.02, validator=positive)
-    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive)
+    noise_bandwidth: float = attrs.field(default=BANDWIDTH, validator=positive, kw_only=True)
 
     def simulate(
         self,
@@ -232,7 +232,10 @@ class ScheduledJoint(Joint):
     ['emg']
     """
 
+    # A field that is declared again comes after the others, unless these are too.
     stiffness: Profile = attrs.field(factory=SineWave, validator=is_profile)
+    viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
+    inertia: float = attrs.field(default=0.02, validator=positive)
     relation: Relation = attrs.field(
         factory=lambda: Polynomial([20.0, 200.0]), validator=is_relation
     )

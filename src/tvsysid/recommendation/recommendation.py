@@ -15,13 +15,14 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import (
     DEFAULT_METHODS,
+    METHODS,
     BasisIRF,
     KernelRegression,
     ScheduledImpedance,
     Tuned,
+    from_text,
     key_of,
     parse,
-    to_text,
 )
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.adaptive.model import AdaptiveModel
@@ -97,10 +98,10 @@ class Recommendation:
         """
         return [
             label
-            for wanted in map(parse, self.suited)
+            for text in self.suited
             for label, method in methods.items()
-            if label in tuned or not isinstance(wanted, Tuned)
-            if _agrees(method, wanted.method if isinstance(wanted, Tuned) else wanted)
+            if METHODS[key_of(text)] is type(method)
+            and from_text(text, "method", method) in (method, *[Tuned(method)] * (label in tuned))
         ]
 
     @property
@@ -240,14 +241,6 @@ def _objections(
     for reason, alike in keys.items():
         subject = "it " if len(alike) == 1 else "each "
         yield f"not {', '.join(alike)}: {re.sub('^It ', subject, reason)}"
-
-
-def _agrees(method: Method, wanted: Method) -> bool:
-    """Return whether a method has all settings of the wanted one that are not the default."""
-    if type(method) is not type(wanted):
-        return False
-    given, needed = (set(re.split("[:,]", to_text(each))) for each in (method, wanted))
-    return needed <= given
 
 
 def measure(

@@ -198,7 +198,6 @@ def test_groups_dimensions_and_packed_values_of_netcdf(tmp_path, signals):
         (np.ones((10, 20, 3)), r"expected a vector or a matrix, got an array of shape"),
         (np.zeros(0), "expected samples, got an empty array"),
         (np.full(600, np.nan), "600 of 600 values are NaN"),
-        (np.ones(600, dtype=bool), "values of type bool"),
     ],
 )
 def test_what_is_no_signal_is_refused(tmp_path, signals, values, message):

@@ -208,16 +208,11 @@ def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
     whole = loadmat(tmp_path / "whole.mat")
     for name, values in {
         "torque": None,
-        "sampling_rate": np.ones(3),
         "angle": np.full(60, np.nan),
-        "channels": "[1]",
+        "tvsysid": '{"Recording": {"settings": {"sampling_rate": 0}}}',
     }.items():
-        changed = {
-            key: item
-            for key, item in (whole | {name: values}).items()
-            if item is not None and key[0] != "_"
-        }
-        savemat(tmp_path / "damaged.mat", changed)
+        changed = {key: item for key, item in whole.items() if key[0] != "_" and key != name}
+        savemat(tmp_path / "damaged.mat", changed | ({} if values is None else {name: values}))
         with pytest.raises(tv.InputError, match=r"damaged\.mat: (cannot be read|angle: 60 of 60)"):
             load_recording(tmp_path / "damaged.mat")
 

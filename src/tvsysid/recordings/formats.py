@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
 import attrs
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import RATE_NAMES, Channel, explained
@@ -56,7 +55,7 @@ def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
         if header:
             return _call(file, reader, 0, read_channels)
         if reader == READERS[".csv"]:
-            return dict(_read(file, reader, header=False))
+            return dict(resolve_name(f"{__package__}.{reader}")(file, header=False))
         raise InputError(
             f"--no-header (header=False) is for text tables; leave it out for a {file.suffix} file"
         )
@@ -66,7 +65,7 @@ def read_channels(file: Path, reader: str) -> dict[str, Channel]:
     """Return the channels of a file by name, with the rates that variables beside them state."""
     channels: dict[str, Channel] = {}
     rates: dict[str, object] = {}
-    for name, channel in _read(file, reader):
+    for name, channel in resolve_name(f"{__package__}.{reader}")(file):
         if name in channels:
             raise InputError(f"two channels are called {name!r}; give each a name of its own")
         place = _place(name)
@@ -86,18 +85,12 @@ def read_channels(file: Path, reader: str) -> dict[str, Channel]:
     return channels
 
 
-def read_values(file: Path, reader: str, wanted: str) -> NDArray[Any]:
+def read_values(file: Path, reader: str, wanted: str) -> Any:
     """Return the values of a channel that is read when it is needed."""
-    for name, channel in _read(file, reader):
+    for name, channel in resolve_name(f"{__package__}.{reader}")(file):
         if name == wanted:
             return channel.read(name)
     raise InputError("the file has changed; read it again")
-
-
-def _read(file: Path, reader: str, **settings: Any) -> Iterator[tuple[str, Channel]]:
-    found: Iterator[tuple[str, Channel]]
-    found = resolve_name(f"tvsysid.recordings.{reader}")(file, **settings)
-    return found
 
 
 def _call(

@@ -217,17 +217,13 @@ def _recording(
     """Return the recording of signals of shape (time,), by their names in the file."""
     angle, torque = (signals[name] for name in reading.names[:2])
     return Recording(
-        angle=_scaled(angle, RAD_PER_UNIT[reading.angle_unit]),
-        torque=_scaled(torque, reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
+        angle=angle * RAD_PER_UNIT[reading.angle_unit],
+        torque=torque * (reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
         sampling_rate=reading.sampling_rate or math.nan,
         start=reading.start,
         channels={name: signals[in_file] for name, in_file in reading.channels.items()},
         trial_starts=trial_starts,
     )
-
-
-def _scaled(values: Array, factor: float) -> Array:
-    return values if factor == 1 else values * factor  # other types must come out unchanged
 
 
 def _warn(

@@ -6,9 +6,8 @@ import json
 import re
 import shutil
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -28,23 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MAX_NAME_LENGTH = 31  # of a variable in a MAT file
-DIMENSIONS = {
-    Recording: ("time", "sample"),
-    Ensemble: ("realization", "time", "sample"),
-}
-"""Axes of signals. The last is that of samples at the recorded rate."""
 UNITS = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
-CONVERTERS: dict[str, Callable[[Any], Any]] = {
-    "trial_starts": lambda starts: tuple(np.ravel(starts).astype(int).tolist()),
-    "onsets": np.ravel,
-    "trials": np.ravel,
-    "context": int,
-    "left_out": int,
-    "mean_subtracted": bool,
-}
-"""What restores a value from a file; others are float."""
 RESERVED = {"time", "realization", "trial", "sample", "tvsysid"}
-RESERVED |= {name for kind in DIMENSIONS for name in attrs.fields_dict(kind)}
+RESERVED |= {name for kind in (Recording, Ensemble) for name in attrs.fields_dict(kind)}
 
 Written = TypeVar("Written", Recording, Ensemble)
 
@@ -209,49 +194,43 @@ def load_ensemble(path: str | Path) -> Ensemble:
 
 
 def _write(path: str | Path, signals: Recording | Ensemble) -> None:
-    """Write arrays as variables, and single values as attributes."""
-    file, kind = checked(path, ".nc", ".mat"), type(signals)
-    names = _variables(signals.channels)
-    values = attrs.asdict(signals, recurse=False, filter=lambda _, each: each is not None)
-    values |= {names[own]: each for own, each in values.pop("channels").items()}
-    arrays = {name: np.asarray(each) for name, each in values.items() if np.ndim(each)}
-    about: dict[str, Any] = {name: float(values[name]) for name in values.keys() - arrays.keys()}
-    # As text, so that names that are no names of variables come back unchanged.
-    about |= {"tvsysid": kind.__name__.lower(), "channels": json.dumps(names)}
+    """Write arrays as variables, and all that restores the object as text in JSON."""
+    file, axes = checked(path, ".nc", ".mat"), (*signals.AXES, "sample")
+    fields = attrs.asdict(signals, recurse=False)
+    names, channels = _variables(signals.channels), fields.pop("channels")
+    arrays = {name: each for name, each in fields.items() if isinstance(each, np.ndarray)}
+    settings = {name: fields[name] for name in fields.keys() - arrays.keys()}
+    arrays |= {names[own]: each for own, each in channels.items()}
+    shapes = {name: each.shape for name, each in arrays.items()}  # MATLAB has two axes or more
+    kept = {"settings": settings, "channels": names, "shapes": shapes}
+    text = json.dumps({type(signals).__name__: kept}, default=lambda number: number.item())
+    about = {"tvsysid": text, "sampling_rate": signals.sampling_rate}
     if file.suffix.lower() == ".mat":
-        _save_mat(file, arrays | about)
+        _save_mat(file, {**arrays, **about})
         return
     import xarray as xr  # noqa: PLC0415  # heavy
 
     content = xr.Dataset(attrs=about)
     for name, each in arrays.items():
-        axes = ("trial",) if name == "trial_starts" else DIMENSIONS[kind][: each.ndim]
-        content[name] = axes, each, UNITS.get(name, {})
+        content[name] = axes[: each.ndim], each, UNITS.get(name, {})
     _save_netcdf(file, content)
 
 
 def _load(path: str | Path, kind: type[Written]) -> Written:
-    file, name = checked(path, ".nc", ".mat"), kind.__name__.lower()
+    file, name = checked(path, ".nc", ".mat"), kind.__name__
     with explained(str(file)):
         found = run_isolated(file.stat().st_size, _contents, file.absolute())
-        if found.get("tvsysid") != name:
+        kept = json.loads(found.get("tvsysid", "{}")).get(name)
+        if kept is None:
             raise InputError(
-                f"not written by write_{name}; what others wrote is read by read_recording"
+                f"not written by write_{name.lower()}; what others wrote is read by read_recording"
             )
-        angle = np.asarray(found["angle"])
-        shape: tuple[int, ...] = angle.shape if kind is Ensemble else (angle.size,)
-        as_signal = partial(np.reshape, shape=shape)
-        # MATLAB drops a last axis of one sample.
-        as_samples = partial(np.reshape, shape=(*shape, -1))
-        own = {"angle": as_signal, "torque": as_signal, "recorded_angle": as_samples}
-        convert: dict[str, Callable[[Any], Any]] = {**CONVERTERS, **own}
-        settings: dict[str, Any] = {
-            item: convert.get(item, float)(found[item])
-            for item in found.keys() & attrs.fields_dict(kind).keys() - {"channels"}
-        }
-        channels = json.loads(found["channels"]).items()
-        settings["channels"] = {own: as_signal(found[variable]) for own, variable in channels}
-        return kind(**settings)
+        arrays = {key: np.reshape(found[key], shape) for key, shape in kept["shapes"].items()}
+        channels = {own: arrays.pop(variable) for own, variable in kept["channels"].items()}
+        fields: dict[str, Any] = {**kept["settings"], **arrays}
+        if kind is Recording:
+            fields["trial_starts"] = tuple(fields["trial_starts"])
+        return kind(**fields, channels=channels)
 
 
 def _contents(file: Path) -> dict[str, Any]:

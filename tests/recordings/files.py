@@ -11,6 +11,18 @@ import xarray as xr
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 
+import tvsysid as tv
+
+NAMES = {"angle": "pos", "torque": "tq"}
+
+
+def read(file, sampling_rate=200.0, **settings):
+    return tv.read_recording(file, **(NAMES | settings), sampling_rate=sampling_rate)
+
+
+def refused(match):
+    return pytest.raises(tv.InputError, match=match)
+
 
 def write_mat(file, angle, torque):
     savemat(file, {"pos": angle[:, None], "tq": torque[None, :], "fs": 200.0})

@@ -34,18 +34,10 @@ LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files w
 
 def write_mat_5(file, angle, torque, **settings):
     """Every kind of variable that SciPy writes."""
-    others = {
-        "note": "ankle",
-        "flag": torque > 0,
-        "coarse": (1000 * angle).astype("i2"),
-        "cell": files.cells("a", "b"),
-    }
-    others |= {"sparse": csc_array(np.eye(3)), "complex": angle * 1j}
-    savemat(
-        file,
-        {"pos": angle, "run": {"pos": angle[:, None], "tq": torque}, "tq": torque} | others,
-        **settings,
-    )
+    others = {"note": "ankle", "flag": torque > 0, "coarse": (1000 * angle).astype("i2")}
+    others |= {"cell": files.cells("a", "b"), "sparse": csc_array(np.eye(3)), "complex": angle * 1j}
+    run = {"pos": angle[:, None], "tq": torque}
+    savemat(file, {"pos": angle, "run": run, "tq": torque} | others, **settings)
     undated(file)
 
 
@@ -92,11 +84,10 @@ def write_parquet(file, angle, torque):
 
 
 def write_own(file, angle, torque):
-    """As tvsysid writes them; `reading.py` also loads them."""
+    """As tvsysid writes them; they are also loaded."""
     if file.stem == "recording":
-        write_recording(
-            file, Recording(angle, torque, 200.0, channels={"emg": angle}, trial_starts=(0, 30))
-        )
+        settings = {"channels": {"emg": angle}, "trial_starts": (0, 30)}
+        write_recording(file, Recording(angle, torque, 200.0, **settings))
     else:
         write_ensemble(file, Ensemble(angle.reshape(6, 10), torque.reshape(6, 10), 200.0))
     if file.suffix == ".mat":
@@ -138,23 +129,14 @@ SEEDS = {
     "every.nwb": write_nwb,
     "gait.c3d": files.write_gait,
     "segments.mat": write_segdat,
-} | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
-SEEDS |= dict.fromkeys(OWN, write_own)
-MOTION, DESCRIPTIONS = (
-    "sub-1_motion.tsv",
-    ("sub-1_channels.tsv", "sub-1_motion.json"),
-)  # which are damaged as well
-INSIDE = {
-    "version7.mat": mutations.inside_mat,
-    "recording.mat": mutations.inside_mat,
-    "ensemble.mat": mutations.inside_mat,
-    "object.mat": mutations.inside_mat,
-    "ankle.npz": mutations.inside_zip,
-    "ankle.h5": mutations.inside_chunk,
-    "every.h5": mutations.inside_chunk,
-    "every.nwb": mutations.inside_chunk,
-    "segments.mat": mutations.inside_mat,
 }
+SEEDS |= {name: write for name, write in files.WRITERS.items() if name != "v5.mat"}
+SEEDS |= dict.fromkeys(OWN, write_own)
+MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
+COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat", "segments.mat")
+INSIDE = dict.fromkeys(COMPRESSED, mutations.inside_mat)
+INSIDE |= dict.fromkeys(("ankle.h5", "every.h5", "every.nwb"), mutations.inside_chunk)
+INSIDE["ankle.npz"] = mutations.inside_zip
 
 
 def sound_files(folder):
@@ -169,14 +151,9 @@ def sound_files(folder):
 def mutant(sound, seed, number):
     """Name of the sound file, and the content of what became of it."""
     random = np.random.default_rng([seed, number])
-    names = list(sound)
-    name = names[number % len(names)]
-    content, chosen = sound[name], random.random()
-    if chosen < 0.05:
-        return name, mutations.spliced(random, content, sound[names[random.integers(len(names))]])
-    if chosen < 0.7 and name in INSIDE:
-        return name, INSIDE[name](random, content)
-    return name, mutations.damaged(random, content)
+    name = list(sound)[number % len(sound)]
+    change = INSIDE[name] if name in INSIDE and random.random() < 0.7 else mutations.damaged
+    return name, change(random, sound[name])
 
 
 def read(file):

@@ -8,53 +8,10 @@ import zlib
 
 import h5py
 
-TOKENS = [
-    b"nan",
-    b"-inf",
-    b"1e999",
-    b"-1e308",
-    b"9" * 400,
-    b"0x7f",
-    b"True",
-    b'"',
-    b"'",
-    b"\0",
-    b"\0\0\0\0",
-    b"",
-    b"/",
-]
-TOKENS += [
-    "°µ𝛼".encode(),
-    b"\xff\xfe",
-    b"\xed\xa0\x80",
-    b",",
-    b"\t",
-    b"\r",
-    b"\n\n",
-    b"..",
-    b"[bold]",
-    b"\x1b[2J",
-    b"$x$",
-]
-EXTREMES = (
-    0,
-    1,
-    2,
-    3,
-    7,
-    8,
-    127,
-    255,
-    2**15 - 1,
-    2**15,
-    2**16 - 1,
-    2**31 - 1,
-    2**31,
-    2**32 - 1,
-    2**62,
-    2**63 - 1,
-)
-EXTREMES += (2**63, 2**64 - 8, 2**64 - 1)
+TOKENS = [b"nan", b"-inf", b"1e999", b"9" * 400, b"0x7f", b"True", b'"', b"\0", b"\0\0\0\0", b"/"]
+TOKENS += ["°µ𝛼".encode(), b"\xff\xfe", b"\xed\xa0\x80", b",", b"\t", b"\n\n", b"..", b"\x1b[2J"]
+EXTREMES = (0, 1, 2, 3, 7, 8, 127, 255, *(2**bits - 1 for bits in (15, 16, 31, 32, 63, 64)))
+EXTREMES += (2**15, 2**31, 2**62, 2**63, 2**64 - 8)
 
 
 def flip_bits(random, content):
@@ -64,30 +21,20 @@ def flip_bits(random, content):
     return bytes(damaged)
 
 
-def blank(random, content):
-    """A stretch of zeros or ones, as a disk leaves it; mostly short."""
-    first, end = block(random, content)
-    return content[:first] + random.choice([b"\0", b"\xff"]) * (end - first) + content[end:]
-
-
 def cut(random, content):
     return content[: random.integers(1, len(content) + 1)]
 
 
-def repeat(random, content):
-    first, end = block(random, content)
-    return content[:end] + content[first:end] * int(random.integers(1, 20)) + content[end:]
-
-
-def remove(random, content):
-    first, end = block(random, content)
-    return content[:first] + content[end:]
-
-
-def swap(random, content):
-    first, end = block(random, content)
-    other = int(random.integers(end, len(content) + 1))
-    return content[:first] + content[end:other] + content[first:end] + content[other:]
+def change_block(random, content):
+    """Blank a block, as a disk leaves it, or remove, repeat or move it."""
+    first = int(random.integers(len(content)))
+    lengths = [random.integers(1, 17), 512, random.integers(1, len(content) + 1)]
+    end = min(first + int(random.choice(lengths, p=[0.7, 0.15, 0.15])), len(content))
+    block, after = content[first:end], content[end:]
+    other = int(random.integers(len(after) + 1))
+    changes = [b"\0" * len(block) + after, b"\xff" * len(block) + after, after]
+    changes += [block * int(random.integers(2, 21)) + after, after[:other] + block + after[other:]]
+    return content[:first] + changes[random.integers(len(changes))]
 
 
 def set_integer(random, content):
@@ -98,12 +45,8 @@ def set_integer(random, content):
         return content
     place = int(random.integers(len(content) - width + 1))
     place -= place % width if random.random() < 0.8 else 0
-    was = struct.unpack_from(form, content, place)[0]
-    value = (
-        was + int(random.integers(-9, 10))
-        if random.random() < 0.2
-        else EXTREMES[random.integers(len(EXTREMES))]
-    )
+    near = struct.unpack_from(form, content, place)[0] + int(random.integers(-9, 10))
+    value = near if random.random() < 0.2 else EXTREMES[random.integers(len(EXTREMES))]
     return content[:place] + struct.pack(form, value % 256**width) + content[place + width :]
 
 
@@ -119,29 +62,7 @@ def replace_token(random, content):
     return content[:first] + token + content[end:]
 
 
-def block(random, content):
-    """Where a block begins and ends: of a few bytes, of 512, or of any length."""
-    first = int(random.integers(len(content)))
-    length = int(
-        random.choice(
-            [random.integers(1, 17), 512, random.integers(1, len(content) + 1)], p=[0.7, 0.15, 0.15]
-        )
-    )
-    return first, min(first + length, len(content))
-
-
-PLAIN = (
-    flip_bits,
-    blank,
-    cut,
-    repeat,
-    remove,
-    swap,
-    set_integer,
-    set_integer,
-    set_integer,
-    replace_token,
-)
+PLAIN = (flip_bits, cut, *[change_block] * 4, *[set_integer] * 3, replace_token)
 
 
 def damaged(random, content):
@@ -150,11 +71,6 @@ def damaged(random, content):
     for _ in range(random.choice([1, 2, 3], p=[0.6, 0.3, 0.1])):
         content = PLAIN[random.integers(len(PLAIN))](random, content) or content
     return content.ljust(length, b"\0")
-
-
-def spliced(random, content, other):
-    """The beginning of one file and the end of another."""
-    return content[: random.integers(1, len(content))] + other[random.integers(len(other)) :]
 
 
 def inside_mat(random, content):
@@ -166,13 +82,10 @@ def inside_mat(random, content):
         place += 8 + size
     chosen = int(random.integers(len(elements)))
     kind, data = elements[chosen]
-    elements[chosen] = (
-        15,
-        zlib.compress(damaged(random, zlib.decompress(data))) if kind == 15 else data,
-    )
-    return content[:128] + b"".join(
-        struct.pack("<II", kind, len(data)) + data for kind, data in elements
-    )
+    if kind == 15:
+        elements[chosen] = kind, zlib.compress(damaged(random, zlib.decompress(data)))
+    parts = [struct.pack("<II", kind, len(data)) + data for kind, data in elements]
+    return content[:128] + b"".join(parts)
 
 
 def inside_zip(random, content):
@@ -188,18 +101,13 @@ def inside_zip(random, content):
 
 def inside_chunk(random, content):
     """One compressed chunk of an HDF5 file, shorter, longer or other than it should be."""
-    stream = io.BytesIO(content)
+    stream, items = io.BytesIO(content), {}
     with h5py.File(stream, "r+") as root:
-        chunked = []
-        root.visititems(
-            lambda _, item: (
-                chunked.append(item) if getattr(item, "compression", None) == "gzip" else None
-            )
-        )
+        root.visititems(items.__setitem__)
+        chunked = [each for each in items.values() if getattr(each, "compression", 0) == "gzip"]
         data = chunked[random.integers(len(chunked))].id
         place = data.get_chunk_info(0).chunk_offset
         mask, values = data.read_direct_chunk(place)
-        data.write_direct_chunk(
-            place, zlib.compress(damaged(random, zlib.decompress(values))), mask
-        )
+        changed = zlib.compress(damaged(random, zlib.decompress(values)))
+        data.write_direct_chunk(place, changed, mask)
     return stream.getvalue()

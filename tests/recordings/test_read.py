@@ -2,6 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
+from tests.recordings.files import refused
 
 import tvsysid as tv
 from tvsysid.recordings import Reading, Segmentation, join_trials
@@ -23,10 +24,6 @@ def mat(tmp_path, signals, request):
 def read(file, angle="pos", torque="tq", **settings):
     settings = {"sampling_rate": 100.0} | settings
     return tv.read_recording(file, angle=angle, torque=torque, **settings)
-
-
-def refused(match):
-    return pytest.raises(tv.InputError, match=match)
 
 
 def test_columns_follow_each_other_or_are_trials(mat, signals):

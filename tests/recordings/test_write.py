@@ -13,6 +13,7 @@ from scipy.io import loadmat, savemat
 
 import tvsysid as tv
 from tvsysid.recordings import (
+    describe_models,
     load_ensemble,
     load_recording,
     whole_file,
@@ -57,35 +58,20 @@ def test_models_are_read_back(tmp_path, ensemble_of):
     }
     models = {key: method.identify(ensemble) for key, method in methods.items()}
     write_models(tmp_path / "models.nc", models, ensemble)
+    describe_models(tmp_path / "models.nc", {"file": "\udce9.mat", "delay": 0.5})
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
+        assert tree.attrs == {"file": "\\udce9.mat", "delay": 0.5}
         assert set(tree.children) == set(models)
         for key, model in models.items():
-            np.testing.assert_array_equal(
-                tree[key].stiffness.values, model.estimates["stiffness"].values
-            )
-            assert tree[key].stiffness.attrs["units"] == "N m/rad"
-            assert tree[key].attrs["method"] == model.method
-            for quantity, estimate in model.estimates.items():
-                expected = {"": estimate.values}
-                if (error := estimate.standard_error) is None:
-                    assert f"{quantity}_lower" not in tree[key]
+            written, expected = tree[key], model.to_xarray(ensemble)
+            assert written.stiffness.attrs["units"] == "N m/rad"
+            assert written.attrs["method"] == model.method
+            for name, values in expected.items():
+                if np.iscomplexobj(values):
+                    found = written[f"{name}_real"].values + 1j * written[f"{name}_imag"].values
                 else:
-                    expected |= {"_standard_error": error.values, "_freedom": error.freedom}
-                    expected |= dict(zip(("_lower", "_upper"), estimate.band(), strict=True))
-                for part, values in expected.items():
-                    np.testing.assert_array_equal(tree[key][f"{quantity}{part}"].values, values)
-            for pathway, torque in model.pathways(ensemble).items():
-                np.testing.assert_array_equal(tree[key][f"torque_{pathway}"].values, torque)
-                assert tree[key][f"torque_{pathway}"].attrs["units"] == "N m"
-        response = (
-            tree["esm"].frequency_response_real.values
-            + 1j * tree["esm"].frequency_response_imag.values
-        )
-        np.testing.assert_array_equal(response, models["esm"].frequency_response)
-        np.testing.assert_array_equal(
-            tree["sds"].impulse_response.values, models["sds"].impulse_response
-        )
-        np.testing.assert_array_equal(tree["birf"].covariance.values, models["birf"].covariance)
+                    found = written[name].values
+                np.testing.assert_array_equal(found, values)
 
 
 def test_a_table_has_nothing_where_a_row_has_no_number(tmp_path):
@@ -130,53 +116,34 @@ CHANNELS = ["emg", "Time", "trial_starts", "sv.Ankle (rad)", "", "µ/°", "a" * 
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
-@pytest.mark.parametrize("kind", [tv.Recording, tv.Ensemble])
 @pytest.mark.parametrize("count", [1, 3])
-def test_signals_are_read_back_unchanged(tmp_path, random, ending, kind, count):
-    shape = (12,) if kind is tv.Recording else (count, 12)
-    names = CHANNELS[: 3 * count] if count == 1 else CHANNELS
-    shared = {
-        "channels": {name: random.normal(size=shape) for name in names},
-        "recorded_angle": random.normal(size=(*shape, count)),
-        "origin": -0.1,
-        "delay_removed": 1e-3,
-    }
-    angle, torque = random.normal(size=(2, *shape))
-    if kind is tv.Recording:
-        signals = kind(angle, torque, 1e3 / 3, -1.5, trial_starts=(0, 4, 5)[:count], **shared)
-    else:
-        placed = {"onsets": random.normal(size=count), "trials": np.arange(count) + 2**31}
-        settings = {"context": 2, "left_out": 3, "mean_subtracted": True} | placed
-        signals = kind(angle, torque, 1e3 / 3, **settings, **shared)
-    write, load = (
-        (write_recording, load_recording)
-        if kind is tv.Recording
-        else (write_ensemble, load_ensemble)
-    )
-    write(tmp_path / f"ankle{ending}", signals)
-    assert_same(load(tmp_path / f"ankle{ending}"), signals)
+def test_signals_are_read_back_unchanged(tmp_path, random, ending, count):
+    def signals(kind, *shape, **settings):
+        angle, torque, *channels = random.normal(size=(10, *shape))
+        shared = {"recorded_angle": random.normal(size=(*shape, count)), "delay_removed": 1e-3}
+        shared["channels"] = dict(zip(CHANNELS[: 3 * count], channels, strict=False))
+        return kind(angle, torque, 1e3 / 3, origin=-0.1, **shared, **settings)
+
+    recording = signals(tv.Recording, 12, start=-1.5, trial_starts=(0, 4, 5)[:count])
+    write_recording(tmp_path / f"recording{ending}", recording)
+    assert_same(load_recording(tmp_path / f"recording{ending}"), recording)
+    placed = {"onsets": random.normal(size=count), "trials": np.arange(count) + 2**31}
+    cut = {"context": 2, "left_out": 3, "mean_subtracted": True}
+    ensemble = signals(tv.Ensemble, count, 12, **placed, **cut)
+    write_ensemble(tmp_path / f"ensemble{ending}", ensemble)
+    assert_same(load_ensemble(tmp_path / f"ensemble{ending}"), ensemble)
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
 def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
     angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
-    write_recording(
-        tmp_path / f"ankle{ending}", tv.Recording(angle, torque, 100.0, channels={"emg": emg})
-    )
-    found = tv.read_recording(
-        tmp_path / f"ankle{ending}",
-        angle="angle",
-        torque="torque",
-        sampling_rate=100.0,
-        channels={"emg": "emg"},
-    )
+    file = tmp_path / f"ankle{ending}"
+    write_recording(file, tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
+    names = {"angle": "angle", "torque": "torque", "channels": {"emg": "emg"}}
+    found = tv.read_recording(file, **names, sampling_rate=100.0)
     np.testing.assert_array_equal(found.channels["emg"], emg)
-    with pytest.warns(
-        tv.DataQualityWarning, match="the file states 100 Hz for angle, torque, you gave 50 Hz"
-    ):
-        tv.read_recording(
-            tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=50.0
-        )
+    with pytest.warns(tv.DataQualityWarning, match="states 100 Hz for .*, you gave 50 Hz"):
+        tv.read_recording(file, **names, sampling_rate=50.0)
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])

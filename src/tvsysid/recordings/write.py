@@ -220,7 +220,7 @@ def _load(path: str | Path, kind: type[Written]) -> Written:
     file, name = checked(path, ".nc", ".mat"), kind.__name__
     with explained(str(file)):
         found = run_isolated(file.stat().st_size, _contents, file.absolute())
-        kept = json.loads(found.get("tvsysid", "{}")).get(name)
+        kept = json.loads(np.ravel(found.get("tvsysid", "{}"))[0]).get(name)
         if kept is None:
             raise InputError(
                 f"not written by write_{name.lower()}; what others wrote is read by read_recording"
@@ -234,15 +234,14 @@ def _load(path: str | Path, kind: type[Written]) -> Written:
 
 
 def _contents(file: Path) -> dict[str, Any]:
-    """Return variables and attributes of a file that this package wrote, single values as such."""
+    """Return variables and attributes of a file that this package wrote."""
     if file.suffix.lower() == ".mat":
         from scipy.io.matlab import loadmat  # noqa: PLC0415  # heavy
 
-        variables = loadmat(file, mat_dtype=True).items()
-        return {name: np.ravel(each)[0] if np.size(each) == 1 else each for name, each in variables}
+        return dict(loadmat(file))
     from tvsysid.recordings.netcdf import open_groups  # noqa: PLC0415  # heavy
 
-    content = open_groups(file)["/"].load()
+    content = open_groups(file)["/"]
     return {str(name): each.values for name, each in content.variables.items()} | content.attrs
 
 

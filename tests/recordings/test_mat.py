@@ -1,0 +1,123 @@
+"""MAT files: structures, and the objects of the Kearney lab's toolbox."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+from scipy.io.matlab import MatlabObject
+from tests.recordings.files import (
+    cells,
+    nldat,
+    read,
+    refused,
+    write_mat_73,
+    write_object,
+    write_segdat,
+)
+
+import tvsysid as tv
+from tvsysid.recordings import describe_file
+
+NO_OBJECT_WARNINGS = pytest.mark.filterwarnings("ignore:.*future.infer_string")
+
+
+def test_structures_of_every_mat_version(tmp_path, signals):
+    columns = np.stack([signals[0], -signals[0]], axis=1)
+    savemat(tmp_path / "v5.mat", {"run": {"pos": columns, "copy": columns}})
+    write_mat_73(tmp_path / "v73.mat", *signals)
+    with h5py.File(tmp_path / "v73.mat", "r+") as root:
+        root["run/copy"] = root["run/pos"]
+    for name in ("v5.mat", "v73.mat"):
+        recording = read(tmp_path / name, angle="run.pos", torque="run.copy", columns="trials")
+        np.testing.assert_array_equal(recording.angle, np.concatenate([signals[0], -signals[0]]))
+        assert recording.trial_starts == (0, 600)
+    with refused(r"v73\.mat: note: expected real numbers, got text"):
+        read(tmp_path / "v73.mat", angle="note")
+
+
+@NO_OBJECT_WARNINGS
+@pytest.mark.parametrize("age", ["old", "v7", "v7.3"])
+def test_toolbox_objects(tmp_path, signals, age):
+    file = tmp_path / "ankle.mat"
+    write_object(file, nldat(signals), age)
+    recording = read(file, angle="io.pos", torque="io.tq", angle_unit="deg")
+    np.testing.assert_array_equal(recording.torque, signals[1])
+    described = {name: (it.unit, it.sampling_rate) for name, it in describe_file(file).items()}
+    assert described == {"io.pos": ("deg", 200.0), "io.tq": ("Nm", 200.0)}
+
+
+def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
+    three = np.stack([np.stack(signals, axis=1), np.stack(signals[::-1], axis=1)], axis=2)
+    unnamed = {"dataSet": three, "chanNames": cells("x", "x")}
+    unnamed["domainName"] = np.array(["Frequency (Hz)"])
+    write_object(tmp_path / "ankle.mat", nldat(signals, **unnamed), "old")
+    names = {"angle": "io.x (1)", "torque": "io.x (2)", "columns": "trials"}
+    with pytest.warns(tv.DataQualityWarning, match="has an RMS|states the unit 'deg'"):
+        recording = read(tmp_path / "ankle.mat", **names)
+    np.testing.assert_array_equal(recording.angle, np.concatenate(signals))
+    assert describe_file(tmp_path / "ankle.mat")["io.x (1)"].sampling_rate is None
+
+
+def test_objects_of_other_classes_are_named(tmp_path):
+    record = np.empty((1, 1), dtype=[("data", object)])
+    record["data"][0, 0] = np.ones((3, 1))
+    savemat(tmp_path / "ankle.mat", {"io": MatlabObject(record, "timeseries"), "x": np.ones(3)})
+    with refused("io: expected real numbers, got an object of class timeseries"):
+        read(tmp_path / "ankle.mat", angle="io", torque="x")
+
+
+ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]
+
+
+@NO_OBJECT_WARNINGS
+@pytest.mark.parametrize(
+    ("kind", "by_channel"), [("struct", False), ("struct", True), ("v7", False), ("v7.3", False)]
+)
+def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, by_channel):
+    file = tmp_path / "ankle.mat"
+    tables = [np.stack([each, each], axis=1) if by_channel else each for each in (ONSETS, LENGTHS)]
+    write_segdat(file, signals, kind, *tables)
+    names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
+    recording = read(file, **names)
+    pairs = zip(ONSETS, LENGTHS, strict=True)
+    parts = [signals[1][first - 1 : first - 1 + length] for first, length in pairs]
+    np.testing.assert_array_equal(recording.torque, np.concatenate(parts))
+    assert recording.trial_starts == (0, 200, 300)
+    reading = tv.recordings.Reading(**names, sampling_rate=200.0)
+    usable = tv.recordings.read_usable_trials({"P1": file}, reading, 0.6)
+    assert usable.names == ("P1, trial 1", "P1, trial 3")
+    np.testing.assert_array_equal(usable.recording.torque[200:], parts[2])
+    with refused(r"3 segments with gaps between them; read each as a trial \(--columns tri"):
+        read(file, **names | {"columns": "contiguous"})
+
+
+@pytest.mark.parametrize(
+    ("onsets", "lengths", "count"), [([1, 301], [100, 100], 2), ([1, 1], [600, 600], 1)]
+)
+def test_as_many_segments_as_channels_are_told_from_columns_of_channels(
+    tmp_path, signals, onsets, lengths, count
+):
+    write_segdat(tmp_path / "ankle.mat", signals, "struct", onsets, lengths)
+    names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
+    recording = read(tmp_path / "ankle.mat", **names)
+    assert (len(recording.trial_starts), len(recording)) == (count, 200 if count == 2 else 600)
+
+
+@NO_OBJECT_WARNINGS
+@pytest.mark.parametrize(
+    ("kind", "onsets", "lengths"),
+    [
+        ("struct", [1, 501], [100, 101]),
+        ("struct", [0, 301], [100, 100]),
+        ("struct", [1, 301], [100]),
+        ("struct", [1, np.nan], [100, 1]),
+        ("struct", [[1, 1], [301, 301]], [100, 100]),
+        ("v7", None, [600, 1]),
+    ],
+)
+def test_segments_that_cannot_be_are_refused(tmp_path, signals, kind, onsets, lengths):
+    write_segdat(tmp_path / "ankle.mat", signals, kind, onsets, lengths)
+    with refused(
+        "io.pos: expected real numbers, got a segdat whose segments cannot be read; in MA"
+    ):
+        read(tmp_path / "ankle.mat", angle="io.pos", torque="io.tq")

@@ -90,7 +90,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     )
     assert code == 1
     assert (
-        "error: faulty:Mine: 2 of 2 failed and are left out; the first: KeyError: 'no key'" in err
+        "error: faulty:Mine: failed in 2 of 2; the first: KeyError: 'no key'" in err
     )
     assert "faulty.py" in err
     table = (

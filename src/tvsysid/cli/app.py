@@ -18,11 +18,11 @@ from tvsysid.cli.identify import identify
 from tvsysid.cli.inspect import inspect
 from tvsysid.cli.leaderboard import leaderboard
 from tvsysid.cli.methods import methods
+from tvsysid.cli.options import NAMES
 from tvsysid.cli.plan import plan
 from tvsysid.cli.report import report
 from tvsysid.cli.simulate import simulate
 from tvsysid.errors import InputError, one_line
-from tvsysid.recordings.reading import OPTION_NAMES
 
 COMMANDS = (
     *(benchmark, leaderboard, experiment, report, identify, explore, inspect),
@@ -48,7 +48,7 @@ def default_text(value: object) -> str | None:
 
 def option_name(name: str) -> str:
     """Return the name of the option for a parameter or a setting."""
-    return OPTION_NAMES.get(name) or default_name_transform(name)
+    return NAMES.get(name) or default_name_transform(name)
 
 
 app = App(

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import attrs
-from cyclopts import Parameter
 
-from tvsysid.cli.console import errors, remark, say, show_table
-from tvsysid.cli.options import Flag, Methods, Whole, WorkerOptions, Workers, given
-from tvsysid.cli.running import command_line, run_study, show_claims, show_end
+from tvsysid.cli.console import errors, remark, say
+from tvsysid.cli.options import Flag, Flattened, Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.running import UNITS, command_line, run_study, show_claims, show_end, show_scores
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from tvsysid.study import Study
@@ -23,23 +20,58 @@ if TYPE_CHECKING:
 MAX_TABLES = 4  # scenarios whose table is printed; the report has all
 
 
+@attrs.frozen
+class Settings:
+    """Settings of a simulation study, named as there.
+
+    Parameters
+    ----------
+    system
+        What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `loaded`,
+        `scheduled` (see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]
+    stiffness
+        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
+        `module:Object`; repeatable. [square]
+    perturbation
+        Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as
+        `module:Object`; repeatable. [noise and prbs]
+    duration_s
+        Seconds of data, a whole number of realizations; repeatable. [150]
+    rate
+        Rate in Hz to which data are decimated. [100]
+    period
+        Duration of a realization in s. [2]
+    snr_db
+        Signal-to-noise ratio of the torque in dB; repeatable. [10]
+    viscosity
+        `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
+    with_
+        Method beside those of the study, such as `adaptive` with `--preset paper`; repeatable.
+    trials
+        Monte-Carlo trials of each scenario. [20]
+    seed
+        Seed of the random numbers; the same seed gives the same results. [0]
+    """
+
+    system: list[str] | None = None
+    stiffness: list[str] | None = None
+    perturbation: list[str] | None = None
+    duration_s: list[float] | None = None
+    rate: float | None = None
+    period: float | None = None
+    snr_db: list[float] | None = None
+    viscosity: list[Literal["constant", "covarying"]] | None = None
+    methods: Methods | None = None
+    trials: Whole | None = None
+    seed: Whole | None = None
+
+
 def benchmark(
     study_toml: Path | None = None,
     /,
     *,
     preset: Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None = None,
-    system: list[str] | None = None,
-    stiffness: list[str] | None = None,
-    perturbation: list[str] | None = None,
-    duration: list[float] | None = None,
-    rate: float | None = None,
-    period: float | None = None,
-    snr: list[float] | None = None,
-    viscosity: list[Literal["constant", "covarying"]] | None = None,
-    method: Methods | None = None,
-    with_: Annotated[list[str] | None, Parameter(name="--with")] = None,
-    trials: Whole | None = None,
-    seed: Whole | None = None,
+    settings: Annotated[Settings, Flattened] = Settings(),
     workers: WorkerOptions = Workers(),
     dry_run: Flag = False,
     out: Path = Path("tvsysid-benchmark"),
@@ -80,34 +112,10 @@ def benchmark(
         TOML file with the study's settings.
     preset
         `quick` (the default), `paper` (van de Ruit et al. 2021: their five methods, 40 to 600 s,
-        100 trials, and their sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a
-        stretch reflex, by methods of one pathway and of two), `closed-loop` (a compliant actuator,
-        by methods with and without a reference). The options below override its settings.
-    system
-        What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `loaded`,
-        `scheduled` (see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]
-    stiffness
-        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
-        `module:Object`; repeatable. [square]
-    perturbation
-        Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as
-        `module:Object`; repeatable. [noise and prbs]
-    duration
-        Seconds of data, a whole number of realizations; repeatable. [150]
-    rate
-        Rate in Hz to which data are decimated. [100]
-    period
-        Duration of a realization in s. [2]
-    snr
-        Signal-to-noise ratio of the torque in dB; repeatable. [10]
-    viscosity
-        `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
-    with_
-        Method beside those of the study, such as `adaptive` with `--preset paper`; repeatable.
-    trials
-        Monte-Carlo trials of each scenario. [20]
-    seed
-        Seed of the random numbers; the same seed gives the same results. [0]
+        100 trials, and their sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with
+        stiffness), `reflex` (a stretch reflex, by methods of one pathway and of two), `closed-loop`
+        (a compliant actuator, by methods with and without a reference). The options below override
+        its settings.
     dry_run
         Print what would be run, with an estimate of time and size, and stop.
     out
@@ -115,36 +123,18 @@ def benchmark(
     """
     from tvsysid.studies import PRESETS
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
-    from tvsysid.study import Study, cores, run
+    from tvsysid.study import Study, cores
 
-    settings = given(
-        system=system,
-        stiffness=stiffness,
-        perturbation=perturbation,
-        duration_s=duration,
-        snr_db=snr,
-        viscosity=viscosity,
-        rate=rate,
-        period=period,
-        trials=trials,
-        seed=seed,
-        methods=method,
-    )
     if study_toml is None:
-        study = study_called(preset or "quick", PRESETS, **settings)
+        study = study_called(preset or "quick", PRESETS, **given(**attrs.asdict(settings)))
     elif preset is None:
-        study = Study.from_toml(study_toml, **settings)
+        study = Study.from_toml(study_toml, **given(**attrs.asdict(settings)))
     else:
         raise InputError(f"{study_toml} and --preset {preset}: give one of them")
-    study = attrs.evolve(study, methods=tuple(dict.fromkeys([*study.methods, *(with_ or ())])))
     if dry_run:
         _show_plan(study, workers.workers or cores())
         return 0
-    title = (
-        f"{len(study.scenarios)} scenarios x {study.trials} trials x "
-        f"{len(study.named_methods)} methods"
-    )
-    results = run_study(partial(run, study), out, title, workers)
+    results = run_study(study, out, workers)
     return 0 if write(results, out, command_line()) else 1
 
 
@@ -174,6 +164,7 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
 
     Return whether every method gave a result in every trial.
     """
+    from tvsysid.figures.words import count, described
     from tvsysid.report import problems
     from tvsysid.studies import published
     from tvsysid.studies.van_de_ruit_2021 import write_study
@@ -183,8 +174,10 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
         written = write_study(results, out, command, literature)
     scenarios = list(written.summary.groupby("scenario", sort=False))
     for _, summary in scenarios[:MAX_TABLES]:
-        _show_scores(summary)
-    say("errors in N·m/rad (of the reflex gain in N·m·s/rad), rise and time in s, VAF in %")
+        largest: Any = summary.iloc[int(summary.trials.argmax())]
+        scenario = described({**largest, "profile": largest.stiffness})
+        show_scores(f"{scenario}, {count(largest.trials, 'trial')}", summary)
+    say(UNITS)
     if more := len(scenarios[MAX_TABLES:]):
         say(f"and {more} more scenarios in summary.csv and report.html")
     if (written.claims.verdict != "not studied").any():
@@ -192,30 +185,6 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
         show_claims(written.claims, "simulations", need)
     _show_times(results)
     return show_end(out, written.files, problems(results))
-
-
-def _show_scores(summary: pd.DataFrame) -> None:
-    """Print the main metrics of one scenario."""
-    from tvsysid.figures.words import count, described
-
-    columns = {
-        "method": "{method}",
-        "bias": "{bias_error:.1f}",
-        "random": "{random_error:.1f}",
-        "total": "{total_error:.1f}",
-        "rise": "{rise_time:.2f}",
-        "VAF": "{vaf:.1f}",
-        "VAF\n1-10 Hz": "{bandpassed_vaf:.1f}",
-        "reflex\ngain": "{reflex_gain total_error:.1f}",
-        "reflex\nVAF": "{reflex pathway_vaf:.1f}",
-        "time": "{seconds:.3f}",
-    }
-    metrics = [form[1:-1].partition(":")[0] for form in columns.values()]
-    table = summary.pivot_table("value", "method", "metric", sort=False, dropna=False)
-    records = table.reset_index().reindex(columns=metrics).to_dict("records")
-    largest: Any = summary.iloc[int(summary.trials.argmax())]
-    scenario = described({**largest, "profile": largest.stiffness})
-    show_table(f"{scenario}, {count(largest.trials, 'trial')}", records, columns)
 
 
 def _show_times(results: xr.Dataset) -> None:

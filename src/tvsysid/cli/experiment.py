@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from tvsysid.cli.console import errors, remark, show_table, shown_progress, shown_warnings
-from tvsysid.cli.options import Methods, Whole, WorkerOptions, Workers, given
-from tvsysid.cli.running import command_line, run_study, show_claims, show_end
+import attrs
+
+from tvsysid.cli.console import errors, remark, say, shown_progress, shown_warnings
+from tvsysid.cli.options import Flattened, Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.running import UNITS, command_line, run_study, show_claims, show_end, show_scores
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from tvsysid.study import Experiment, Prepared
+
+
+@attrs.frozen
+class Settings:
+    """Settings of an experiment, named as there.
+
+    Parameters
+    ----------
+    virtual
+        Virtual participant number N; repeatable. [1 to 6]
+    perturbation
+        Perturbation to analyse; repeatable. [all]
+    realizations
+        Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]
+    bootstraps
+        Bootstrap samples for each method and number of realizations. [100]
+    seed
+        Seed of the random numbers; the same seed gives the same results. [0]
+    """
+
+    virtual: list[Whole] | None = None
+    perturbation: list[str] | None = None
+    methods: Methods | None = None
+    realizations: list[Whole] | None = None
+    bootstraps: Whole | None = None
+    seed: Whole | None = None
 
 
 def experiment(
     study_toml: Path | None = None,
     /,
     *,
-    virtual: list[Whole] | None = None,
-    perturbation: list[str] | None = None,
-    method: Methods | None = None,
-    realizations: list[Whole] | None = None,
-    bootstraps: Whole | None = None,
-    seed: Whole | None = None,
+    settings: Annotated[Settings, Flattened] = Settings(),
     workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-experiment"),
 ) -> int:
@@ -80,30 +101,13 @@ def experiment(
     ----------
     study_toml
         TOML file with participants, files and channels; see docs/experiment.md.
-    virtual
-        Virtual participant number N; repeatable. [1 to 6]
-    perturbation
-        Perturbation to analyse; repeatable. [all]
-    realizations
-        Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]
-    bootstraps
-        Bootstrap samples for each method and number of realizations. [100]
-    seed
-        Seed of the random numbers; the same seed gives the same results. [0]
     out
         Folder for the results.
     """
-    from tvsysid.study import Experiment, prepared_recordings, run
+    from tvsysid.study import Experiment, prepared_recordings
 
-    settings = given(
-        virtual=virtual,
-        perturbation=perturbation,
-        methods=method,
-        realizations=realizations,
-        bootstraps=bootstraps,
-        seed=seed,
-    )
-    study = Experiment.from_toml(study_toml, **settings) if study_toml else Experiment(**settings)
+    options = given(**attrs.asdict(settings))
+    study = Experiment.from_toml(study_toml, **options) if study_toml else Experiment(**options)
     with shown_progress("preparing recordings") as advance:
         prepared = prepared_recordings(study, advance)
     for item in prepared:
@@ -111,13 +115,8 @@ def experiment(
             remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
     if all(item.failure for item in prepared):
         raise InputError("no recording can be used; correct the errors above")
-    title = (
-        f"{len(study.recordings)} recordings x {len(study.analyses)} analyses x "
-        f"{study.bootstraps} bootstraps"
-    )
     with shown_warnings():
-        study_run = partial(run, study, prepared=prepared)
-        results = run_study(study_run, out, title, workers)
+        results = run_study(study, out, workers, prepared=prepared)
     return 0 if write(study, results, prepared, out, command_line()) else 1
 
 
@@ -132,13 +131,16 @@ def write(
 
     Return whether every analysis gave a result.
     """
+    from tvsysid.figures.words import count
     from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with errors.status("scoring and drawing"):
         written = write_experiment(experiment, results, prepared, out, command)
     for perturbation, summary in written.summary.groupby("perturbation", sort=False):
-        _show_summary(str(perturbation), summary)
+        people = count(summary.participant.nunique(), "participant")
+        show_scores(f"{perturbation}: mean over {people}", summary)
+    say(UNITS)
     if written.claims.verdict.isin(["holds", "does not hold"]).any():
         show_claims(written.claims, "experiment", "what the report says")
     for label, diagnosis in written.diagnoses.items():
@@ -146,31 +148,4 @@ def write(
             remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
     if written.alignment:
         remark("warning", written.alignment)
-    labels = set(results.recording.values.tolist())  # unusable recordings were reported before
-    others = [problem for problem in problems(results) if problem["method"] not in labels]
-    complete = show_end(out, written.files, others)
-    return complete and not any(item.failure for item in prepared)
-
-
-def _show_summary(perturbation: str, summary: pd.DataFrame) -> None:
-    """Print the main results of one perturbation, mean and standard deviation over participants."""
-    columns = {
-        "method": "{method}",
-        "drawn": "{realizations}",
-        "stiffness": "{mean_stiffness}",
-        "random": "{random_error}",
-        "bias": "{mean_bias}",
-        "VAF": "{vaf}",
-        "VAF\n1-10 Hz": "{bandpassed_vaf}",
-    }
-    over_people = summary.groupby(["method", "realizations", "metric"], sort=False).value
-    means, spreads = over_people.mean().map("{:.1f}".format), over_people.std().map("{:.1f}".format)
-    texts = means + (" ± " + spreads).where(spreads != "nan", "")
-    metrics = [form[1:-1] for form in columns.values()]
-    table = texts.unstack(sort=False).reset_index().reindex(columns=metrics)
-    people = summary.participant[(summary.metric == "vaf") & summary.value.notna()].nunique()
-    show_table(
-        f"{perturbation}: mean ± SD over participants ({people}), in N·m/rad and %",
-        table.replace("nan", None).to_dict("records"),
-        columns,
-    )
+    return show_end(out, written.files, problems(results))

@@ -10,8 +10,8 @@ from pathlib import Path
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Cutting, ReadingOptions, Whole, given
-from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
+from tvsysid.cli.options import NAMES, Cutting, ReadingOptions, Whole, given
+from tvsysid.recordings.reading import Reading, Segmentation
 
 
 def explore(
@@ -57,7 +57,7 @@ def explore(
     from tvsysid.explorer import explore as open_page
 
     options = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
-    named = {OPTION_NAMES.get(name, name): value for name, value in options.items()}
+    named = {NAMES.get(name, name): value for name, value in options.items()}
     page = open_page(file, port=port, method=method, align_channels=align_channels, **named)
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
     if browser and _has_screen():

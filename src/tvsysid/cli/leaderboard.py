@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from tvsysid.cli.console import errors, remark, show_table, shown_warnings
@@ -53,7 +52,6 @@ def leaderboard(
     """
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, SECRET, SEED, study_of, write_leaderboard
-    from tvsysid.study import run
 
     with shown_warnings():
         study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
@@ -62,11 +60,7 @@ def leaderboard(
             "warning",
             "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
         )
-    title = (
-        f"{len(study.scenarios)} scenarios x {study.trials} trials x "
-        f"{len(study.named_methods)} entries"
-    )
-    results = run_study(partial(run, study), out, title, workers)
+    results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)
     columns = {

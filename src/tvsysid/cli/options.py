@@ -8,8 +8,10 @@ from typing import Annotated, Any
 import attrs
 from cyclopts import Parameter, Token
 
-from tvsysid.recordings.reading import Reading, Segmentation
+from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
+NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration", "snr_db": "snr"}
+"""Names of options that differ from the names of the settings."""
 USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,16 +22,29 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from tvsysid.report.sections import Problem
+    from tvsysid.study import Experiment, Study
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
 SCHEDULER_TIMEOUT = "10s"
 RESUMES = "what is finished is kept, and the same command resumes"
-VERDICTS = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
-PROBLEMS = {
-    "failed": "failed and are left out",
-    "skipped": "were skipped",
-    "warning": "gave warnings",
+SCORES = {  # formats, by heading
+    "method": "{method}",
+    "drawn": "{realizations}",
+    "mean": "{mean_stiffness:.1f}",
+    "bias": "{bias_error:.1f}",
+    "random": "{random_error:.1f}",
+    "total": "{total_error:.1f}",
+    "rise": "{rise_time:.2f}",
+    "VAF": "{vaf:.1f}",
+    "VAF\n1-10 Hz": "{bandpassed_vaf:.1f}",
+    "reflex\ngain": "{reflex_gain total_error:.1f}",
+    "reflex\nVAF": "{reflex pathway_vaf:.1f}",
+    "time": "{seconds:.3f}",
 }
+UNITS = (
+    "stiffness and its errors in N·m/rad (those of the reflex gain in N·m·s/rad), rise and time in "
+    "s, VAF in %"
+)
 
 
 def make_folder(out: Path) -> None:
@@ -50,30 +63,23 @@ def command_line() -> str:
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
-def run_study(
-    study_run: Callable[..., xr.Dataset], out: Path, title: str, workers: Workers
-) -> xr.Dataset:
+def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: Any) -> xr.Dataset:
     """Run the missing tasks of a study in a folder, with progress.
 
-    Parameters
-    ----------
-    study_run
-        Function that runs them, of folder, workers, executor and progress.
-    out
-        Folder of the study.
-    title
-        Description of the study.
-    workers
-        Processes to use.
+    ``inputs`` are further arguments of :func:`tvsysid.study.run`.
     """
+    from tvsysid.study import run
+
     make_folder(out)
     try:
-        with shown_progress(title) as advance, _executor(workers) as (executor, processes):
-            return study_run(
-                folder=out,
+        with shown_progress("running") as advance, _executor(workers) as (executor, processes):
+            return run(
+                study,
+                out,
                 workers=processes,
                 executor=executor,
                 progress=_with_start(advance),
+                **inputs,
             )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {RESUMES}") from None
@@ -118,26 +124,27 @@ def _executor(workers: Workers) -> Iterator[tuple[Executor | None, int | None]]:
         yield client.get_executor(pure=False), workers.workers or threads
 
 
+def show_scores(title: str, summary: pd.DataFrame) -> None:
+    """Print the mean scores of each method."""
+    labels = [name for name in ("method", "realizations") if name in summary]
+    table = summary.pivot_table("value", labels, "metric", sort=False)
+    show_table(title, table.reset_index().to_dict("records"), SCORES)
+
+
 def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
     """Print the verdicts on published claims; ``need`` says what the other claims need."""
     studied = claims[claims.verdict != "not studied"]
-    records = [
-        {"claim": claim, "verdict": f"{VERDICTS[verdict]} {verdict}"}
-        for claim, verdict in zip(studied.claim, studied.verdict, strict=True)
-    ]
-    missing = len(claims) - len(studied)
     title = f"published claims about {about}"
-    title += f"; {missing} more need {need}" if missing else ""
-    show_table(title, records, {"claim": "{claim}", "verdict": "{verdict}"})
+    if missing := len(claims) - len(studied):
+        title += f"; {missing} more need {need}"
+    columns = {"claim": "{claim}", "verdict": "{verdict}"}
+    show_table(title, studied.to_dict("records"), columns)
 
 
-def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> bool:
+def show_end(out: Path, files: Iterable[str], problems: Sequence[Problem]) -> bool:
     """Print failures, warnings and files; return whether no method failed."""
-    complete = True
     for each in problems:
-        failed = each["kind"] == "failed"
-        complete = complete and not failed
-        text = "{method}: {count} of {trials} {what}; the first: {first}"
-        remark("error" if failed else "warning", text.format(what=PROBLEMS[each["kind"]], **each))
+        text = "{method}: {kind} in {count} of {trials}; the first: {first}"
+        remark("error" if each["kind"] == "failed" else "warning", text.format(**each))
     say_written(out, [*files, RESULTS])
-    return complete
+    return not any(each["kind"] == "failed" for each in problems)

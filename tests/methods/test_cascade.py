@@ -8,7 +8,6 @@ from tests.independent import ensemble_of, imposed
 
 import tvsysid as tv
 from tvsysid.methods.cascade import data
-from tvsysid.methods.cascade.bands import covariance_of
 from tvsysid.methods.cascade.columns import (
     deviations,
     intrinsic_filters,
@@ -16,11 +15,10 @@ from tvsysid.methods.cascade.columns import (
     second_order_fit,
     unresolved,
 )
-from tvsysid.methods.cascade.data import Data
+from tvsysid.methods.cascade.data import Data, Reflex
 from tvsysid.methods.cascade.evidence import Ridge
 from tvsysid.methods.cascade.problem import Problem
-from tvsysid.methods.cascade.reflex_columns import Reflex
-from tvsysid.methods.cascade.result import doubtful_gain
+from tvsysid.methods.cascade.result import covariance_of, doubtful_gain
 from tvsysid.methods.cascade.shape import Shape
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import keep_every

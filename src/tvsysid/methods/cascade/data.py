@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property, reduce
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache, reduce
 from itertools import pairwise
 from typing import NamedTuple, Self
 
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.cascade.columns import deviations
+from tvsysid.methods.cascade.shape import Shape
 from tvsysid.numerics import Array
+from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments
 
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
@@ -63,6 +65,58 @@ class Factor(NamedTuple):
                 sums = self.functions.T @ (self.signal.T @ other.signal * right)
             parts.append(sums @ other.functions)
         return np.concatenate(parts, axis=1)
+
+
+@attrs.frozen(eq=False)
+class Reflex:
+    """Columns of the reflex pathway: its drive times functions of time, behind delay and muscle.
+
+    ``drive`` gives the rows (realization, history + time) for a threshold, as deviations from
+    their mean over realizations. They are 0 where nothing was recorded. ``basis`` is that of the
+    gain over a ``period`` in s. The fitted ``times`` are samples of a realization.
+    """
+
+    drive: Callable[[float], Array]
+    basis: FourierSeries
+    period: float
+    rate: float
+    times: slice
+
+    def _gain(self, shape: Shape) -> Array:
+        """Return the functions (history + time, function) of the gain at the times of arrival."""
+        stop, total = self.times.stop, self.drive(shape.threshold).shape[1]
+        return _arriving(self.basis, stop - total, stop, self.rate, shape.delay, self.period)
+
+    def torque(self, shape: Shape, coefficients: Array) -> Array:
+        """Return the reflex torque (realization, time) as a deviation from its mean.
+
+        The gain is that at the time of arrival.
+        """
+        gain = self._gain(shape) @ coefficients
+        driven = shape.delayed(self.drive(shape.threshold) * gain, self.rate)
+        torque = driven[:, len(gain) - (self.times.stop - self.times.start) :]
+        return deviations(torque) if len(torque) == 1 else torque
+
+    def columns(self, shape: Shape) -> Array:
+        """Return the columns (function, realization, time)."""
+        units = np.eye(2 * self.basis.harmonics + 1)
+        return np.stack([self.torque(shape, unit) for unit in units])
+
+    def factor(self, shape: Shape) -> Factor:
+        """Return the columns as a signal, functions of time and a muscle."""
+        gain = self._gain(shape)
+        history = len(gain) - (self.times.stop - self.times.start)
+        longest = min(len(gain) - history, MAX_WINDOW)
+        response = shape.response(history + longest, self.rate)
+        muscle = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
+        return Factor(self.drive(shape.threshold), gain, muscle)
+
+
+@lru_cache(maxsize=2)  # of the gain that changes, and of the one that does not
+def _arriving(
+    basis: FourierSeries, start: int, stop: int, rate: float, delay: float, period: float
+) -> Array:
+    return basis((np.arange(start, stop) / rate + delay) / period)
 
 
 @attrs.frozen(eq=False)

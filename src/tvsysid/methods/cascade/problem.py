@@ -8,9 +8,8 @@ from functools import cached_property
 import attrs
 import numpy as np
 
-from tvsysid.methods.cascade.data import ALL, Data, Factor
+from tvsysid.methods.cascade.data import ALL, Data, Factor, Reflex
 from tvsysid.methods.cascade.evidence import UNLIMITED, Prior, Ridge
-from tvsysid.methods.cascade.reflex_columns import Reflex
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.methods.cascade.shape import Shape, Terms
 from tvsysid.numerics import Array

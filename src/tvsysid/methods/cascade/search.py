@@ -12,10 +12,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import deviations, readout
-from tvsysid.methods.cascade.data import Data
+from tvsysid.methods.cascade.data import Data, Reflex
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.problem import Problem, Solution
-from tvsysid.methods.cascade.reflex_columns import Reflex
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.shape import Shape, first_shapes
 from tvsysid.numerics import Array

@@ -483,8 +483,7 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     turns = 2 * np.pi * np.arange(80) / 80
     waves = 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns)
     estimate = attrs.evolve(estimate, values=estimate.values + waves)
-    steps = estimate.steps(np.array([12.3, 27.8]))
-    second = list(evidence.few_harmonics(estimate, steps))[1]
+    second = list(evidence.few_harmonics(estimate, np.array([12.3, 27.8])))[1]
     assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
     assert second.length == pytest.approx(80 / 3)
     best = posterior.average(estimate).candidates[0]

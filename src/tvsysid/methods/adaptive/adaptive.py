@@ -255,7 +255,7 @@ class Identification:
         stiffness = self.stiffness()
         viscosity = self.viscosity(stiffness)
         for turn in range(MAX_ROUNDS):
-            if viscosity.probability(is_constant) > 0.5:
+            if viscosity.probability(Candidate.is_constant) > 0.5:
                 break
             if turn and not self.known:
                 self.known["stiffness"] = stiffness.posterior.hypotheses
@@ -378,7 +378,9 @@ class Identification:
         impedance = unit * np.stack(means, axis=1)
         over_time = base.padded(impedance, *edges).T
         estimates = shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors)
-        details = {f"constant_{key}": each.probability(is_constant) for key, each in both.items()}
+        details = {
+            f"constant_{key}": each.probability(Candidate.is_constant) for key, each in both.items()
+        }
         details["periodic"] = float(self.axis.periodic)
         details["reflex_shown"] = float(signals.reflex is not None)
         if signals.reflex is None:
@@ -441,8 +443,3 @@ class Identification:
             gain = self.signals.reflex.estimates["reflex_gain"]
             is_steady = bool(self.signals.reflex.diagnostics.details["constant"])
             yield from doubtful_gain(gain, is_steady)
-
-
-def is_constant(candidate: Candidate) -> bool:
-    """Return whether nothing changes in a candidate."""
-    return candidate.is_constant

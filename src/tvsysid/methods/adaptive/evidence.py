@@ -240,48 +240,39 @@ def size_covariance(gram: Array, prior: SwitchPrior) -> Array:
     return np.asarray(inverse)
 
 
-def few_harmonics(estimate: FreeEstimate, steps: Steps) -> Iterator[SmoothPrior]:
+def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:
     """Yield priors of sums of few cosines and sines.
 
-    The most evident one is added to a constant and some steps, again and again. Each has a standard
-    deviation of its own, one of AMPLITUDES.
+    The most evident one is added to a constant and steps at positions, again and again. Each has a
+    standard deviation of its own, one of AMPLITUDES.
     """
-    count = 1 + 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    features = steps.features[:count]
-    gram = np.block(
-        [[estimate.moments.gram[:count, :count], features], [features.T, steps.products(steps)]]
-    )
-    cross = np.append(estimate.moments.cross[:count], steps.cross)
-    sizes = np.square(AMPLITUDES)[:, None]
-    variances = np.full(len(cross), STEP**2)
-    variances[:count] = 0.0
-    variances[0] = LEVEL**2
-    log_prior = math.log(WAVES_PROBABILITY) - (count - 1) / 2 * math.log1p(
-        FIRST_ODDS * (2 + SECOND_ODDS)
-    )
-    for _ in range(min(MAX_WAVES, count - 1)):
-        known = np.flatnonzero(variances)
-        inverse = np.linalg.inv(gram[np.ix_(known, known)] + np.diag(1 / variances[known]))
-        gain = inverse @ gram[known, 1:count]
-        power = np.diag(gram)[1:count] - np.einsum("kc,kc->c", gain, gram[known, 1:count])
+    count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
+    steps = estimate.axis.steps(positions, recorded=True)
+    columns = np.column_stack([estimate.features[:, 1 : count + 1], estimate.features[:, 0], steps])
+    gram, cross = columns.T @ estimate.precision @ columns, columns.T @ estimate.weighted
+    variances = np.full(len(gram), STEP**2)
+    variances[:count], variances[count] = 0.0, LEVEL**2
+    sizes, log_prior = np.square(AMPLITUDES)[:, None], math.log(WAVES_PROBABILITY)
+    log_prior -= count / 2 * math.log1p(FIRST_ODDS * (2 + SECOND_ODDS))
+    for _ in range(min(MAX_WAVES, count)):
+        known, has = np.flatnonzero(variances), variances[:count] > 0
+        mixed = gram[known, :count]
+        gain = np.linalg.solve(gram[np.ix_(known, known)] + np.diag(1 / variances[known]), mixed)
+        power = np.diag(gram)[:count] - np.einsum("kc,kc->c", gain, mixed)
         left = 1 + sizes * np.maximum(power, 0.0)
-        has = variances[1:count] > 0
-        odds = np.log(
-            np.where(has.reshape(-1, 2)[:, ::-1].ravel(), SECOND_ODDS, FIRST_ODDS) / len(sizes)
-        )
-        wanted = cross[1:count] - cross[known] @ gain
-        evidence = odds + 0.5 * (sizes * wanted**2 / left - np.log(left))
+        odds = np.where(has.reshape(-1, 2)[:, ::-1].ravel(), SECOND_ODDS, FIRST_ODDS) / len(sizes)
+        square = sizes * (cross[:count] - cross[known] @ gain) ** 2 / left
+        evidence = np.log(odds) + 0.5 * (square - np.log(left))
         evidence[:, has] = -np.inf
-        size, wave = divmod(int(np.argmax(evidence)), count - 1)
-        log_prior += odds[wave]
-        variances[1 + wave] = sizes[size, 0]
-        weights = np.zeros(len(estimate.moments.cross))
-        weights[:count] = variances[:count]
-        top = (int(np.flatnonzero(weights)[-1]) + 1) // 2
+        size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
+        log_prior += math.log(odds[wave])
+        variances[wave] = sizes[size, 0]
+        waves = variances[:count]
+        rest = np.zeros(len(estimate.features.T) - count - 1)
         yield SmoothPrior(
             "few harmonics",
-            math.sqrt(weights[1:].sum() / 2),
-            estimate.axis.period / top,
-            float(log_prior),
-            weights,
+            amplitude=math.sqrt(waves.sum() / 2),
+            length=estimate.axis.period / (np.flatnonzero(waves)[-1] // 2 + 1),
+            log_prior=log_prior,
+            variances=np.concatenate([[LEVEL**2], waves, rest]),
         )

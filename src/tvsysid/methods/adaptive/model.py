@@ -19,7 +19,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.signals import Ensemble
 
-BISECTIONS = 26
+BISECTIONS = 30
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
 
@@ -86,11 +86,7 @@ class MixtureError(StandardError):
         assert self.mixture is not None
         weights, means, variances = self.mixture
         spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
-        each = np.where(
-            weights > 0,
-            means + spreads * multiple[:, None],
-            means[:, :1] + spreads[:, :1] * multiple[:, None],
-        )
+        each = means + spreads * multiple[:, None]
         low, high, share = each.min(axis=1), each.max(axis=1), ndtr(wanted)
         for _ in range(BISECTIONS if weights.shape[1] > 1 else 0):
             middle = (low + high) / 2
@@ -126,15 +122,15 @@ class AdaptiveModel(Model):
     hypotheses: Mapping[str, Sequence[Hypothesis]] = attrs.field(factory=dict)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        signals = ensemble.derivatives()
         if self.beside is None:
-            impedance = (self.stiffness, self.viscosity, self.inertia)
-            return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, signals)))}
-        found = self.beside.pathways(ensemble)
-        more = (self.stiffness - self.beside.stiffness, self.viscosity - self.beside.viscosity)
-        return found | {
-            "intrinsic": found["intrinsic"] + more[0] * signals[0] + more[1] * signals[1]
-        }
+            return super()._pathways(ensemble)
+        found, (angle, velocity) = self.beside.pathways(ensemble), ensemble.derivatives(1)
+        found["intrinsic"] = (
+            found["intrinsic"]
+            + (self.stiffness - self.beside.stiffness) * angle
+            + (self.viscosity - self.beside.viscosity) * velocity
+        )
+        return found
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         return {**_columns("switch", self.switches), **_columns("smoothness", self.smoothness)}, {}

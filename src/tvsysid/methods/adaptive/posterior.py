@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+from scipy.linalg import block_diag
 
 from tvsysid.methods.adaptive.evidence import (
     FreeEstimate,
@@ -87,15 +88,9 @@ class Candidate(NamedTuple):
     prior: SwitchPrior
     evidence: float
 
-    @property
     def is_constant(self) -> bool:
-        """Whether nothing changes."""
+        """Return whether nothing changes."""
         return not len(self.placed.positions) and self.smooth.prior.kind == "none"
-
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """What the candidate assumes."""
-        return Hypothesis(self.smooth.estimate.axis, self.smooth.prior, self.placed.positions)
 
     def over_time(self, positions: Array) -> OverTime:
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
@@ -118,26 +113,27 @@ class Candidate(NamedTuple):
         )
         return OverTime(means.T, variances.T, sizes[..., 0], covariance, shapes)
 
-    def mixture(self, best: OverTime, weight: float) -> Mixture:
-        """Return the posterior at each time.
+    def components(self, best: OverTime, weight: float) -> Array:
+        """Return weights, means and variances of the posterior, shape (3, time, component).
 
-        ``best`` is the one with all switches at their most probable positions. The switch nearest
-        to a time takes all its positions, the others stay there.
+        ``best`` has all switches at their most probable positions. The switch nearest to a time
+        takes all its positions, the others stay there. ``weight`` is that of the candidate.
         """
         axis, placed = self.smooth.estimate.axis, self.placed
         if not len(placed.positions):
-            return Mixture(np.ones(best.means.shape), best.means, best.variances)
+            return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
         nearest = np.argmin(axis.distances(np.arange(float(axis.times)), placed.positions), axis=1)
         count = max(4, round(MAX_POSITIONS * weight))
         out = np.empty((3, axis.times, count))
         for place, window in enumerate(zip(placed.windows, placed.probabilities, strict=True)):
             rows = nearest == place
             positions = np.repeat(placed.positions[None], count, axis=0)
-            positions[:, place], out[0, rows] = thinned(*window, count)
+            positions[:, place], shares = thinned(*window, count)
             moved = self.over_time(positions)
+            out[0, rows] = weight * shares
             out[1:, rows] = moved.means[rows], moved.variances[rows]
         out[2] += axis.jitter_variance(placed.positions) @ best.sizes.T**2
-        return Mixture(*out)
+        return out
 
 
 class OverTime(NamedTuple):
@@ -189,18 +185,11 @@ class Posterior(NamedTuple):
         weights /= weights.sum()
         kept = candidates[: len(weights)]
         over_time = [each.over_time(each.placed.positions[None]) for each in kept]
-        parts = [
-            each.mixture(best, weight)
-            for each, best, weight in zip(kept, over_time, weights, strict=True)
-        ]
-        shares, means, variances = (
-            np.concatenate(each, axis=1) for each in zip(*parts, strict=True)
-        )
-        shares = shares * np.repeat(weights, [len(each.weights.T) for each in parts])
-        used = np.argsort(shares == 0, axis=1, kind="stable")[:, : (shares > 0).sum(axis=1).max()]
-        mixture = Mixture(
-            *(np.take_along_axis(x, used, axis=1) for x in (shares, means, variances))
-        )
+        rows = zip(kept, over_time, weights, strict=True)
+        parts = np.concatenate([each.components(*row) for each, *row in rows], axis=2)
+        is_none = parts[0] == 0
+        used = np.argsort(is_none, axis=1, kind="stable")[:, : (~is_none).sum(axis=1).max()]
+        mixture = Mixture(*np.take_along_axis(parts, used[None], axis=2))
         size = candidates[0].smooth.estimate.size
         return cls(candidates, weights, over_time, mixture.transformed(size))
 
@@ -217,27 +206,31 @@ class Posterior(NamedTuple):
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that count, the most probable first."""
-        return tuple(each.hypothesis for each in self.candidates[: len(self.weights)])
+        return tuple(
+            Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.placed.positions)
+            for each in self.candidates[: len(self.weights)]
+        )
 
     def arc(self) -> float:
         """Return the length of the path of the scaled estimate, for simultaneous bands."""
         means = np.column_stack([each.means for each in self.over_time])
         apart = np.sqrt(self.weights) * (means - (means @ self.weights)[:, None])
-        features = np.column_stack([self._factor(), apart])
-        return arc_length(features, np.eye(len(features.T)))
+        features, covariance = self._best()
+        return arc_length(
+            np.column_stack([features, apart]), block_diag(covariance, np.eye(len(self.weights)))
+        )
 
     def parameters(self) -> float:
         """Return the best candidate's effective number of parameters, and of switch times."""
-        precision, factor = self.candidates[0].smooth.estimate.precision, self._factor()
-        positions = self.candidates[0].placed.positions
-        return float(np.sum(factor * (precision @ factor))) + len(positions)
+        (features, covariance), best = self._best(), self.candidates[0]
+        weighted = best.smooth.estimate.precision @ features
+        return float(np.sum(features @ covariance * weighted)) + len(best.placed.positions)
 
-    def _factor(self) -> Array:
-        """Return a factor (time, coefficient) of the covariance of the best candidate."""
-        best = self.over_time[0]
-        values, vectors = np.linalg.eigh(best.covariance[0])
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.column_stack([self.candidates[0].smooth.features, best.shapes[0] @ root])
+    def _best(self) -> tuple[Array, Array]:
+        """Return features of the best candidate, and the covariance of their coefficients."""
+        smooth, best = self.candidates[0].smooth, self.over_time[0]
+        features = np.column_stack([smooth.features, best.shapes[0]])
+        return features, block_diag(np.eye(len(smooth.mean)), best.covariance[0])
 
 
 def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posterior:
@@ -250,7 +243,8 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
     data leave open is averaged.
     """
     if known:
-        return Posterior.of(plausible(attrs.evolve(estimate, axis=known[0].axis), known=known))
+        estimate = attrs.evolve(estimate, axis=known[0].axis)
+        return Posterior.of(plausible(estimate, within=known, search=False))
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
     best = found.candidates[0]
@@ -264,8 +258,7 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
     other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(axes))
     if scores[other] + log_prior < scores[0] - OPEN:
         return found
-    priors = [each.prior for each in found.hypotheses]
-    beside = plausible(smeared[other], priors=priors)
+    beside = plausible(smeared[other], within=found.hypotheses)
     beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
     return Posterior.of(candidates + beside)
 
@@ -286,42 +279,43 @@ def average_beside(
     """
     best = other.candidates[0]
     estimate = attrs.evolve(estimate, axis=best.smooth.estimate.axis)
-    return Posterior.of(plausible(estimate, best.placed, known))
+    # No position is to be found, so that none is penalised.
+    volume = len(best.placed.positions) * math.log(estimate.axis.times) + math.log(0.5)
+    tied = best.placed._replace(log_volume=volume)
+    return Posterior.of(plausible(estimate, tied, known, search=not known))
 
 
 def plausible(
     estimate: FreeEstimate,
-    others: Placed | None = None,
-    known: Sequence[Hypothesis] = (),
-    priors: Sequence[SmoothPrior] = (),
+    tied: Placed | None = None,
+    within: Sequence[Hypothesis] = (),
+    search: bool = True,
 ) -> list[Candidate]:
     """Return all plausible candidates, with steps smeared as the estimate's axis says.
 
-    ``others`` are switches of another estimate. If there are ``known`` hypotheses or ``priors`` of
-    the smooth part, no other priors are used.
+    ``tied`` are switches of another estimate. If there are hypotheses ``within`` which to stay,
+    only their smooth parts are used, and without a ``search`` only their switches.
     """
     axis = estimate.axis
-    kinds = {each.variances.tobytes(): each for each in [*priors, *(each.prior for each in known)]}
-    smooths = [SmoothFit(estimate, each) for each in kinds.values() or smooth_priors(axis)]
-    tied = []
-    if others is not None and len(others.positions):
-        # No position is to be found, so that none is penalised.
-        volume = len(others.positions) * math.log(axis.times) + math.log(0.5)
-        tied.append(others._replace(log_volume=volume))
-    if known:
-        fits = dict(zip(kinds, smooths, strict=True))
-        sets = {
-            tuple(each.positions): fits[each.prior.variances.tobytes()] for each in reversed(known)
-        }
-        proposals = list(sets.items())
-    else:
+    priors: dict[object, SmoothPrior] = {
+        each.prior.variances.tobytes(): each.prior for each in within
+    }
+    priors = priors or dict(enumerate(smooth_priors(axis)))
+    fits = {key: SmoothFit(estimate, prior) for key, prior in priors.items()}
+    smooths, others = list(fits.values()), [tied] if tied and len(tied.positions) else []
+    if search:
         grid = Grid(estimate)
         first = first_proposals(smooths, grid)
-        if others is not None and not first[0].positions:
-            evidence = [each.evidence for each in weighed(smooths, tied)]
+        if tied and not first[0].positions:
+            evidence = [each.evidence for each in weighed(smooths, others)]
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
                 return weighed(smooths, [Placed(np.zeros(0), 0.0, (), (), 0.0)])
         proposals = propose_switches(smooths, grid, first)
+    else:
+        sets = {
+            tuple(each.positions): fits[each.prior.variances.tobytes()] for each in reversed(within)
+        }
+        proposals = list(sets.items())
     windows, found = Windows(estimate), list[Placed]()
     for positions, smooth in proposals:
         placed = refine_positions(positions, smooth, windows)
@@ -329,41 +323,42 @@ def plausible(
     candidates = sorted(weighed(smooths, distinct(found, axis)), key=lambda each: each.evidence)
     best_of = {id(each.placed): each for each in candidates}.values()
     found = [refine_positions(each.placed.positions, each.smooth, windows) for each in best_of]
-    if not kinds:  # beside the best set of switches, and beside none
+    if not within:  # beside the best set of switches, and beside none
         for each in {not len(each.placed.positions): each for each in candidates}.values():
-            sums = few_harmonics(estimate, estimate.steps(each.placed.positions))
+            sums = few_harmonics(estimate, each.placed.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
-    return weighed(smooths, [*distinct(found, axis), *tied])
+    return weighed(smooths, [*distinct(found, axis), *others])
 
 
 def distinct(sets: Sequence[Placed], axis: Axis) -> list[Placed]:
     """Return sets of switches without repetitions."""
     out: list[Placed] = []
     for placed in sets:
-        alike = [each for each in out if len(each.positions) == len(placed.positions)]
-        gaps = [np.abs(axis.offset(each.positions, placed.positions)) for each in alike]
-        if not any((gap < SAME).all() for gap in gaps):
+        if not any(
+            len(each.positions) == len(placed.positions)
+            and (np.abs(axis.offset(each.positions, placed.positions)) < SAME).all()
+            for each in out
+        ):
             out.append(placed)
     return out
 
 
 def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Placed]) -> list[Candidate]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
-    estimate = smooths[0].estimate
-    axis, priors, out = estimate.axis, switch_priors(estimate.axis.periodic), list[Candidate]()
-    ends = np.cumsum([len(each.positions) for each in sets])
+    estimate, axis = smooths[0].estimate, smooths[0].estimate.axis
+    ends, out = np.cumsum([len(each.positions) for each in sets]), list[Candidate]()
     steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
     beside = [smooth.beside(steps) for smooth in smooths]
     gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
     for placed, end in zip(sets, ends, strict=True):
         count = len(placed.positions)
-        if not count:
-            out += [Candidate(smooth, placed, priors[0], smooth.score) for smooth in smooths]
-            continue
-        own = slice(end - count, end)
+        own, priors = (
+            slice(end - count, end),
+            switch_priors(axis.periodic) if count else switch_priors(False)[:1],
+        )
         evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
         log_prior = placed.log_volume - count * math.log(axis.times) - math.log(len(priors))
-        for prior, values in zip(priors, evidence + log_prior, strict=True):
+        for prior, values in zip(priors, evidence + log_prior, strict=False):
             out += [
                 Candidate(smooth, placed, prior, smooth.score + float(value))
                 for smooth, value in zip(smooths, values, strict=True)

@@ -152,13 +152,14 @@ def merge_close(placed: Placed, smooth: SmoothFit, windows: Windows) -> Placed:
 class Proposal(NamedTuple):
     """Positions of switches beside a smooth part, their score, and the gain of the last step.
 
-    REACH is added to the gain of the first step, which then counts as 2 REACH at least. A smooth
-    part is not searched if further switches had to gain more than that, or MAX_GAIN, to make it the
-    best.
+    ``smooth`` is the number of the smooth part. REACH is added to the gain of the first step, which
+    then counts as 2 REACH at least. A smooth part is not searched if further switches had to gain
+    more than that, or MAX_GAIN, to make it the best.
     """
 
-    positions: tuple[float, ...]
     score: float
+    smooth: int
+    positions: tuple[float, ...]
     gain: float
 
 
@@ -187,16 +188,19 @@ def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Proposal]:
     this bound is far below the best score, no switches are searched for. The bound is not sharp,
     because it includes the noise of all samples.
     """
-    best = max(smooth.score for smooth in smooths)
-    return [
-        _first(smooth, grid)
-        if smooth.score + smooth.residual / 2 - grid.log_positions > best - REACH
-        else Proposal((), smooth.score, -math.inf)
-        for smooth in smooths
-    ]
+    best, first = max(smooth.score for smooth in smooths), list[Proposal]()
+    for number, smooth in enumerate(smooths):
+        gain, positions = -math.inf, tuple[float, ...]()
+        value = 0.0
+        if smooth.score + smooth.residual / 2 - grid.log_positions > best - REACH:
+            value, positions = _one_or_two(smooth, grid)
+            gain = max(value, REACH) + REACH
+        first.append(Proposal(smooth.score + value, number, positions, gain))
+    return first
 
 
-def _first(smooth: SmoothFit, grid: Grid) -> Proposal:
+def _one_or_two(smooth: SmoothFit, grid: Grid) -> tuple[float, tuple[float, ...]]:
+    """Return the best score and positions of no switch, one switch, or two opposite ones."""
     steps, variance = smooth.beside(grid.first), FIRST_SIZE**2
     ratio = 1 + variance * steps.power
     single = 0.5 * (variance * steps.cross**2 / ratio - np.log(ratio)) - grid.log_positions
@@ -206,12 +210,11 @@ def _first(smooth: SmoothFit, grid: Grid) -> Proposal:
     square = variance / 2 * (ends.cross[:, None] - ends.cross) ** 2 / ratio
     pair = 0.5 * (square - np.log(ratio)) - 2 * grid.log_positions
     best, both = int(np.argmax(single)), np.unravel_index(np.argmax(pair), pair.shape)
-    value, positions = max(
+    return max(
         (0.0, ()),
-        (float(single[best]), (float(steps.positions[best]),)),
-        (float(pair[both]), tuple(sorted(map(float, ends.positions[list(both)])))),
+        (float(single[best]), (steps.positions[best],)),
+        (float(pair[both]), tuple(np.sort(ends.positions[list(both)]))),
     )
-    return Proposal(positions, smooth.score + value, max(value, REACH) + REACH)
 
 
 def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid) -> Proposal:
@@ -237,7 +240,8 @@ def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid)
         score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
         options.append((score, (*rest.positions, steps.positions[best])))
     placed = refine_positions(sorted(max(options)[1]), smooth, grid.windows)
-    return Proposal(tuple(placed.positions), placed.score, placed.score - proposal.score)
+    gain = placed.score - proposal.score
+    return Proposal(placed.score, proposal.smooth, tuple(placed.positions), gain)
 
 
 def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator[tuple[float, ...]]:
@@ -285,58 +289,54 @@ def propose_switches(
     ``proposals``, one for each smooth part. It always goes on beside the smooth part that has the
     best score.
     """
-    scores: dict[tuple[float, ...], tuple[float, int]] = {}
+    found: dict[tuple[float, ...], Proposal] = {}
 
-    def note(proposal: Proposal, key: int) -> None:
-        known = scores.get(proposal.positions, (-math.inf, key))
-        scores[proposal.positions] = max(known, (proposal.score, key))
+    def note(proposal: Proposal) -> None:
+        known = found.get(proposal.positions, proposal)
+        found[proposal.positions] = max(known, proposal)
 
-    def refined(positions: tuple[float, ...], key: int, gain: float) -> Proposal:
-        placed = refine_positions(positions, smooths[key], grid.windows)
-        return Proposal(tuple(placed.positions), placed.score, gain)
+    def refined(proposal: Proposal) -> Proposal:
+        placed = refine_positions(proposal.positions, smooths[proposal.smooth], grid.windows)
+        return proposal._replace(positions=tuple(placed.positions), score=placed.score)
 
-    for key, proposal in enumerate(proposals):
-        note(proposal, key)
-    steps: dict[int, Steps] = {}
-    still_open, closed_at = dict(enumerate(proposals)), set()
+    for proposal in proposals:
+        note(proposal)
+    still_open, steps, closed_at = list(proposals), dict[int, Steps](), set()
     for _ in range(MAX_STEPS):
-        best = max(scores.values())[0]
+        best = max(found.values()).score
         able = [
-            key
-            for key, each in still_open.items()
+            each
+            for each in still_open
             if each.score + min(each.gain, MAX_GAIN) > best
-            and (key in steps or each.positions not in closed_at)
+            and (each.smooth in steps or each.positions not in closed_at)
         ]
         if not able:
             break
-        key = max(able, key=lambda each: still_open[each].score)
-        proposal = still_open[key]
-        if key not in steps:
-            steps[key] = smooths[key].beside(grid.steps)
-            proposal = refined(proposal.positions, key, proposal.gain)
-            note(proposal, key)
-        after = best_switch(proposal, smooths[key], steps[key], grid)
+        proposal = max(able, key=lambda each: each.score)
+        still_open.remove(proposal)
+        smooth = smooths[proposal.smooth]
+        if proposal.smooth not in steps:
+            steps[proposal.smooth] = smooth.beside(grid.steps)
+            proposal = refined(proposal)
+            note(proposal)
+        after = best_switch(proposal, smooth, steps[proposal.smooth], grid)
         if after.score > best - SLACK:
-            note(after, key)
+            note(after)
         if after.gain > MIN_GAIN:
-            still_open[key] = after
+            still_open.append(after)
         else:
             closed_at.add(proposal.positions)
-            del still_open[key], steps[key]
-    best = max(scores.values())[0]
-    joint = set(joint_update(smooths[0].estimate, proposals[0].positions))
-
-    def score_at(positions: tuple[float, ...]) -> float:
-        own = smooths[0].estimate.steps(np.array(positions))
-        return score_of(smooths[0].beside(own), smooths[0])
-
-    for positions in nlargest(MAX_REFINED, joint, key=score_at):
-        proposal = refined(positions, 0, 0.0)
+            del steps[proposal.smooth]
+    best, none = max(found.values()).score, smooths[0]
+    joint = [
+        Proposal(score_of(none.beside(none.estimate.steps(np.array(each))), none), 0, each, 0.0)
+        for each in dict.fromkeys(joint_update(none.estimate, proposals[0].positions))
+    ]
+    for proposal in map(refined, nlargest(MAX_REFINED, joint)):
         if proposal.score > best - SLACK:
-            note(proposal, 0)
-    scores.pop((), None)
+            note(proposal)
     none = max(smooths, key=lambda smooth: smooth.score)
-    best = max([none.score, *(score for score, _ in scores.values())])
-    near = [(*found, positions) for positions, found in scores.items() if found[0] > best - REACH]
-    sets = [(positions, smooths[key]) for _, key, positions in sorted(near, reverse=True)]
-    return [*sets[:MAX_SETS], ((), none)]
+    near = sorted((each for each in found.values() if each.positions), reverse=True)[:MAX_SETS]
+    best = max([none.score, *(each.score for each in near)])
+    sets = [(each.positions, smooths[each.smooth]) for each in near if each.score > best - REACH]
+    return [*sets, ((), none)]

@@ -6,8 +6,7 @@ The method finds by evidence how smooth a joint's impedance is, and where it swi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -54,6 +53,9 @@ WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest m
 MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
 MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
 UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
+
+
+Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
 
 @attrs.frozen
@@ -184,7 +186,7 @@ class AdaptiveRegression(base.Method):
 
     def fit(self, ensemble: Ensemble) -> AdaptiveModel:
         """Return the model of an ensemble."""
-        return Identification(ensemble, Signals.of(ensemble, self.emg)).model(repr(self))
+        return self._identified(FreeEstimates(ensemble, Signals.of(ensemble, self.emg)), {})
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
@@ -197,34 +199,43 @@ class AdaptiveRegression(base.Method):
             signals = Signals.of_second_order(ensemble)
         else:
             signals = Signals.of(ensemble, self.emg, model.beside)
-        found = Identification(ensemble, signals)
-        known = [each.axis[:2] for some in model.hypotheses.values() for each in some]
-        if all(axis == found.axis[:2] for axis in known):
-            found.known.update(model.hypotheses)
-        return found.model(repr(self))
+        free, known = FreeEstimates(ensemble, signals), model.hypotheses
+        axes = {each.axis[:2] for some in known.values() for each in some}
+        return self._identified(free, known if axes == {free.axis[:2]} else {})
+
+    def _identified(self, free: FreeEstimates, known: Hypotheses) -> AdaptiveModel:
+        """Return the model. If there are known hypotheses, no others are searched for.
+
+        Stiffness is estimated beside a constant viscosity. Where viscosity changes, each is
+        estimated again beside the other, at last without a search.
+        """
+        found: dict[str, Posterior] = {}
+        for turn in range(1 + MAX_ROUNDS):
+            if turn == MAX_ROUNDS:
+                known = known or {name: each.hypotheses for name, each in found.items()}
+            beside = found["viscosity"].mixture if found else None
+            stiffness = average(free.stiffness(beside), known.get("stiffness", ()))
+            viscosity = average_beside(
+                free.viscosity(stiffness.mixture), stiffness, known.get("viscosity", ())
+            )
+            found = {"stiffness": stiffness, "viscosity": viscosity}
+            if viscosity.probability(Candidate.is_constant) > 0.5:
+                break
+        return free.model(repr(self), found)
 
 
-class Stiffness(NamedTuple):
-    """Posterior of stiffness, the constants beside it, and the products that they come from."""
+class FreeEstimates:
+    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
 
-    posterior: Posterior
-    constants: Constants
-    misfit: Array
-    weighted: Weighted
-    sandwich: Weighted
-
-
-class Identification:
-    """Identification of an ensemble.
-
-    ``coefficients`` (regressor, time) are the latest ones. If there are ``known`` hypotheses of a
-    quantity, no others are searched for.
+    ``coefficients`` (regressor, time) are the latest ones, which give the noise.
     """
 
+    constants: Constants
+    misfit: Array
+    of_viscosity: FreeCoefficient
+
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals = ensemble, signals
-        self.known: dict[str, Sequence[Hypothesis]] = {}
-        self.whitens = True
+        self.ensemble, self.signals, self.whitens = ensemble, signals, True
         self.products = products_at_times(signals.columns)
         realizations, times = signals.columns.shape[1:]
         recorded = ensemble.recorded_angle
@@ -234,76 +245,52 @@ class Identification:
             taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
             realizations=realizations,
         )
-        constants = fit_constants(
-            without_angle(self.products).sum(axis=0)[:-1],
-            np.einsum("tii->i", self.products)[1:-1],
-            signals.prior_precision,
-            signals.positive,
-        ).values
-        free = self.products[:, U, -1] - self.products[:, U, 1:-1] @ constants
-        self._update(free / floored(self.products[:, U, U]), constants)
+        products, power = without_angle(self.products), np.einsum("tii->i", self.products)
+        prior = signals.prior_precision, signals.positive
+        self.constants = fit_constants(products.sum(axis=0)[:-1], power[1:-1], *prior)
+        mixed = self.products[:, U, 1:] @ np.append(-self.constants.values, 1.0)
+        self._update(mixed / floored(self.products[:, U, U]))
 
-    def _update(self, stiffness: Array, constants: Array) -> None:
-        over_time = np.repeat(constants[:, None], self.axis.times, axis=1)
-        self.coefficients = np.vstack([stiffness, over_time])
+    def _update(self, stiffness: Array) -> None:
+        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([stiffness, constants])
 
-    def model(self, name: str) -> AdaptiveModel:
-        """Identify the model.
-
-        The last round searches for no switches other than those of the round before.
-        """
-        stiffness = self.stiffness()
-        viscosity = self.viscosity(stiffness)
-        for turn in range(MAX_ROUNDS):
-            if viscosity.probability(Candidate.is_constant) > 0.5:
-                break
-            if turn and not self.known:
-                self.known["stiffness"] = stiffness.posterior.hypotheses
-                self.known["viscosity"] = viscosity.hypotheses
-            stiffness = self.stiffness(viscosity.mixture)
-            viscosity = self.viscosity(stiffness)
-        return self._model(name, stiffness, viscosity)
-
-    def stiffness(self, viscosity: Mixture | None = None) -> Stiffness:
+    def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
         """Estimate stiffness beside a viscosity, which is a constant if it is None."""
-        signals, rate = self.signals, self.ensemble.sampling_rate
-        over_time, variance = np.zeros((2, self.axis.times))
+        signals = self.signals
+        known, variance = np.zeros((2, self.axis.times))
         if viscosity is not None:
-            over_time, variance = viscosity.mean(), viscosity.variance()
-            self.coefficients[V] = over_time
+            self.coefficients[V] = known = viscosity.mean()
+            variance = viscosity.variance()
         weighted, sandwich, noise = self._weighted()
         free = FreeCoefficient.of(U, weighted, sandwich)
+        self.of_viscosity = FreeCoefficient.of(V, weighted, sandwich)
         power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
         precision = signals.prior_precision / noise
-        if viscosity is not None:
-            precision[0] += UNKNOWN**2 * power[0]
+        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
         products = weighted.constants - weighted.low[U] @ free.solved
-        products[:, -1] -= (weighted.low[V] - weighted.low[U] @ free.moved) @ over_time
-        constants = fit_constants(products, power, precision, signals.positive)
+        products[:, -1] -= weighted.low[V] @ known + weighted.low[U] @ free.moved(known)
+        found = fit_constants(products, power, precision, signals.positive)
         stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
-        covariance = constants.covariance * np.outer(stronger, stronger)
-        values = free.values(constants.values, over_time)
-        self._update(values, constants.values)
-        self.coefficients[V] += over_time
-        misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        changes = misfit[0] * misfit_correlation(self.axis.times, rate) + np.diag(variance)
-        error = free.error(covariance, changes, misfit[1], rate)
-        posterior = average(self._estimate(U, values, error), self.known.get("stiffness", ()))
-        constants = constants._replace(covariance=covariance)
-        return Stiffness(posterior, constants, misfit, weighted, sandwich)
+        covariance = found.covariance * np.outer(stronger, stronger)
+        self.constants = found._replace(covariance=covariance)
+        values = free.values(found.values, known)
+        self._update(values)
+        self.coefficients[V] += known
+        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
+        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
+        changes = self.misfit[0] * alike + np.diag(variance)
+        return self._estimate(U, values, free.error(covariance, changes, self.misfit[1] * alike))
 
-    def viscosity(self, beside: Stiffness) -> Posterior:
-        """Estimate viscosity beside a stiffness."""
-        free = FreeCoefficient.of(V, beside.weighted, beside.sandwich)
-        stiffness, constants = beside.posterior.mixture, beside.constants
-        error = free.error(
-            constants.covariance[1:, 1:],
-            np.diag(stiffness.variance()),
-            beside.misfit[1],
-            self.ensemble.sampling_rate,
+    def viscosity(self, stiffness: Mixture) -> FreeEstimate:
+        """Estimate viscosity beside the stiffness that was estimated last."""
+        constants = self.constants
+        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
+        values = self.of_viscosity.values(constants.values[1:], stiffness.mean())
+        error = self.of_viscosity.error(
+            constants.covariance[1:, 1:], np.diag(stiffness.variance()), self.misfit[1] * alike
         )
-        estimate = self._estimate(V, free.values(constants.values[1:], stiffness.mean()), error)
-        return average_beside(estimate, beside.posterior, self.known.get("viscosity", ()))
+        return self._estimate(V, values, error)
 
     def _weighted(self) -> tuple[Weighted, Weighted, float]:
         """Return products that give the estimates and products that give their covariance.
@@ -345,85 +332,78 @@ class Identification:
         precision = inverse_of(error + np.diag(still * (UNKNOWN * size) ** 2)) * size**2
         return FreeEstimate(self.axis, np.where(still, mean, values) / size, precision, size)
 
-    def _model(self, name: str, stiffness: Stiffness, viscosity: Posterior) -> AdaptiveModel:
+    def model(self, name: str, found: Mapping[str, Posterior]) -> AdaptiveModel:
+        """Return the model with these posteriors, in its units."""
         ensemble, signals, rate = self.ensemble, self.signals, self.ensemble.sampling_rate
-        edges, times, scale = signals.edges, self.axis.times, signals.scale
-        unit, both = scale[1] / scale[0], {"stiffness": stiffness.posterior, "viscosity": viscosity}
+        edges, times, unit = signals.edges, self.axis.times, signals.scale[1] / signals.scale[0]
         # what the constants add to the read-out stiffness, viscosity and inertia
-        weights = np.zeros((3, len(stiffness.constants.values)))
+        weights = np.zeros((3, len(self.constants.values)))
         weights[:, : signals.readout.shape[1] - 1] = signals.readout[:, 1:]
         weights[V, 0] = 0.0
-        added = weights @ stiffness.constants.values
-        variances = np.einsum("ic,cd,id->i", weights, stiffness.constants.covariance, weights)
-        free_viscosity = viscosity.mixture.transformed(
+        added = weights @ self.constants.values
+        variances = np.einsum("ic,cd,id->i", weights, self.constants.covariance, weights)
+        viscosity = found["viscosity"].mixture.transformed(
             signals.readout[V, V], added[V], variances[V]
         )
-        mixtures = {
-            "stiffness": stiffness.posterior.mixture,
-            "viscosity": free_viscosity._replace(means=np.maximum(free_viscosity.means, 0.0)),
-        }
-        pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
+        mixtures = found["stiffness"].mixture, viscosity.above_zero()
         freedom, total_freedom = (
-            np.array(max(1.0, (signals.independent - 1) * each - 2)) for each in (pooled, times)
+            np.array(max(1.0, (signals.independent - 1) * min(each, times) - 2))
+            for each in (2 * pooling_reach(signals.independent, rate) + 1, times)
         )
-        inertia_error = np.full(times, unit * math.sqrt(max(variances[A], 0.0)))
+
+        def over_time(values: Array | float) -> Array:
+            return base.padded(np.broadcast_to(unit * values, times), *edges)
+
         errors: dict[str, StandardError] = {
-            "inertia": StandardError(base.padded(inertia_error, *edges), total_freedom, 0.0)
+            quantity: MixtureError(
+                over_time(np.sqrt(mixture.variance())),
+                freedom,
+                posterior.arc(),
+                mixture=mixture.transformed(unit),
+            )
+            for (quantity, posterior), mixture in zip(found.items(), mixtures, strict=True)
         }
-        for quantity, mixture in mixtures.items():
-            scaled = mixture.transformed(unit)
-            spread = base.padded(np.sqrt(scaled.variance()), *edges)
-            errors[quantity] = MixtureError(spread, freedom, both[quantity].arc(), mixture=scaled)
-        means = *(each.mean() for each in mixtures.values()), np.full(times, added[A])
-        impedance = unit * np.stack(means, axis=1)
-        over_time = base.padded(impedance, *edges).T
-        estimates = shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors)
+        inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
+        errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
+        impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
+        estimates = shared.impedance_estimates(impedance[0], impedance[1], impedance[2], errors)
         details = {
-            f"constant_{key}": each.probability(Candidate.is_constant) for key, each in both.items()
+            f"constant_{quantity}": posterior.probability(Candidate.is_constant)
+            for quantity, posterior in found.items()
         }
         details["periodic"] = float(self.axis.periodic)
         details["reflex_shown"] = float(signals.reflex is not None)
         if signals.reflex is None:
-            details["second_order_agreement"] = self._agreement(impedance)
+            details["second_order_agreement"] = shared.second_order_agreement(
+                ensemble, ensemble, np.stack(impedance, axis=1)
+            )
         else:
             estimates["reflex_gain"] = signals.reflex.estimates["reflex_gain"]
-        below = np.minimum(free_viscosity.mean() + 1.96 * np.sqrt(free_viscosity.variance()), 0.0)
-        lost = np.sum(self.products[:, V, V] * below**2) / np.sum(self.products[:, -1, -1])
-        mean = float(np.mean(means[U]))
+        mean = float(mixtures[0].mean().mean())
         fitted = float(signals.readout[U, U] * mean + added[U])
-        warnings = *self._warnings(stiffness, mean, fitted), *contradicted(lost)
+        below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
+        lost = np.sum(self.products[:, V, V] * below**2) / np.sum(self.products[:, -1, -1])
         return AdaptiveModel(
             method=name,
             sampling_rate=rate,
             time=ensemble.time,
             estimates=estimates,
             switches=tuple(
-                row for each in both.items() for row in switches_of(*each, unit, edges[0], rate)
+                row for each in found.items() for row in switches_of(*each, unit, edges[0], rate)
             ),
             smoothness=tuple(
-                row for each in both.items() for row in smoothness_of(*each, unit, rate)
+                row for each in found.items() for row in smoothness_of(*each, unit, rate)
             ),
             beside=signals.reflex,
-            hypotheses={key: each.hypotheses for key, each in both.items()},
+            hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
             diagnostics=Diagnostics(
-                sum(each.parameters() for each in both.values()) + 1,
-                warnings=warnings,
+                sum(each.parameters() for each in found.values()) + 1,
+                warnings=(*self._warnings(mean, fitted), *contradicted(lost)),
                 details=details,
             ),
         )
 
-    def _agreement(self, impedance: Array) -> float:
-        """Return the share of the angle-dependent torque that the model explains, in per cent."""
-        ensemble = self.ensemble
-        first = max(0, ensemble.context - shared.HALF_WIDTH)
-        angle, torque = (
-            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
-        )
-        products = shared.colour_products(ensemble)
-        moments = shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
-        return moments.second_order_agreement(impedance, len(ensemble))
-
-    def _warnings(self, stiffness: Stiffness, mean: float, fitted: float) -> Iterator[str]:
+    def _warnings(self, mean: float, fitted: float) -> Iterator[str]:
         """Yield what the data do not determine, and what a second-order joint does not explain."""
         undetermined = []
         if len(self.ensemble) < MIN_TESTED_REALIZATIONS:
@@ -431,7 +411,7 @@ class Identification:
                 f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
                 f"realizations (got {len(self.ensemble)}): the stiffness holds what it adds"
             )
-        if not stiffness.constants.identifiable:
+        if not self.constants.identifiable:
             undetermined.append(
                 "viscosity and inertia, which the angle does not tell from stiffness in these "
                 "realizations"

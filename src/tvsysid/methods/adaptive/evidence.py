@@ -31,10 +31,12 @@ from tvsysid.methods.adaptive.prior import (
     Axis,
     SmoothPrior,
     SwitchPrior,
+    fourier_features,
 )
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, solve
 
+MIN_DISTANCE = 1.0  # samples between two switches
 ROUNDING = 1e-10  # share of a correlation matrix's trace that is rounding
 MAX_HARMONIC, MAX_WAVES = 12, 8  # that is tried, and cosines and sines of a sum
 WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
@@ -93,11 +95,20 @@ class Steps(NamedTuple):
         return log_evidence(self.products(self)[None], self.cross[None], periodic)[:, 0]
 
     def log_evidence_with(
-        self, further: Steps, balanced: bool, sizes: Sequence[float] = SWITCH_SIZES
+        self, further: Steps, axis: Axis, prior: SwitchPrior | None = None
     ) -> Array:
-        """Return the log evidence for the steps and each further one, shape (prior, further)."""
-        gram, mixed = self.products(self)[None], self.products(further)
-        return log_evidence(gram, self.cross[None], balanced, sizes, (further, mixed))
+        """Return the log evidence for the steps and each further one, shape (further,).
+
+        It is that of a prior, or of the best prior. It is -inf where a step is too close.
+        """
+        products = self.products(self)[None], self.cross[None]
+        more = further, self.products(further)
+        if prior is None:
+            evidence = log_evidence(*products, axis.periodic, further=more).max(axis=0)
+        else:
+            evidence = log_evidence(*products, prior.balanced, (prior.size,), more)[-1]
+        near = axis.distances(further.positions, self.positions) < MIN_DISTANCE
+        return np.where(near.any(axis=1), -np.inf, evidence)
 
 
 @attrs.frozen(eq=False)
@@ -120,7 +131,7 @@ class FreeEstimate:
     @cached_property
     def features(self) -> Array:
         """Features of the smooth part, shape (time, feature)."""
-        return self.axis.features()
+        return fourier_features(self.axis)
 
     @cached_property
     def moments(self) -> Moments:

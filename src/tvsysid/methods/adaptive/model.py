@@ -16,7 +16,6 @@ from tvsysid.methods.adaptive.search import CLOSE
 from tvsysid.methods.cascade.result import JointCascadeModel
 from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
-from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.signals import Ensemble
 
 BISECTIONS = 30
@@ -69,12 +68,7 @@ class MixtureError(StandardError):
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
         assert self.mixture is not None
         known = np.isfinite(self.values)
-        freedom = self.freedom[known]
-        multiple = (
-            simultaneous_value(level, freedom, self.arc)
-            if simultaneous
-            else critical_value(level, freedom)
-        )
+        freedom, multiple = self.freedom[known], self.multiple(level, simultaneous)
         lower, upper = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
         inside = INSIDE * multiple * self.values[known]
         lower[known] = np.minimum(self._quantile(-multiple, freedom), values[known] - inside)
@@ -174,29 +168,32 @@ def switches_of(
     """
     estimate = posterior.candidates[0].smooth.estimate
     axis, scale, weights = estimate.axis, estimate.size * unit, posterior.weights
-    kept = posterior.candidates[: len(weights)]
+
+    def has_near(positions: Array, position: float) -> bool:
+        return bool((np.abs(axis.offset(positions, position)) < CLOSE).any())
+
     rows, listed = list[Switch](), np.zeros(0)
-    for candidate, own in zip(kept, posterior.over_time, strict=True):
+    for candidate, own in zip(posterior.candidates, posterior.over_time, strict=False):
         before, placed = listed, candidate.placed
         for place, position in enumerate(placed.positions):
-            if (np.abs(axis.offset(before, position)) < CLOSE).any():
+            if has_near(before, position):
                 continue
             listed = np.append(listed, position)
             near = [
-                (np.abs(axis.offset(each.placed.positions, position)) < CLOSE).any()
-                for each in kept
+                has_near(each.placed.positions, position)
+                for each in posterior.candidates[: len(weights)]
             ]
             offsets = axis.offset(placed.windows[place], position)
             order = np.argsort(offsets)
             total = np.cumsum(placed.probabilities[place][order])
             ends = np.minimum(np.searchsorted(total, [0.025, 0.975]), len(order) - 1)
-            early, late = offsets[order][ends]
+            early, late = offsets[order][ends] / rate
             time = (position + missing) / rate
             row = Switch(
                 quantity,
                 time,
-                earliest=time + min(early, 0.0) / rate,
-                latest=time + max(late, 0.0) / rate,
+                earliest=time + min(early, 0.0),
+                latest=time + max(late, 0.0),
                 size=scale * own.sizes[0, place],
                 size_error=scale * math.sqrt(own.covariance[0, place, place]),
                 probability=min(float(weights @ near), 1.0),  # rounding may exceed it

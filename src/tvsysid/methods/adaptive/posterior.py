@@ -68,6 +68,10 @@ class Mixture(NamedTuple):
             self.weights, scale * self.means + offset, scale**2 * self.variances + variance
         )
 
+    def above_zero(self) -> Mixture:
+        """Return the same distributions with no mean below zero."""
+        return self._replace(means=np.maximum(self.means, 0.0))
+
 
 class Hypothesis(NamedTuple):
     """A prior of the smooth part, and switches at positions in samples, smeared by an axis."""

@@ -88,13 +88,6 @@ class Axis(NamedTuple):
         """Number of harmonics that the shortest length needs."""
         return min(MAX_HARMONICS, max(1, int(0.78 * self.period / MIN_LENGTH)))
 
-    def features(self) -> Array:
-        """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
-        harmonics = np.arange(1, self.harmonics + 1)
-        turns = 2 * np.pi * np.outer(np.arange(self.times), harmonics) / self.period
-        waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(self.times, -1)
-        return np.concatenate([np.ones((self.times, 1)), waves], axis=1)
-
     def offset(self, later: ArrayLike, earlier: ArrayLike) -> Array:
         """Return the time from one position to another, at most half a period if periodic."""
         offset = np.subtract(later, earlier)
@@ -138,6 +131,14 @@ def _smeared_step(taps: float) -> tuple[Array, Array]:
     response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / taps))
     step = np.concatenate([[0.0], np.cumsum((response[1:] + response[:-1]) / 2)])
     return late, step / step[-1]
+
+
+@lru_cache(maxsize=2)
+def fourier_features(axis: Axis) -> Array:
+    """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
+    cycles = np.outer(np.arange(axis.times), np.arange(1, axis.harmonics + 1)) / axis.period
+    waves = np.stack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)], axis=2)
+    return np.column_stack([np.ones(axis.times), waves.reshape(axis.times, -1)])
 
 
 @lru_cache(maxsize=16)

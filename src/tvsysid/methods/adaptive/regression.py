@@ -221,15 +221,14 @@ class Weighted(NamedTuple):
         slow_ones = weighted[:-1] if low is whole else columns[1:-1] @ low
         squares = both.swapaxes(1, 2)[:, None] @ both
         power = floored(np.diag(squares[U, U]))
-        weighted_squares, excess = squares * whole, []
+        weighted_squares, excess, scores = squares * whole, [], (residual @ whole) ** 2
         for place, own in enumerate(both):
             own_power = floored(np.diag(squares[place, place]))
             predicted = floored(np.diag(weighted_squares[place, place]))
             np.fill_diagonal(weighted_squares[place, place], predicted)
             taken = np.einsum("rt,rt->t", own**2, both[U] ** 2) / (own_power * power)
             share = np.maximum(1 - taken, 1e-3) * signals.independent / len(own)
-            scores = np.einsum("rt,rt->", own**2, (residual @ whole) ** 2)
-            excess.append(scores / np.sum(predicted * share))
+            excess.append(np.sum(own**2 * scores) / np.sum(predicted * share))
         return cls(
             weighted_squares,
             np.einsum("frt,irt->fit", both, weighted),
@@ -242,16 +241,17 @@ class Weighted(NamedTuple):
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``solved`` (time, signal) is the coefficient that explains each further signal, the last of
-    which is the torque. ``moved`` (time, time) is the one that explains the other free signal.
-    ``covariance`` (time, time) is that from noise, and ``of_inertia`` (time,) the change for a unit
-    of inertia.
+    ``inverse`` (time, time) is that of its products, and ``other`` (time, time) are its products
+    with the other free signal. ``solved`` (time, signal) is the coefficient that explains each
+    further signal, the last of which is the torque. ``of_inertia`` (time,) is its change for a unit
+    of inertia, and ``covariance`` (time, time) that from noise.
     """
 
+    inverse: Array
+    other: Array
     solved: Array
-    moved: Array
-    covariance: Array
     of_inertia: Array
+    covariance: Array
 
     @classmethod
     def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> FreeCoefficient:
@@ -259,34 +259,34 @@ class FreeCoefficient(NamedTuple):
 
         ``sandwich`` are products with the covariance of the noise.
         """
-        inverse = inverse_of(weighted.squares[signal, signal])
-        solved = inverse @ weighted.free[signal, signal:].T
-        covariance = inverse
+        inverse = covariance = inverse_of(weighted.squares[signal, signal])
         if sandwich is not weighted:
             covariance = inverse @ sandwich.squares[signal, signal] @ inverse
-        return cls(
-            solved,
-            inverse @ weighted.squares[signal, 1 - signal],
-            covariance * max(weighted.excess[signal], 1.0),
-            solved[:, A - V - signal],
-        )
+        solved = inverse @ weighted.free[signal, signal:].T
+        covariance = covariance * max(weighted.excess[signal], 1.0)
+        other = weighted.squares[signal, 1 - signal]
+        return cls(inverse, other, solved, solved[:, A - V - signal], covariance)
+
+    def moved(self, other: Array) -> Array:
+        """Return the change of the coefficient (time,) because of the other free coefficient."""
+        return np.asarray(-self.inverse @ (self.other @ other))
 
     def values(self, constants: Array, other: Array) -> Array:
         """Return the coefficient (time,) beside constants and the other free coefficient."""
-        return np.asarray(self.solved @ np.append(-constants, 1.0) - self.moved @ other)
+        return np.asarray(self.solved @ np.append(-constants, 1.0) + self.moved(other))
 
-    def error(self, constants: Array, other: Array, misfit: float, rate: float) -> Array:
+    def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.
 
-        ``constants`` and ``other`` are covariances, ``misfit`` is the variance of inertia from
-        misfit.
+        The others are the covariances of the constants, of the other free coefficient, and of the
+        changes of inertia over time that are misfit.
         """
         solved = self.solved[:, :-1]
         error = self.covariance + solved @ constants @ solved.T
         if other.any():
-            error += self.moved @ other @ self.moved.T
-        alike = misfit_correlation(len(error), rate)
-        return error + misfit * alike * np.outer(self.of_inertia, self.of_inertia)
+            moved = self.inverse @ self.other
+            error += moved @ other @ moved.T
+        return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
 
 
 def pooling_reach(independent: int, rate: float) -> int:
@@ -352,18 +352,16 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     acceleration. The regression coefficients vary more than by chance where there is misfit.
     """
     beside = without_angle(products)
-    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T
-    cross = (beside @ weights[:, :, None])[:, :, 0]
-    power = np.einsum("tii->ti", products[:, V : A + 1, V : A + 1])
-    size = np.sqrt(np.maximum(power, STILL * power.mean(axis=0) + np.finfo(float).tiny))
-    units = size[:, :, None] * size[:, None]
-    scaled = beside[:, :2, :2] / units
-    known = np.linalg.det(scaled) > COLLINEAR
+    gram = beside[:, :2, :2]
+    powers = floored(products[:, V, V]) * floored(products[:, A, A])
+    known = np.linalg.det(gram) > COLLINEAR * powers
     if independent < 6 or known.sum() < 20:
         return np.zeros(2)
-    inverse = np.linalg.inv(scaled[known]) / units[known]
-    moved = (inverse @ cross[known, :2, None])[:, :, 0]
-    left = np.einsum("ti,ti->t", weights, cross)[known] - np.sum(moved * cross[known, :2], axis=1)
+    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[known]
+    residual = np.einsum("tij,tj->ti", beside[known], weights)
+    inverse = np.linalg.inv(gram[known])
+    moved = np.einsum("tij,tj->ti", inverse, residual[:, :2])
+    left = np.sum(weights * residual, axis=1) - np.sum(moved * residual[:, :2], axis=1)
     share = np.einsum("tii->ti", inverse)
     chance = share * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
     weight = 1 / share / np.sum(1 / share, axis=0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cache
 from heapq import nlargest
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import (
@@ -34,7 +34,6 @@ REACH = 12.0  # log evidence below the best down to which sets are kept
 MAX_SETS = 8  # that are kept
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
-MIN_DISTANCE = 1.0  # samples between two switches
 CLOSE = 3.0  # samples within which one of two switches may represent both
 SWEEPS = 4  # of all switches, each placed beside the others, at most
 
@@ -58,33 +57,29 @@ class Placed(NamedTuple):
         return self.score + self.log_volume
 
 
-@attrs.frozen(eq=False)
 class Windows:
     """Steps at finely spaced positions around samples, calculated once for each sample.
 
     ``spacing`` and ``reach`` are in samples.
     """
 
-    estimate: FreeEstimate
-    spacing: float = PLACED
-    reach: float = REFINE_REACH
-    _steps: dict[int, Steps] = attrs.field(factory=dict)
-    _beside: dict[tuple[int, SmoothFit], Steps] = attrs.field(factory=dict)
+    def __init__(
+        self, estimate: FreeEstimate, spacing: float = PLACED, reach: float = REFINE_REACH
+    ) -> None:
+        axis, count = estimate.axis, round(reach / spacing)
 
-    def around(self, position: float, smooth: SmoothFit) -> Steps:
-        """Return the steps around a position beside a smooth part."""
-        centre = round(position)
-        if (centre, smooth) not in self._beside:
-            if centre not in self._steps:
-                count, axis = round(self.reach / self.spacing), self.estimate.axis
-                positions = centre + self.spacing * np.arange(-count, count + 1.0)
-                if axis.periodic:
-                    positions = np.mod(positions, axis.times)
-                else:
-                    positions = positions[(positions > 0) & (positions <= axis.times - 1)]
-                self._steps[centre] = self.estimate.steps(positions)
-            self._beside[centre, smooth] = smooth.beside(self._steps[centre])
-        return self._beside[centre, smooth]
+        @cache
+        def steps(centre: int) -> Steps:
+            positions = centre + spacing * np.arange(-count, count + 1.0)
+            if axis.periodic:
+                return estimate.steps(np.mod(positions, axis.times))
+            return estimate.steps(positions[(positions > 0) & (positions <= axis.times - 1)])
+
+        @cache
+        def beside(centre: int, smooth: SmoothFit) -> Steps:
+            return smooth.beside(steps(centre))
+
+        self.spacing, self.around = spacing, beside
 
 
 def score_of(switches: Steps, smooth: SmoothFit) -> float:
@@ -107,10 +102,8 @@ def refine_positions(
         before = own.positions
         for place in range(count):
             others = own.take(np.delete(np.arange(count), place))
-            window = windows.around(own.positions[place], smooth)
-            value = others.log_evidence_with(window, prior.balanced, (prior.size,))[-1]
-            near = axis.distances(window.positions, others.positions) < MIN_DISTANCE
-            value[near.any(axis=1)] = -np.inf
+            window = windows.around(round(own.positions[place]), smooth)
+            value = others.log_evidence_with(window, axis, prior)
             best = int(np.argmax(value))
             if not np.isfinite(value[best]):
                 continue
@@ -208,12 +201,16 @@ def _one_or_two(smooth: SmoothFit, grid: Grid) -> tuple[float, tuple[float, ...]
     gram = grid.pair_gram - ends.explained.T @ ends.explained
     ratio = 1 + variance * np.maximum((ends.power[:, None] + ends.power) / 2 - gram, 0.0)
     square = variance / 2 * (ends.cross[:, None] - ends.cross) ** 2 / ratio
-    pair = 0.5 * (square - np.log(ratio)) - 2 * grid.log_positions
-    best, both = int(np.argmax(single)), np.unravel_index(np.argmax(pair), pair.shape)
+    # Pairs that are far below the largest square cannot be the best: they need no logarithm.
+    top = square.argmax()
+    able = np.flatnonzero(square >= square.flat[top] - math.log(ratio.flat[top]))
+    pairs = 0.5 * (square.flat[able] - np.log(ratio.flat[able])) - 2 * grid.log_positions
+    best, pair = int(np.argmax(single)), int(np.argmax(pairs))
+    both = list(divmod(int(able[pair]), len(square)))
     return max(
         (0.0, ()),
         (float(single[best]), (steps.positions[best],)),
-        (float(pair[both]), tuple(np.sort(ends.positions[list(both)]))),
+        (float(pairs[pair]), tuple(np.sort(ends.positions[both]))),
     )
 
 
@@ -233,9 +230,7 @@ def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid)
         rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
         if len(removed) == 1:
             options.append((score_of(rest, smooth), tuple(rest.positions)))
-        value = rest.log_evidence_with(steps, axis.periodic).max(axis=0)
-        near = axis.distances(steps.positions, rest.positions) < MIN_DISTANCE
-        value[near.any(axis=1)] = -np.inf
+        value = rest.log_evidence_with(steps, axis)
         best = int(np.argmax(value))
         score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
         options.append((score, (*rest.positions, steps.positions[best])))
@@ -266,18 +261,14 @@ def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator
     )
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.where(before, cross**2 / np.maximum(power, NEGLIGIBLE * power.max()), -np.inf)
-    best, chosen = gains[:, 0], []
+    best, paths = gains[:, 0], [tuple[int, ...]()] * len(edges)
     for count in range(1, min(MAX_JOINT, len(edges) - 2) + 1):
         whole = best + gains
-        chosen.append(np.argmax(whole, axis=1))
         best = whole.max(axis=1)
-        switches, last = list[float](), len(edges) - 1
-        for each in reversed(chosen):
-            last = each[last]
-            switches.append(float((edges[last] + cut) % times))
-        yield tuple(sorted(switches))
+        paths = [(*paths[last], (edges[last] + cut) % times) for last in whole.argmax(axis=1)]
+        yield tuple(np.sort(paths[-1]).astype(float))
         if periodic and count < MAX_JOINT:
-            yield tuple(sorted([*switches, float(cut)]))
+            yield tuple(np.sort([*paths[-1], cut]).astype(float))
 
 
 def propose_switches(

@@ -21,12 +21,10 @@ from tvsysid.figures.comparison import BARS
 from tvsysid.figures.style import TRUE_LINE, line_key
 from tvsysid.methods import DEFAULT_METHODS
 from tvsysid.methods.registry import STUDIED_METHODS
-from tvsysid.studies.closed_loop import loop_figures
-from tvsysid.studies.closed_loop.presets import ACTUATORS, SNR, system
-from tvsysid.studies.closed_loop.presets import PRESETS as CLOSED_LOOP
-from tvsysid.studies.reflex import reflex_figures
-from tvsysid.studies.reflex.presets import NAMES, ONE_PATH
-from tvsysid.studies.reflex.presets import PRESETS as REFLEX
+from tvsysid.studies.closed_loop import ACTUATORS, SNR, loop_figures, system
+from tvsysid.studies.closed_loop import PRESETS as CLOSED_LOOP
+from tvsysid.studies.reflex import NAMES, ONE_PATH, reflex_figures
+from tvsysid.studies.reflex import PRESETS as REFLEX
 
 if TYPE_CHECKING:
     import pandas as pd

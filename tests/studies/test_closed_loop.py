@@ -5,8 +5,7 @@ from tests.synthetic import scores_of
 
 from tvsysid import studies
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
-from tvsysid.studies.closed_loop.claims import scenario
-from tvsysid.studies.closed_loop.presets import (
+from tvsysid.studies.closed_loop import (
     ACTUATORS,
     CLOSED,
     IMPOSED,
@@ -14,6 +13,7 @@ from tvsysid.studies.closed_loop.presets import (
     OPEN,
     SNR,
     UNWEIGHTED,
+    scenario,
 )
 from tvsysid.study import Study, by_full_name, run, score, summarize
 

@@ -7,9 +7,9 @@ import xarray as xr
 from scipy.stats import ttest_1samp
 
 import tvsysid as tv
+from tvsysid.studies.claims import COLUMNS
 from tvsysid.studies.van_de_ruit_2021 import folder, judge
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, EXCLUDED, FIVE
-from tvsysid.studies.verdicts import COLUMNS
 from tvsysid.study import Experiment
 
 VAF = {"noise": {"eirf": 62, "sds": 52, "birf": 51, "esm": 50, "kbr": 67},

@@ -9,7 +9,7 @@ from tests.contracts.toys import Cascade
 from tests.synthetic import scores_of
 
 from tvsysid.studies import reflex, van_de_ruit_2021
-from tvsysid.studies.reflex.claims import CONSTANT, LOUD, SINE
+from tvsysid.studies.reflex import CONSTANT, LOUD, SINE
 from tvsysid.study import Study, by_full_name, run, score, summarize
 
 METHODS = ("eirf", "sds", "birf", "kbr", "cascade", "bpc", "tvpc", "pc", "sdss", "tvpc:window=0")

@@ -6,9 +6,9 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tvsysid.studies.claims import COLUMNS, Claim, Comparison, Scores, judge_claim
 from tvsysid.studies.van_de_ruit_2021 import judge, preset
-from tvsysid.studies.van_de_ruit_2021.simulations import CLAIMS, FIVE, Replicated
-from tvsysid.studies.verdicts import COLUMNS, Claim, judged
+from tvsysid.studies.van_de_ruit_2021.simulations import CLAIMS, FIVE
 from tvsysid.study import Study, run, score
 from tvsysid.study.scores import UNITS
 
@@ -189,8 +189,9 @@ def test_methods_without_results_leave_a_claim_undecided():
 @given(st.floats(-3, 3), st.integers(1, 60))
 def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
     spread = np.linspace(-1, 1, 401)
-    claim = Claim("c", "s", lambda scores: iter(()), "N·m/rad", "n")
-    verdict = judged(claim, [Replicated("m", estimate, estimate + spread)] * count)[7]
+    comparisons = [Comparison("m", np.append(estimate, estimate + spread))] * count
+    claim = Claim("c", "s", lambda scores: iter(comparisons), "N·m/rad", "n")
+    verdict = judge_claim(claim, Scores(scores_of({})))[7]
     low, high = estimate - 0.95, estimate + 0.95
     if low > 1e-9:
         assert verdict == "holds"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
-from tvsysid.studies.van_de_ruit_2021.folder import PAPER, Published
+from tvsysid.studies.claims import Published
+from tvsysid.studies.van_de_ruit_2021.folder import PAPER
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +16,7 @@ from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import CLAIMS, alignment, write_diagnosis, write_experiment_report, write_report
 from tvsysid.signals import Ensemble
+from tvsysid.studies.claims import Published
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
     experiment_figures,
@@ -80,19 +81,6 @@ def judge(found: xr.Dataset) -> pd.DataFrame:
         ratio above 1. ``verdict`` is "holds", "does not hold", "undecided" or "not studied".
     """
     return judge_simulations(found) if "scenario" in found.dims else judge_experiment(found)
-
-
-class Published(NamedTuple):
-    """What papers say of simulations, and how a study of these is drawn."""
-
-    judge: Callable[[xr.Dataset], pd.DataFrame]
-    """From scores to a row for each claim."""
-    figures: Callable[[xr.Dataset, pd.DataFrame], dict[str, Illustration]]
-    """From results and their summary with full names."""
-    about: str
-    """What stands above the claims."""
-    presets: tuple[str, ...]
-    """Studies that all claims together need."""
 
 
 def _paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-PERTURBATIONS = ("noise", "prbs")
+PERTURBATIONS = {"noise": "noise", "prbs": "PRBS"}
 FEW_HUNDRED_S = 300.0  # seconds of "a few hundred realizations" of 2 s: 150 at least
 ALIKE = 0.25  # relative difference below which an error counts as little changed
 DIP = 1.0  # percentage points that a time-varying VAF is lower at the switches if it dips
@@ -105,16 +105,13 @@ def _all_above(
                 "confidence)"
             )
         verdict = FAILS if worst <= floor else HOLDS if trials >= MIN_TRIALS else UNDECIDED
-        remark = (
-            "The paper does not say over what it is taken: here, the mean over the realizations "
-            "of a trial."
-        )
+        remark = VAF_OF_A_TRIAL
     sentence = f"Every VAF is above {floor:g} % ({name})"
     return (sentence, source, finding, estimate, np.nan, np.nan, POINTS, verdict, remark)
 
 
 def _brief(scenario: Scenario) -> str:
-    name = "PRBS" if scenario.perturbation == "prbs" else "noise"
+    name = PERTURBATIONS.get(scenario.perturbation, scenario.perturbation)
     return f"{name}, {scenario.duration_s:g} s"
 
 
@@ -136,11 +133,8 @@ def _ranked(
     def rows(evidence: Scores) -> Rows:
         for scenario, (high, low) in product(evidence.where(least_s, **where), pairs):
             words = f"{NAMES[metric]} of {high} {_amount(metric, 0)}, of {low} {_amount(metric, 1)}"
-            yield (
-                f"{words} ({_brief(scenario)})",
-                (scenario, high, metric),
-                (scenario, low, metric),
-            )
+            places = ((scenario, method, metric) for method in (high, low))
+            yield f"{words} ({_brief(scenario)})", *places
 
     return compare(rows, log_ratio if metric in (RANDOM, TOTAL) else np.subtract)
 
@@ -243,9 +237,13 @@ def _falls_most(evidence: Scores) -> Iterator[Comparison]:
             yield Comparison(words, own - fall)
 
 
+VAF_OF_A_TRIAL = (
+    "The paper does not say over what it is taken: here, the mean over the realizations of a trial."
+)
 STIFFNESS, POINTS, SHARE = "N·m/rad", "percentage points", "share of conditions beyond half"
 SQUARE, SINE = "a square wave at 10 dB", "a sine at 10 dB"
 BOTH = "with both perturbations"
+DURATIONS = "several durations of a square wave"
 FEW_HUNDRED = f"{SQUARE} of {FEW_HUNDRED_S:g} s or more"
 A_QUARTER = f"less than {100 * ALIKE:g} %"
 DECIMATION = (
@@ -316,10 +314,7 @@ CLAIMS: tuple[Claim, ...] = (
         "sds, esm, kbr lie between eirf and birf in rise time",
         "3.4", _ranked(RISE, BETWEEN), "s", SQUARE,
     ),
-    Claim(
-        "eirf is most sensitive to the amount of data",
-        "3.4", _falls_most, RATIO, "several durations of a square wave",
-    ),
+    Claim("eirf is most sensitive to the amount of data", "3.4", _falls_most, RATIO, DURATIONS),
     Claim(
         "eirf improves strongly above 40 s", "3.4",
         _changed(
@@ -359,9 +354,7 @@ CLAIMS: tuple[Claim, ...] = (
         "With a sine, birf has the largest bias",
         "A", _ranked(BIAS, HIGHEST_BIRF, SINES), STIFFNESS, SINE, SINE_BIAS,
     ),
-    Claim(
-        "With a sine, eirf varies most", "A", _ranked(RANDOM, HIGHEST_EIRF, SINES), RATIO, SINE
-    ),
+    Claim("With a sine, eirf varies most", "A", _ranked(RANDOM, HIGHEST_EIRF, SINES), RATIO, SINE),
     Claim(
         "With a sine, sds and kbr have the lowest bias", "A",
         _ranked(BIAS, "eirf birf esm > sds kbr", SINES), STIFFNESS, SINE, SINE_BIAS,

@@ -145,7 +145,7 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
 def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
     angle, torque, positive, negative = random.normal(size=(4, 12, 50))
     with pytest.raises(
-        tv.InputError, match=r"0.33 s before is known at 13 samples .*takes 20; give longer"
+        tv.InputError, match=r"0.33 s before are known at 13 samples .*takes 20; give longer"
     ):
         reflex_test(angle, torque, np.stack([positive, negative]), slice(0, 50), 100.0)
     still = np.zeros((12, 120))

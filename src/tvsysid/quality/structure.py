@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.reflex_test import (
-    LATEST,
+    MAX_REFLEX_LAG_S,
+    MIN_REFLEX_LAG_S,
     MIN_TESTED_REALIZATIONS,
-    SOONEST,
     ReflexTest,
     reflex_test_of,
 )
@@ -176,8 +176,8 @@ def reflex(data: FittedEnsemble) -> Measured:
     one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{_percent(test.share)} of the residual torque {1000 * SOONEST:.0f} to "
-        f"{1000 * LATEST:.0f} ms later, better than no reflex (p = {test.over_none:.1g}) "
+        f"{_percent(test.share)} of the residual torque {1000 * MIN_REFLEX_LAG_S:.0f} to "
+        f"{1000 * MAX_REFLEX_LAG_S:.0f} ms later, better than no reflex (p = {test.over_none:.1g}) "
         f"and than a linear one (p = {test.over_linear:.1g}); the mean stiffness is "
         f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
@@ -204,7 +204,7 @@ def slow_answer(data: FittedEnsemble) -> Measured:
     test = _reflex_test(data)
     if test is not None and test.shown:
         raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
-    lags = np.round(np.arange(SOONEST, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
+    lags = np.round(np.arange(MIN_REFLEX_LAG_S, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
     lags = np.unique(lags)
     origin, stop = data.region.start, data.region.stop
     start = max(origin, int(lags.max()))
@@ -214,7 +214,7 @@ def slow_answer(data: FittedEnsemble) -> Measured:
     causes = _shifted(velocity, start - lags, stop - start)
     share, chance = gained(data.fit.residual[:, start - origin :], causes)
     what = (
-        f"the movement {1000 * SOONEST:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
+        f"the movement {1000 * MIN_REFLEX_LAG_S:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
         f"{_percent(share)} of the residual torque"
     )
     return Measured(100 * max(0.0, share), what, chance < SIGNIFICANT)

@@ -15,7 +15,7 @@ from tvsysid.methods.cascade.columns import intrinsic_signals, unresolved
 from tvsysid.methods.cascade.data import Data
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.cascade.problem import Solution
-from tvsysid.methods.cascade.reflex_test import ENOUGH, MIN_TESTED_REALIZATIONS, reflex_test_of
+from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Chosen, Hyperparameters, Search, by_evidence
 from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
@@ -230,7 +230,7 @@ class JointCascade(base.Method):
         if len(ensemble) < MIN_TESTED_REALIZATIONS:
             return by_evidence(fits)
         if self.emg is not None:
-            return "emg", fits["emg"].better_than(fits["none"]) < ENOUGH
+            return "emg", fits["emg"].better_than(fits["none"]) < MAX_P_VALUE
         try:
             test = reflex_test_of(ensemble)
         except InputError:  # realizations are too short for it

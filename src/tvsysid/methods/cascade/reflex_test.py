@@ -18,14 +18,14 @@ from tvsysid.numerics.pseudoinverse import solve_regularized
 from tvsysid.signals import Array, Ensemble
 
 MIN_TESTED_REALIZATIONS = 8  # fewer do not show the scatter that a test needs
-ENOUGH = 1e-4  # probability below which a reflex is not taken for chance
-SURE = 0.95  # confidence of the lower limit of a share
+MAX_P_VALUE = 1e-4  # below which a reflex is not taken for chance
+CONFIDENCE = 0.95  # of the lower limit of a share
 BLOCKS = 5  # of neighbouring realizations, in which slow noise is alike; each is held out once
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
-SLOWEST = 2  # harmonics by which a change is found
-REACH = 0.04  # s to either side that the intrinsic response lasts
-SOONEST, LATEST = 0.04, 0.33  # lags of the reflex's response in s
-SHAPES = 8  # triangles that make up the reflex's response
+TESTED_HARMONICS = 2  # by which a change is found
+RESPONSE_REACH_S = 0.04  # to either side that the intrinsic response lasts
+MIN_REFLEX_LAG_S, MAX_REFLEX_LAG_S = 0.04, 0.33  # of the reflex's response
+TRIANGLES = 8  # that make up the reflex's response
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle that is tested for
 MIN_SAMPLES = 20  # of a realization at which all lags must be known
 SLOW_TERMS = 4  # powers of time that are left out where they are most of the torque
@@ -53,7 +53,7 @@ class ReflexTest(NamedTuple):
     @property
     def shown(self) -> bool:
         """Return whether there is a reflex: a linear late response needs no direction."""
-        return max(self.over_none, self.over_linear) < ENOUGH
+        return max(self.over_none, self.over_linear) < MAX_P_VALUE
 
 
 class _Fit(NamedTuple):
@@ -66,13 +66,6 @@ class _Fit(NamedTuple):
     weights: Array
     left: Array
     errors: Array
-
-    def gain(self, further: _Fit) -> Array:
-        """Return the product of this fit's error and the change of prediction by a further model.
-
-        There is one product for each realization.
-        """
-        return np.asarray(np.sum((further.weights - self.weights) * self.left, axis=1))
 
 
 @attrs.frozen(eq=False)
@@ -94,30 +87,25 @@ class _Regression:
     def columns(self, *late: Array) -> Array:
         """Return the columns of a model: the joint's regressors and sums of late ones."""
         own = len(self.mean)
-        joint = np.eye(own + 2 * SHAPES, own)
+        joint = np.eye(own + 2 * TRIANGLES, own)
         return np.column_stack([joint, *(np.pad(each, (own, 0)) for each in late)])
 
     def fit(self, columns: Array) -> _Fit:
         """Fit a model to all blocks of realizations but the one that it predicts."""
         count = len(self.products)
         edges = [count * block // BLOCKS for block in range(1, BLOCKS)]
-        held_out = np.split(np.arange(count), edges)
-        sums = np.stack([self.products[rows].sum(axis=0) for rows in held_out])
-        weights = np.concatenate(
-            [
-                np.tile(_solve(np.delete(sums, block, axis=0).sum(axis=0), columns), (len(rows), 1))
-                for block, rows in enumerate(held_out)
-            ]
-        )
+        block_of = np.searchsorted(edges, np.arange(count), side="right")
+        sums = [self.products[block_of == block].sum(axis=0) for block in range(BLOCKS)]
+        others = (np.delete(sums, block, axis=0).sum(axis=0) for block in range(BLOCKS))
+        weights = np.stack([_solve(each, columns) for each in others])[block_of]
         moments, squares = self.products[:, :-1, -1], self.products[:, -1, -1]
         left = moments - (self.products[:, :-1, :-1] @ weights[..., None])[..., 0]
         errors = squares - np.sum(weights * (moments + left), axis=1)
-        floor = ROUNDING * squares
-        return _Fit(weights, left, np.maximum(errors, floor) + np.finfo(float).tiny)
+        return _Fit(weights, left, np.maximum(errors, ROUNDING * squares) + np.finfo(float).tiny)
 
     def scores(self, simple: _Fit, further: _Fit) -> Array:
         """Return how much a further model adds to a simple one in each realization."""
-        gain = simple.gain(further)
+        gain = np.sum((further.weights - simple.weights) * simple.left, axis=1)
         is_rounding = np.abs(gain) <= ROUNDING * self.products[:, -1, -1]
         return np.where(is_rounding, 0.0, gain / simple.errors)
 
@@ -160,9 +148,9 @@ def changes(ensemble: Ensemble) -> bool:
     columns = regression.columns(*_usual_responses())
     constant, changing = (
         regression.fit(np.delete(columns, np.flatnonzero(regression.harmonics > most), axis=1))
-        for most in (0, SLOWEST)
+        for most in (0, TESTED_HARMONICS)
     )
-    return _above_zero(regression.scores(constant, changing))[0] < ENOUGH
+    return _above_zero(regression.scores(constant, changing))[0] < MAX_P_VALUE
 
 
 def reflex_test(
@@ -215,7 +203,7 @@ def _test(regression: _Regression) -> ReflexTest:
     reflex = directed[0 if is_positive else 1]
     over_none, share_over_none = _above_zero(regression.scores(none, reflex))
     over_linear, share_over_linear = _above_zero(regression.scores(linear, both))
-    free = np.split(np.eye(2 * SHAPES), 2)[0 if is_positive else 1]
+    free = np.split(np.eye(2 * TRIANGLES), 2)[0 if is_positive else 1]
     return ReflexTest(
         direction=1 if is_positive else -1,
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
@@ -228,10 +216,10 @@ def _test(regression: _Regression) -> ReflexTest:
 def _usual_responses() -> tuple[Array, Array]:
     """Return heights of the triangles of a usual muscle's responses to either velocity."""
     frequency, damping = USUAL_MUSCLE
-    late = np.linspace(0, LATEST - SOONEST, SHAPES)
+    late = np.linspace(0, MAX_REFLEX_LAG_S - MIN_REFLEX_LAG_S, TRIANGLES)
     turn = frequency * math.sqrt(1 - damping**2)
     usual = np.exp(-damping * frequency * late) * np.sin(turn * late)
-    return np.pad(usual, (0, SHAPES)), np.pad(usual, (SHAPES, 0))
+    return np.pad(usual, (0, TRIANGLES)), np.pad(usual, (TRIANGLES, 0))
 
 
 def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
@@ -253,7 +241,9 @@ def _above_zero(scores: Array) -> tuple[float, float]:
     if error == 0:
         return 1.0, 0.0
     mean = float(scores.mean())
-    return float(stdtr(count - 1, -mean / error)), mean - error * float(stdtrit(count - 1, SURE))
+    return float(stdtr(count - 1, -mean / error)), mean - error * float(
+        stdtrit(count - 1, CONFIDENCE)
+    )
 
 
 def _regression_of(ensemble: Ensemble) -> _Regression:
@@ -270,47 +260,39 @@ def _regression_of(ensemble: Ensemble) -> _Regression:
 def _regression(
     angle: Array, torque: Array, stretches: Array, core: slice, rate: float
 ) -> _Regression:
-    reach, soonest, latest = (round(seconds * rate) for seconds in (REACH, SOONEST, LATEST))
+    seconds = RESPONSE_REACH_S, MIN_REFLEX_LAG_S, MAX_REFLEX_LAG_S
+    reach, soonest, latest = (round(each * rate) for each in seconds)
     start, stop = max(core.start, latest, reach), min(core.stop, angle.shape[1] - reach)
     if stop - start < MIN_SAMPLES:
         raise InputError(
-            f"reflex_test: what was {LATEST:g} s before is known at {max(stop - start, 0)} "
+            f"reflex_test: the {MAX_REFLEX_LAG_S:g} s before are known at {max(stop - start, 0)} "
             f"samples of a realization, it takes {MIN_SAMPLES}; give longer realizations, or "
-            f"{LATEST:g} s of context"
+            f"{MAX_REFLEX_LAG_S:g} s of context"
         )
     phase = (np.arange(start, stop) - core.start) / (core.stop - core.start)
     turns = 2 * np.pi * phase[:, None] * np.arange(1, HARMONICS + 1)
     waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
     lags = np.arange(latest, soonest - 1, -1)  # the first sample of a window is the earliest
-    apart = np.abs(lags[:, None] - np.linspace(soonest, latest, SHAPES))
-    triangles = np.maximum(0.0, 1 - apart * (SHAPES - 1) / max(latest - soonest, 1))
+    apart = np.abs(lags[:, None] - np.linspace(soonest, latest, TRIANGLES))
+    triangles = np.maximum(0.0, 1 - apart * (TRIANGLES - 1) / max(latest - soonest, 1))
 
-    angle, torque, stretches = (
-        each - each.mean(axis=-2, keepdims=True) for each in (angle, torque, stretches)
-    )
-    speed, torque = stretches.sum(axis=0), torque[:, start:stop]
+    signals = (each - each.mean(axis=-2, keepdims=True) for each in (angle, torque, stretches))
+    angle, torque, stretches = signals
+    torque = torque[:, start:stop]
     slow = np.linalg.qr(np.vander(phase, SLOW_TERMS))[0]
     if 2 * np.sum((torque @ slow) ** 2) < np.sum(torque**2):
         slow = slow[:, :0]
 
-    width, count = 2 * reach + 1, len(angle)
-    size = width + 4 * HARMONICS + 2 * SHAPES + 1
-    products, total = np.empty((count, size, size)), np.zeros((size, size))
-    for number in range(count):
-        motion = [each[number, start:stop, None] * waves for each in (angle, speed)]
-        late = [
-            _windows(each[number], len(lags), start - latest, stop - latest) @ triangles
-            for each in stretches
-        ]
-        near = _windows(angle[number], width, start - reach, stop - reach)
-        rows = np.concatenate([near, *motion, *late, torque[number, :, None]], axis=1)
+    width, products, wholes = 2 * reach + 1, [], []
+    for x, y, *directed in zip(angle, torque, *stretches, strict=True):
+        motion = [each[start:stop, None] * waves for each in (x, sum(directed))]
+        past = [sliding_window_view(each, len(lags))[start - latest :] for each in directed]
+        late = [each[: stop - start] @ triangles for each in past]
+        near = sliding_window_view(x, width)[start - reach : stop - reach]
+        rows = np.concatenate([near, *motion, *late, y[:, None]], axis=1)
         whole, taken = rows.T @ rows, slow.T @ rows
-        total += whole
-        products[number] = whole - taken.T @ taken
+        wholes.append(whole)
+        products.append(whole - taken.T @ taken)
     mean = np.concatenate([np.ones(width), waves.mean(axis=0), np.zeros(waves.shape[1])])
-    harmonics = np.tile(np.arange(1, HARMONICS + 1), 4)
-    return _Regression(products, total, np.pad(harmonics, (width, 0)), mean)
-
-
-def _windows(signal: Array, width: int, first: int, stop: int) -> Array:
-    return sliding_window_view(signal, width)[first:stop]
+    harmonics = np.pad(np.tile(np.arange(1, HARMONICS + 1), 4), (width, 0))
+    return _Regression(np.stack(products), np.sum(wholes, axis=0), harmonics, mean)

@@ -11,22 +11,12 @@ import tvsysid as tv
 
 
 class Level(tv.Method):
-    """The stiffness is the scheduling channel."""
+    """Needs a channel."""
 
     inputs = (tv.Input("emg", "scheduling", "V"),)
 
     def fit(self, ensemble):
-        values = ensemble.signal("emg")[:, ensemble.core]
-        error = tv.StandardError(np.ones(ensemble.samples), 9)
-        estimates = {
-            "stiffness": tv.Estimate(values, "N m/rad", axes=("realization", "time")),
-            "offset": tv.Estimate(values.mean(axis=0), "V", error=error),
-        }
-        return tv.Model.of(ensemble, estimates=estimates, pathways=self.pathways)
-
-    def pathways(self, other):
-        angle = other.angle[:, other.core]
-        return {"intrinsic": 80 * angle, "reflex": 20 * angle}
+        return tv.Model.of(ensemble, ensemble.signal("emg")[:, ensemble.core].mean(axis=0))
 
 
 class Unused(tv.Method):
@@ -50,20 +40,6 @@ def test_it_gives_the_same_as_each_method_by_itself():
     np.testing.assert_array_equal(upper, found.bands["sds"]["viscosity"][1])
     assert found.summary().iloc[0]["lowest (N·m/rad)"] == alone.stiffness.min()
     assert pickle.loads(pickle.dumps(found)).over_time().equals(table)
-
-
-def test_any_quantity_and_any_pathway_comes_through():
-    ensemble = ensemble_of()
-    ensemble = attrs.evolve(ensemble, channels={"emg": np.full(ensemble.angle.shape, 100.0)})
-    found = tv.compare(ensemble, [Level()])
-    model = found.models["Level"]
-    np.testing.assert_array_equal(model.stiffness, 100.0)
-    torque = 100 * ensemble.angle[:, ensemble.core]
-    np.testing.assert_allclose(model.predict(ensemble), torque, rtol=1e-12)
-    table = found.over_time()
-    assert (table.offset_upper > table.offset).all()
-    assert np.isnan(table.stiffness_upper).all()  # the mean of realizations has no band
-    assert model.to_xarray(ensemble).torque_reflex.dims == ("realization", "time")
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def held_out_vaf(
 
 
 class Fold(NamedTuple):
-    """Realizations ``left`` out, and a method with its model of all realizations."""
+    """Realizations to leave out (``left``), and a method with its model of all realizations."""
 
     ensemble: Ensemble
     left: NDArray[np.int64]

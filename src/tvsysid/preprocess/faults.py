@@ -1,7 +1,7 @@
 """Find gaps of a recording, and find and remove mains hum.
 
-A gap was not recorded, but held, set to zero or interpolated. Mains hum is a line at 50 or 60 Hz
-that amplifiers and cables pick up.
+In a gap nothing was recorded: the signals are held, zero or interpolated. Mains hum is a line at 50
+or 60 Hz that amplifiers and cables pick up.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ AVERAGING_S = 2.0  # over which the line's amplitude and phase are taken as cons
 def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     """Find where both angle and torque are constant or straight for 30 ms and 10 samples or more.
 
-    Give them to :func:`tvsysid.preprocess.segment`. Look for gaps before decimation, which hides
-    them. Rests of signals recorded in coarse steps are no gaps. They end with a change by one step,
-    last 10 ms more often than 30 ms, or occur more than three times in more than a twentieth of the
-    record.
+    Give the gaps to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which
+    hides them. A signal recorded in coarse steps rests at times, which is no gap. Such rests end
+    with a change by one step, last 10 ms more often than 30 ms, or occur more than three times and
+    take more than a twentieth of the record.
 
     Examples
     --------

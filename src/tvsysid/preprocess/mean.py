@@ -24,8 +24,8 @@ MIN_Z_SCORE = 2.0  # standard errors from zero
 def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     """Subtract the mean over realizations from angle and torque, and set ``mean_subtracted``.
 
-    The mean is no answer to the perturbation: it holds the voluntary torque and imposed movements.
-    The angle with its mean stays as ``recorded_angle``.
+    The mean does not respond to the perturbation. It holds the voluntary torque and imposed
+    movements. The angle with its mean stays as ``recorded_angle``.
 
     Parameters
     ----------
@@ -33,8 +33,7 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         At least two realizations.
     channels
         Channels that lose their mean too: those that act on angle or torque, such as a reference
-        signal or the EMG that drives a reflex. A channel that only schedules the joint's properties
-        keeps it.
+        signal or the EMG that drives a reflex. A scheduling variable keeps its mean.
 
     Raises
     ------
@@ -77,11 +76,11 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
 
 
 def _is_repeated(ensemble: Ensemble) -> bool:
-    r"""Whether lines at multiples of 1/period alone move all realizations alike.
+    r"""Return whether only lines at multiples of 1/period move the joint: the same in each period.
 
-    Other movements are seen where the rest responds as the lines do. The energy that the joint
-    takes, :math:`\sum_k f_k\, \mathrm{Im}\, Y(k)\, U^*(k)`, then has one sign in both. Noise of
-    the torque gives energy back.
+    They are not alone if the deviations from the mean respond like a joint too. The energy that the
+    joint takes, :math:`\sum_k f_k\, \mathrm{Im}\, Y(k)\, U^*(k)`, then has the same sign at the
+    lines and in the deviations. Noise of the torque has the other sign.
     """
     frequency = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
     spectra = np.fft.rfft(np.stack([ensemble.angle, ensemble.torque])[..., ensemble.core])

@@ -33,14 +33,15 @@ class Step:
     kept
         Whether each realization given was kept, shape (realization given,).
     reached, limit
-        Largest deviation of each realization, and the limit for it: in s for the alignment, else in
-        standard deviations from the mean.
+        Largest deviation of each realization, and the largest one allowed: shifts in s for the
+        alignment, otherwise distances from the mean in standard deviations.
     judged
-        Torque that was compared, in N·m, shape (realization given, time), without context.
+        Torque whose deviations are judged, in N·m, shape (realization given, time).
     mean
-        Its mean over realizations in N·m, shape (time,); for the alignment, the mean target.
+        Mean of this torque over realizations, in N·m, shape (time,). For the alignment, the mean
+        target.
     half_width
-        Limit for the distance from the mean in N·m, shape (time,); None for the alignment.
+        Largest distance from the mean allowed, in N·m, shape (time,). None for the alignment.
     shifts
         Shift of each realization in s, positive where the torque came late.
     """

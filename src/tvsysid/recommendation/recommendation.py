@@ -117,7 +117,7 @@ class Recommendation:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What else the diagnosis found or could not see, a sentence each."""
+        """Sentences about other findings, a possible closed loop, and unnamed references."""
         if self.diagnosis is None:
             found = ["a single realization, or one too short, cannot be diagnosed"]
         else:
@@ -295,7 +295,7 @@ def _or_nan(function: Callable[..., float], *arguments: object) -> float:
 
 
 def _slow_noise(diagnosis: Diagnosis) -> float:
-    """Return the power density in dB of the noise at low frequencies over that at higher ones."""
+    """Return the ratio in dB of the noise's mean power density below 5 Hz to that at 8 to 25 Hz."""
     frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
     low, high = (
         float(power[(frequency > start) & (frequency <= stop)].mean())
@@ -305,7 +305,7 @@ def _slow_noise(diagnosis: Diagnosis) -> float:
 
 
 def _reflex_held_out(ensemble: Ensemble, scheduling: str) -> float:
-    """Return how much more a reflex pathway predicts of held-out folds, in % of the variance."""
+    """Return by how many percentage points a reflex pathway raises the VAF of held-out folds."""
     without, with_reflex = (
         ScheduledImpedance(scheduling, reflex=reflex).identify(ensemble) for reflex in (False, True)
     )
@@ -314,10 +314,10 @@ def _reflex_held_out(ensemble: Ensemble, scheduling: str) -> float:
 
 
 def _noise_bias(ensemble: Ensemble) -> float:
-    """Return how much lower stiffness is, in %, than where noisy frequencies count less.
+    """Return by how many % the stiffness rises if noisy frequencies have less weight.
 
-    Noise that does not move the angle changes neither. In a closed loop, stiffness is too low at
-    frequencies with noise.
+    It rises in a closed loop, where noise lowers the stiffness at its frequencies. Noise that does
+    not move the angle leaves it as it is.
     """
     plain, weighted = (
         mean_of(KernelRegression(weighting=weighting).identify(ensemble).stiffness)
@@ -341,10 +341,10 @@ def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
 
 
 def _few_harmonics(ensemble: Ensemble) -> float:
-    """Return the log evidence of stiffness as few harmonics of the period over other functions.
+    """Return by how much the log evidence of few harmonics exceeds that of other functions.
 
-    The evidence is that of ``birf``. Splines and Haar functions are the others; more harmonics
-    are, where these have more evidence than the few.
+    The evidence is that of ``birf``. Few harmonics are compared with more harmonics, if these have
+    more evidence, and otherwise with the best of splines and Haar functions.
     """
     evidence = BasisIRF().tuned(ensemble).evidence
     harmonics = [getattr(each["basis"], "harmonics", math.inf) for each in evidence.tried]
@@ -354,7 +354,10 @@ def _few_harmonics(ensemble: Ensemble) -> float:
 
 
 def shape_over_level(ensemble: Ensemble, reference: str, model: Model) -> float:
-    """Return how stiffness by a reference differs from a model's in shape, over that on average."""
+    """Return the RMS difference in shape over the difference on average of two stiffnesses.
+
+    One is the model's. The other is identified with the reference.
+    """
     found = BasisIRF(reference=reference).tuned(ensemble).method.identify(ensemble)
     difference = found.stiffness - np.interp(found.time, model.time, model.stiffness)
     level = mean_of(difference)

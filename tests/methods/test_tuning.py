@@ -1,24 +1,17 @@
 import functools
-import math
 import pickle
 import warnings
 
 import attrs
 import numpy as np
 import pytest
-from benchmarks import plain
-from scipy.signal import butter, lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods import sds
-from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.methods.kbr.search import CLEARLY, Candidate, Likelihood
 from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
 from tvsysid.methods.tuning.evidence import edge_of
-from tvsysid.numerics.differentiation import differentiate
-from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.noise import white_share
 
 METHODS = [
@@ -119,233 +112,6 @@ def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation,
         assert np.sqrt(np.mean((model.stiffness - truth(model.time)) ** 2)) < limit
 
 
-# Kernel regression: the marginal likelihood.
-
-
-def dense_model(ensemble, theta, decay, near, order=2):
-    """Return the covariance of the band's Fourier coefficients, the fixed part, and the output.
-
-    The coefficients are real and imaginary parts. The fixed part has no prior. The fourth value is
-    the covariance if nothing changes in time.
-    """
-    l1, *variances, noise = np.exp(theta)
-    signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
-    torque = plain.join(ensemble.torque, ensemble.context)
-    count = len(torque)
-    frequency = np.fft.rfftfreq(count, 1 / 100.0)
-    inside = frequency <= 20.0 + 1e-9
-    apart = np.subtract.outer(np.arange(count), np.arange(count)) / 100.0
-    kernel = np.exp(-(np.sin(np.pi * apart / 2.0) ** 2) / l1 - (apart / decay) ** 2)
-    place = (np.arange(count) + 0.5) / count
-    external = np.cos(np.pi * np.outer(np.arange(5), place))
-    changing = sum(
-        each * kernel * np.outer(signal, signal)
-        for each, signal in zip(variances, signals, strict=False)
-    )
-    smooth = np.mean(torque**2) * external.T @ external
-
-    def in_band(covariance):
-        return plain._fourier(plain._fourier(covariance, inside).T, inside)
-
-    white = np.eye(2 * int(inside.sum()))
-    covariance = in_band(changing + noise / near * smooth) + noise * white
-    alone = in_band(smooth) + near * white
-    return covariance, plain._fourier(signals, inside).T, plain._fourier(torque, inside), alone
-
-
-def dense_log_density(ensemble, theta, decay, near):
-    """Return the restricted log density of the band's Fourier coefficients, but for a constant.
-
-    The kernel is dense.
-    """
-    covariance, fixed, output, _ = dense_model(ensemble, theta, decay, near)
-    inverse = np.linalg.inv(covariance)
-    information = fixed.T @ inverse @ fixed
-    projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
-    determinants = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(information)[1]
-    return -0.5 * determinants - output @ projected @ output
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("decay", [math.inf, 15.0])
-def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
-    ensemble = ensemble_of(12.0, "sine", "noise")
-    record = Record.of(ensemble, (0.0, 20.0))
-    kernel = record.kernel(2.0, 0.05, decay)
-    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-    one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
-    other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])
-    found = likelihood(one)[0] - likelihood(other)[0]
-    expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(
-        ensemble, other, decay, 0.15
-    )
-    assert found == pytest.approx(expected, abs=1e-3)
-    # Its slope is that of differences.
-    _, slope = likelihood(one)
-    for number in range(5):
-        step = 1e-4 * (np.arange(5) == number)
-        difference = (likelihood(one + step)[0] - likelihood(one - step)[0]) / 2e-4
-        assert slope[number] == pytest.approx(difference, rel=1e-4, abs=1e-3)
-
-
-def dense_log_evidence(ensemble, theta, near, order, lag):
-    """Return the log density under a proper prior of the constants, but for a constant.
-
-    The price of what is chosen is subtracted.
-    """
-    covariance, fixed, output, alone = dense_model(
-        lagged(ensemble, lag), theta, math.inf, near, order
-    )
-    count = len(output)
-    estimate = np.linalg.lstsq(
-        fixed.T @ np.linalg.solve(covariance, fixed),
-        fixed.T @ np.linalg.solve(covariance, output),
-        rcond=None,
-    )[0]
-    # As much as one of the numbers tells of the constants, where nothing changes in time.
-    prior = count * np.linalg.inv(2 * fixed.T @ np.linalg.solve(alone, fixed))
-    whole = covariance / 2 + fixed @ prior @ fixed.T
-    left = output - fixed @ estimate
-    density = -0.5 * (np.linalg.slogdet(whole)[1] + left @ np.linalg.solve(whole, left))
-    return density - 0.5 * (order + 1 + (lag > 0)) * math.log(count)
-
-
-@pytest.mark.slow
-def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior():
-    ensemble = ensemble_of(12.0, "sine", "noise")
-    theta = np.log([0.1, 1600.0, 0.3, 3e-5, 0.15])
-    found, expected = [], []
-    for lag in (0.0, 0.008):
-        record = Record.of(lagged(ensemble, lag), (0.0, 20.0))
-        kernel = record.kernel(2.0, 0.1)
-        whole = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-        for order in (0, 1, 2):
-            part, settings = whole.up_to(order), Candidate(order, lag, math.inf, theta, "")
-            found.append(part.compared(settings, theta, part(theta)[0]).value)
-            expected.append(dense_log_evidence(ensemble, theta, 0.15, order, lag))
-    assert np.ptp(expected) > 100
-    np.testing.assert_allclose(
-        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02
-    )
-
-
-def test_evidence_of_constants_does_not_depend_on_their_units():
-    record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0))
-    units = np.array([1.0, 100.0, 1e-3, 1.0])[:, None, None]
-    stacks = tuple(attrs.evolve(runs, signals=runs.signals * units) for runs in record.stacks)
-    other = attrs.evolve(record, stacks=stacks)
-    kernel = record.kernel(2.0, 0.1)
-    values = []
-    for each, variances in ((record, [1600.0, 0.3, 3e-5]), (other, [1600.0, 3e-5, 30.0])):
-        likelihood = Likelihood.of(each, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-        theta = np.log([0.1, *variances, 0.15])
-        settings = Candidate(2, 0.0, math.inf, theta, "")
-        values.append(likelihood.compared(settings, theta, likelihood(theta)[0]).value)
-    assert values[0] == pytest.approx(values[1], abs=1e-5)
-
-
-def joint_of(duration, lag=0.0, **settings):
-    """Return the ensemble of a simulated joint whose torque passes a lag before the noise.
-
-    The lag is applied at the simulation's rate.
-    """
-    asked = {"perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1}
-    asked |= {name: settings.pop(name) for name in asked if name in settings}
-    simulation = tv.simulate.Joint(**{"stiffness": tv.simulate.SineWave()} | settings).simulate(
-        duration, **asked
-    )
-    recording = simulation.recording
-    torque = low_pass(simulation.noiseless.torque, lag, 1000.0)
-    torque = torque + recording.torque - simulation.noiseless.torque
-    behind = tv.Recording(recording.angle, torque, 1000.0, recording.start)
-    return tv.preprocess.segment(tv.preprocess.decimate(behind, 100), 2.0, 0.5)
-
-
-LIGHT = (("inertia", 1e-12),)
-
-
-@functools.cache
-def tuned_to_a_joint(order, joint):
-    return tv.KernelRegression(order=order).tuned(joint_of(40, **dict(joint)))
-
-
-@slow
-@pytest.mark.parametrize(
-    ("order", "given", "joint"),
-    [(2, 0, ()), (1, 2, LIGHT), (1, 0, LIGHT), (0, 2, (*LIGHT, ("viscosity", 0.0)))],
-)
-def test_as_many_terms_as_the_joint_has(order, given, joint):
-    tuned, evidence = tuned_to_a_joint(given, joint)
-    assert (tuned.order, tuned.lag) == (order, 0.0)
-    assert {f"order {other}" for other in range(3) if other != given} <= set(evidence.lines)
-
-
-@slow
-def test_a_lag_of_the_torque_is_found():
-    ensemble = joint_of(40, lag=0.008, perturbation=tv.simulate.FilteredNoise(), snr_db=15)
-    given = tv.KernelRegression()
-    tuned, evidence = given.tuned(ensemble)
-    assert tuned.order == 2
-    assert tuned.lag == pytest.approx(0.008, rel=0.2)
-    assert f"lag {1e3 * tuned.lag:.3g} ms" in evidence.lines
-    without = attrs.evolve(tuned, lag=0.0).identify(ensemble)
-    model = tuned.identify(ensemble)
-    assert without.viscosity.mean() < 1.8
-    assert without.inertia.mean() < 0.012
-    assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)
-    assert model.inertia.mean() == pytest.approx(0.02, rel=0.1)
-    # One that is given is kept, or goes where there is none.
-    assert tv.KernelRegression(lag=tuned.lag).tuned(ensemble).method.lag == tuned.lag
-    assert tv.KernelRegression(lag=0.02).tuned(joint_of(20)).method.lag == 0.0
-
-
-@slow
-def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
-    evidence = tuned_to_a_joint(2, LIGHT).evidence
-    gain = evidence.values[evidence.chosen] - max(
-        value
-        for value, settings in zip(evidence.values, evidence.tried, strict=True)
-        if settings["order"] == 2
-    )
-    assert evidence.settings["order"] == 1
-    assert gain > CLEARLY
-    monkeypatch.setattr("tvsysid.methods.kbr.search.CLEARLY", gain + 0.1)
-    assert tv.KernelRegression().tuned(joint_of(40, **dict(LIGHT))).method.order == 2
-
-
-@slow
-def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
-    """Test that slow noise does not hide the inertia, where that noise is quiet.
-
-    A share of the numbers, as slow noise leaves it, says too little of inertia.
-    """
-    reflex = tv.simulate.StretchReflex(0.045, 10.0, 0.8, 0.1)
-    joint = tv.simulate.ReflexJoint(
-        tv.simulate.Constant(60.0), 1.0, reflex_gain=40.0, reflex=reflex
-    )
-    recording = joint.simulate(60, perturbation=tv.simulate.Pulses(), snr_db=5, seed=0).recording
-    noise = lfilter(
-        *butter(1, 1.0, fs=1000), np.random.default_rng(0).standard_normal(len(recording))
-    )
-    recording = attrs.evolve(
-        recording, torque=recording.torque + recording.torque.std() * noise / noise.std()
-    )
-    ensemble = tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    )
-    tuned = tv.KernelRegression().tuned(ensemble).method
-    assert (tuned.order, tuned.lag) == (2, 0.0)
-    assert tuned.identify(ensemble).inertia.mean() > 0.015
-
-
-def test_a_kernel_that_explains_much_less_than_the_one_given_is_warned_of():
-    ensemble = ensemble_of(40.0, "square", "noise")
-    with pytest.warns(
-        tv.DataQualityWarning, match=r"chosen explain 43 % of the torque, those given 92 %"
-    ):
-        tv.KernelRegression()._compare(tv.KernelRegression(order=0, gamma=1e-12), ensemble)
-
-
 def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
     assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == (
         "window=0.02 is the smallest that was tried",
@@ -383,72 +149,6 @@ def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
     assert "max_lag=0.4 is the largest that was tried" in str(evidence)
     assert tuned.identify(ensemble).stiffness.mean() == pytest.approx(100, abs=5)
     assert tv.ShortDataSegments().tuned(ensemble).method.identify(ensemble).stiffness.mean() > 140
-
-
-@slow
-def test_a_joint_that_drifts_keeps_its_decay_with_another_order():
-    def profile(time):
-        return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
-
-    tuned = (
-        tv.KernelRegression()
-        .tuned(joint_of(60, stiffness=profile, snr_db=20, inertia=1e-12))
-        .method
-    )
-    assert tuned.order == 1
-    assert tuned.length_decay < 300
-
-
-@slow
-def test_chosen_kernel_is_at_the_top_of_the_likelihood():
-    ensemble = ensemble_of(40.0, "square", "noise")
-    method = tv.KernelRegression()
-    evidence = tuned_to_a_square_wave(method).evidence
-    settings = evidence.settings
-    record = Record.of(ensemble, (0.0, 20.0))
-    kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
-    noise, share = method._noise(ensemble)
-    likelihood = Likelihood.of(
-        record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share
-    )
-    variances = method._scale(record) ** 2 * np.array(settings["gamma"])
-    top = np.log([settings["length_periodic"], *variances, noise])
-    best = likelihood.at(Candidate(2, 0.0, math.inf, top, ""))
-    assert best.value == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
-    for number in range(5):
-        for step in (-0.5, 0.5):
-            other = best.theta + step * (np.arange(5) == number)
-            assert likelihood(other)[0] < likelihood(best.theta)[0] + 0.02
-
-
-@slow
-def test_a_drift_asks_for_a_decay():
-    def profile(time):
-        return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
-
-    simulation = tv.simulate.Joint(stiffness=profile).simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
-    tuned = tv.KernelRegression().tuned(ensemble).method
-    assert tuned.length_decay < 300
-    stiffness, _, _ = tuned.identify(ensemble).impedance(ensemble)
-    assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 2.5
-
-
-def test_one_gamma_is_three_alike():
-    ensemble = ensemble_of(20.0, "sine", "noise")
-    one, three = (
-        tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0))
-    )
-    np.testing.assert_array_equal(one.stiffness, three.stiffness)
-    stiff = tv.KernelRegression(gamma=(1e-12, 2.0, 2.0)).identify(ensemble)
-    assert np.ptp(stiff.stiffness) < 1e-3
-    with pytest.raises(tv.InputError, match="one number, or three"):
-        tv.KernelRegression(gamma=(1.0, 2.0))
-    with pytest.raises(tv.InputError, match="gamma must be a positive number"):
-        tv.KernelRegression(gamma=(1.0, 2.0, 0.0))
 
 
 # Windows and lags: halves.
@@ -495,22 +195,6 @@ def test_evidence_is_shown_in_words_and_as_a_table():
     )
 
 
-def test_halves_are_identified_from_alone():
-    ensemble = ensemble_of(40.0, "sine", "noise")
-    compared = halves.Halves(ensemble, 0.12, 5)
-    method = tv.EnsembleSpectral()
-    first, second = (method.fit(half).stiffness for half in compared.halves[0])
-    reference = [halves.reference_stiffness(half, 0.12) for half in compared.halves[0]]
-    expected = (
-        np.mean((first - reference[0]) * (second - reference[1]))
-        + np.mean((first - second) ** 2) / 4
-    )
-    errors = compared.errors(compared.estimates(method)[None])
-    assert errors[0, 0] == pytest.approx(expected)
-    onsets = np.concatenate([half.onsets for half in compared.halves[0]])
-    np.testing.assert_array_equal(np.sort(onsets), ensemble.onsets)
-
-
 def test_the_reference_is_short_data_segments_with_a_window_that_determines_it():
     ensemble = ensemble_of(40.0, "sine", "noise")  # 20 realizations: 5 samples make 100 for 25 lags
     expected = tv.ShortDataSegments(window=0.04).identify(ensemble).stiffness
@@ -525,21 +209,6 @@ def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 0.3, 0.1)
     tried = tv.ShortDataSegments(max_lag=0.08).tuned(ensemble).evidence.tried
     assert max(settings["window"] for settings in tried) < 0.3
-
-
-@pytest.mark.slow
-def test_settings_are_compared_over_the_times_that_all_of_them_know(few_deals):
-    whole = ensemble_of(40.0, "sine", "prbs")
-    bare = tv.Ensemble(whole.angle[:, whole.core], whole.torque[:, whole.core], whole.sampling_rate)
-    compared = halves.Halves(bare, 0.12, 0)
-    narrow, wide = (compared.estimates(tv.EnsembleSpectral(window=window)) for window in (0.3, 0.7))
-    known = np.isfinite(wide).all(axis=(0, 1))
-    assert known.sum() < np.isfinite(narrow).all(axis=(0, 1)).sum()
-    both = compared.errors(np.array([narrow, wide]))
-    alone = compared.errors(np.where(known, narrow, np.nan)[None])
-    np.testing.assert_allclose(both[:, 0], alone[:, 0])
-    evidence = tv.EnsembleSpectral().tuned(bare).evidence
-    assert max(settings["window"] for settings in evidence.tried) == 0.7
 
 
 @pytest.mark.parametrize(

@@ -120,11 +120,9 @@ class Posterior:
     @property
     def log_determinant(self) -> float:
         r"""Return :math:`\log|X^T X / \sigma^2 + P| - \log|P|`, flat priors left out of P."""
-        return (
-            -2 * float(np.sum(np.log(np.diag(self.inverse_factor))))
-            - len(self.mean) * math.log(self.noise_variance)
-            - float(np.sum(np.log(self.precision[self.precision > 0])))
-        )
+        prior = np.where(self.precision > 0, self.precision, 1.0)
+        diagonal = self.inverse_factor.diagonal()
+        return -float(np.log(diagonal**2 * prior * self.noise_variance).sum())
 
     @property
     def log_evidence(self) -> float:

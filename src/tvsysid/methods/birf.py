@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import attrs
 import numpy as np
@@ -114,12 +114,12 @@ class BasisIRF(shared.ByReference):
         moments = self._derivative_moments(moved, products)
         missing = (len(functions) - len(moments.square)) // 2
         expansions = _expansions(functions[missing : len(functions) - missing])
-        system = _parametric_system(moments, expansions)
-        posterior = self._posterior(system, ensemble)
+        sums, scale = _parametric_moments(moments, expansions)
+        posterior = self._posterior(sums, ensemble)
         if instrument is not None:
-            posterior = _instrumental(posterior, expansions, system.scale, ensemble, moved)
-        coefficients = posterior.mean * system.scale
-        covariance = posterior.covariance * np.outer(system.scale, system.scale)
+            posterior = _instrumental(posterior, expansions, scale, ensemble, moved)
+        coefficients = posterior.mean * scale
+        covariance = posterior.covariance * np.outer(scale, scale)
         count = functions.shape[1]
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack(
@@ -158,10 +158,9 @@ class BasisIRF(shared.ByReference):
         lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
         missing = base.missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
-        system, moments = _irf_system(ensemble, inner, lags)
-        posterior = self._posterior(system, ensemble)
+        sums, scale, moments = _irf_moments(ensemble, inner, lags)
+        posterior = self._posterior(sums, ensemble)
         unknowns, count = 2 * lags + 1, inner.shape[1]
-        scale = float(system.scale[0])
         weights = inner @ posterior.mean.reshape(unknowns, count).T * scale
         covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) * scale**2
         # A second-order fit, weighted by the angle's mean correlations.
@@ -192,15 +191,13 @@ class BasisIRF(shared.ByReference):
         )
 
     def _posterior(
-        self, system: System, ensemble: Ensemble, share: float = 1.0
+        self, moments: shared.Moments, ensemble: Ensemble, share: float = 1.0
     ) -> shared.Regression:
-        """Return the posterior of the coefficients, for a share of the samples.
+        """Return the posterior from moments that are means over realizations.
 
-        All samples are used, but weigh less.
+        Samples count only as a ``share`` of independent ones.
         """
-        count = len(ensemble) * share
-        moments = shared.Moments(system.gram, system.cross, system.square, system.times)
-        return shared.PRIORS[self.prior](moments.times(count))
+        return shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
 
     def _derivative_moments(self, ensemble: Ensemble, products: Array) -> shared.DerivativeMoments:
         base.check_window(
@@ -259,34 +256,19 @@ class BasisIRF(shared.ByReference):
         def log_evidence(basis: Basis) -> float:
             functions = evaluate(basis, ensemble.samples)
             if moments is None:
-                missing = base.missing_edge(per_function // 2, ensemble)
-                system, _ = _irf_system(
-                    ensemble, functions[missing : len(functions) - missing], per_function // 2
-                )
+                lags = per_function // 2
+                missing = base.missing_edge(lags, ensemble)
+                inner = functions[missing : len(functions) - missing]
+                sums, _, _ = _irf_moments(ensemble, inner, lags)
             else:
                 missing = (len(functions) - len(moments.square)) // 2
-                system = _parametric_system(
-                    moments, _expansions(functions[missing : len(functions) - missing])
-                )
-            return self._posterior(system, ensemble, share).log_evidence
+                expansions = _expansions(functions[missing : len(functions) - missing])
+                sums, _ = _parametric_moments(moments, expansions)
+            return self._posterior(sums, ensemble, share).log_evidence
 
         return tuning.evidence_of_bases(
             self.basis, self.prior, ensemble.samples, log_evidence, per_function
         )
-
-
-class System(NamedTuple):
-    """Normal equations of coefficients whose columns have unit RMS.
-
-    They are averaged over realizations and summed over ``times``. ``square`` is the torque's
-    square. Coefficients times ``scale`` are those of the columns in their own units.
-    """
-
-    gram: Array
-    cross: Array
-    square: float
-    times: int
-    scale: Array
 
 
 def _expansions(functions: Array) -> tuple[Array, Array, Array]:
@@ -294,14 +276,21 @@ def _expansions(functions: Array) -> tuple[Array, Array, Array]:
     return functions, functions, np.ones((len(functions), 1))
 
 
-def _parametric_system(moments: shared.DerivativeMoments, expansions: tuple[Array, ...]) -> System:
+def _parametric_moments(
+    moments: shared.DerivativeMoments, expansions: tuple[Array, ...]
+) -> tuple[shared.Moments, Array]:
+    """Return the moments of columns of unit RMS, and the scale of their coefficients.
+
+    Coefficients times the scale are those of the columns in their own units.
+    """
     power = np.mean(np.diagonal(moments.regressors, axis1=1, axis2=2), axis=0)
     rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
-    regressors, cross = moments.regressors / np.outer(rms, rms), moments.cross / rms
-    gram = _expanded(regressors, expansions)
-    right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
+    gram = _expanded(moments.regressors / np.outer(rms, rms), expansions)
+    parts = zip(expansions, (moments.cross / rms).T, strict=True)
+    cross = np.concatenate([expansion.T @ own for expansion, own in parts])
     scale = 1 / np.repeat(rms, [expansion.shape[1] for expansion in expansions])
-    return System(gram, right, float(moments.square.sum()), len(cross), scale)
+    square, times = float(moments.square.sum()), len(moments.cross)
+    return shared.Moments(gram, cross, square, times), scale
 
 
 def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
@@ -344,10 +333,9 @@ def _instrumental(
     )
     mean = transform @ posterior.mean
     places = np.cumsum([each.shape[1] for each in expansions])[:-1]
-    impedance = [
-        e @ part for e, part in zip(expansions, np.split(mean * scale, places), strict=True)
-    ]
-    left = ensemble.torque[:, ensemble.core][:, at] - sum(map(np.multiply, np.stack(impedance), x))
+    parts = zip(expansions, np.split(mean * scale, places), x, strict=True)
+    fit = sum(expansion @ part * signal for expansion, part, signal in parts)
+    left = ensemble.torque[:, ensemble.core][:, at] - fit
     freedom = max(left.size - posterior.effective, 1.0)
     spread = _noise_through(expansions, scale, z, left, round(COLOUR * ensemble.sampling_rate)) * (
         left.size / freedom
@@ -384,23 +372,21 @@ def _noise_through(
     return found * np.outer(scale, scale)
 
 
-def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System, Array]:
-    """Return the normal equations of the impulse response, and the mean correlations of its angles.
+def _irf_moments(
+    ensemble: Ensemble, functions: Array, lags: int
+) -> tuple[shared.Moments, float, Array]:
+    """Return the moments of the impulse response's columns, scaled to unit RMS, and the scale.
 
-    The correlations are those of lagged angles, averaged over time.
+    The third value is the mean correlation of lagged angles (lag, lag).
     """
     first = max(0, ensemble.context - lags)
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
     phi_uu, phi_uy, square, _ = shared.lagged_moments(angle, torque, lags)
-    unknowns, count = phi_uy.shape[1], functions.shape[1]
-    gram = expanded(phi_uu, functions)
-    moments = phi_uu.sum(axis=0)
-    power = float(np.trace(moments)) / (unknowns * len(functions))
-    cross = (phi_uy.T @ functions).ravel() / np.sqrt(power)
-    scale = np.full(unknowns * count, 1 / np.sqrt(power))
-    return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(
-        functions
-    )
+    mean = phi_uu.mean(axis=0)
+    rms = np.sqrt(np.trace(mean) / len(mean))
+    gram, cross = expanded(phi_uu, functions) / rms**2, (phi_uy.T @ functions).ravel() / rms
+    moments = shared.Moments(gram, cross, float(square.sum()), len(functions))
+    return moments, 1 / float(rms), mean
 
 
 def _diagnostics(posterior: shared.Regression, agreement: float) -> Diagnostics:

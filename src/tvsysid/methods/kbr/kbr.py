@@ -25,12 +25,11 @@ from tvsysid.validators import Validator, is_number, not_negative, one_of, optio
 Preset = Literal["simulation", "experiment"]
 Weights = Literal["white", "residual"]
 
+# The paper's settings for its simulated study (section 3.2.5) and its experimental one (4.2).
 PRESETS: dict[str, dict[str, float]] = {
     "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
-    # The paper's settings for its simulated study (section 3.2.5) and its experimental one (4.2).
 }
-
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL_MODULUS = 100.0
@@ -122,9 +121,9 @@ class KernelRegression(shared.ByReference):
 
     Notes
     -----
-    The unit of gamma, about 1 N·m/deg for a gamma of 1, is a convention, not a reconstruction. With
-    1 N·m/rad, the paper's 4.5 would hold stiffness within 2 N·m/rad of a constant. With 1 N·m/deg
-    it allows some 120 N·m/rad, and gives figures like the paper's.
+    The unit of gamma is a convention, not a reconstruction. With 1 N·m/rad, the paper's 4.5 would
+    hold stiffness within 2 N·m/rad of a constant. With 1 N·m/deg it allows some 120 N·m/rad, and
+    gives figures like the paper's.
 
     The lag is fitted as output error, since an equation error with the derivative of a noisy torque
     is biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the
@@ -134,19 +133,14 @@ class KernelRegression(shared.ByReference):
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
     with some 110 unknowns. The cost grows with the cube of the record where the decay is short
-    against it: 600 s at 30 s take 3800 coefficients and some 10 s.
-
-    The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over
-    1/20 of the decay; but with such a gamma even that lets inertia drift freely, and the dense
-    solution with the decay kept differs by up to 1 N·m/rad of stiffness for 20 s of data.
+    against it: 600 s at 30 s take 3800 coefficients and some 10 s. The paper's decay of 120 000 s
+    is meant as none.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior
     variance each.
 
     Features whose torque cannot reach a small share of the noise are left out, for each coefficient
-    by its own signal. If inertia and stiffness have the same gamma, inertia needs about twice as
-    many features. The features left out keep their prior. This changes stiffness by some 1e-3
-    N·m/rad.
+    by its own signal. They keep their prior. This changes stiffness by some 1e-3 N·m/rad.
 
     The noise variance is estimated from the residual, with the effective number of parameters
     subtracted from the degrees of freedom. The diagnostics' ``second_order_agreement`` is the share
@@ -178,14 +172,12 @@ class KernelRegression(shared.ByReference):
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
         "says.",
         "The joint is of second order (or of the order given), with at most one lag of the "
-        "torque, whose coefficient "
-        "is constant (Na > 0).",
+        "torque, whose coefficient is constant (Na > 0).",
         "The record is continuous; one realization is enough, more are better.",
     )
     differs = (
         "Its kernel says beforehand how smooth and how periodic stiffness is: a switch comes out "
-        "smooth, with "
-        "ripples beside it."
+        "smooth, with ripples beside it."
     )
     cites = ("lataire2017", "cavallo2020", "vanderuit2021")
 
@@ -224,19 +216,17 @@ class KernelRegression(shared.ByReference):
         stiffness, viscosity, inertia = base.padded(
             impedance[missing : len(impedance) - missing], missing
         ).T
-        details = {
-            "noise_variance": posterior.fit.noise_variance,
-            "iterations": posterior.fit.iterations,
-        }
+        found = posterior.fit
+        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
             details["second_order_agreement"] = shared.second_order_agreement(ensemble, moved, each)
-        diagnostics = Diagnostics(posterior.fit.effective, details=details)
+        diagnostics = Diagnostics(found.effective, details=details)
         if instrument is not None:
             diagnostics = instrument.seen(diagnostics, banded=False)
         errors = KernelErrors(
             posterior,
             fitting.times_of(ensemble, kernel),
-            self._noise_of(ensemble, moved, impedance, posterior.fit.effective, missing),
+            self._noise_of(ensemble, moved, impedance, found.effective, missing),
         )
         names = shared.IMPEDANCE[: self.order + 1]
         return KernelModel(

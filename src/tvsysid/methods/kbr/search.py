@@ -1,4 +1,10 @@
-"""Search for the settings of kernel-based regression with the greatest marginal likelihood."""
+"""Choose how fast stiffness, viscosity and inertia may change, by maximum marginal likelihood.
+
+The kernel's l1 and l2 say how smooth and how periodic they are, gamma how far each may be from its
+mean. :class:`Likelihood` gives the marginal likelihood of these settings and its derivatives, and
+climbs to its maximum. :class:`Search` compares the maxima without and with a decay, of other orders
+and of other lags.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +31,7 @@ DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths 
 # lags in s that are tried, until the likelihood falls
 LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)
 MAX_REFINEMENTS = 6  # further lags about the best of them
-# initial power of the torque that each coefficient makes, in noise variances
-START = 1e3
+START = 1e3  # initial power of the torque that each coefficient makes, in noise variances
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
 # coefficients above which a decay is not tried, and the given settings are not compared
 MAX_COEFFICIENTS = 2000
@@ -221,7 +226,7 @@ class Search:
         With the order and the lag given, l1 is searched without decay, then with shorter and
         shorter decays. Then, without decay, other orders are tried, and other lags for each order.
         """
-        record = self._record(given.lag)
+        record = Record.of(lagged(self.ensemble, given.lag), self.band)
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
         kernel = record.kernel(self.period, LENGTHS[0])
         every = np.ones((3, kernel.columns), dtype=bool)
@@ -265,15 +270,12 @@ class Search:
                 return each
         return endless
 
-    def _record(self, lag: float) -> Record:
-        return Record.of(lagged(self.ensemble, lag), self.band)
-
     def _likelihood(self, about: Candidate, leeway: float = 1.0, least: float = 0.0) -> Likelihood:
         """Return the likelihood of the features that may exceed the noise.
 
         A feature's prior variance may be larger by ``leeway``; its power is ``least`` or more.
         """
-        record = self._record(about.lag)
+        record = Record.of(lagged(self.ensemble, about.lag), self.band)
         kernel = record.kernel(self.period, math.exp(about.theta[0]), about.decay)
         powers = leeway * about.variances * record.powers[: about.order + 1]
         visible = kernel.visible(np.maximum(powers, least), VISIBLE * self.noise)
@@ -375,16 +377,13 @@ def evidence_of(tried: Sequence[Candidate], chosen: int, method: object, scale: 
     ``scale`` is the unit of gamma.
     """
     settings = [each.settings(scale) for each in tried]
-    edges: tuple[str, ...] = ()
-    if chosen:  # no decay and no lag are no edges
-        best = settings[chosen]
-        lengths = (float(f"{each:.4g}") for each in LENGTHS)
-        edges += edge_of("length_periodic", best["length_periodic"], lengths)
-        if best["length_decay"] < ENDLESS:
-            decays = (each["length_decay"] for each in settings)
-            edges += edge_of("length_decay", best["length_decay"], decays)
+    best, edges = settings[chosen], []
+    if chosen:
+        edges.append(("length_periodic", [float(f"{each:.4g}") for each in LENGTHS]))
+        if best["length_decay"] < ENDLESS:  # no decay is no edge, nor is no lag
+            edges.append(("length_decay", [each["length_decay"] for each in settings]))
         if best["lag"] >= LAGS[-1]:
-            edges += edge_of("lag", best["lag"], LAGS)
+            edges.append(("lag", [*LAGS]))
     settings[0] = {name: getattr(method, name) for name in settings[0]}
     return Evidence(
         criterion="log marginal likelihood",
@@ -397,5 +396,5 @@ def evidence_of(tried: Sequence[Candidate], chosen: int, method: object, scale: 
         axis="length_periodic (no unit)",
         positions=np.exp([each.theta[0] for each in tried]),
         lines=tuple(each.line for each in tried),
-        edges=edges,
+        edges=tuple(text for name, grid in edges for text in edge_of(name, best[name], grid)),
     )

@@ -7,24 +7,20 @@ from scipy.special import stdtr
 
 import tvsysid as tv
 from tvsysid.methods.cascade import reflex_test as reflex_testing
-from tvsysid.methods.cascade.reflex_test import reflex_test
+from tvsysid.methods.cascade.reflex_test import reflex_test, reflex_test_of
 
 REFLEX = tv.simulate.StretchReflex
 
 
 def judged(recording, period=2.0, context=0.5):
     """Test of a recording at 1 kHz, decimated and cut."""
-    velocity = np.gradient(recording.angle, 1 / recording.sampling_rate)
-    parts = {"positive": np.maximum(velocity, 0), "negative": np.minimum(velocity, 0)}
-    low = tv.preprocess.decimate(attrs.evolve(recording, channels=parts), 100)
-    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(low, period, context))
-    stretches = np.stack([ensemble.channels[name] for name in parts])
-    return reflex_test(ensemble.angle, ensemble.torque, stretches, ensemble.core, 100.0)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context)
+    return reflex_test_of(tv.preprocess.subtract_mean(ensemble))
 
 
-def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1):
+def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1, profile=None):
     system = tv.simulate.ReflexJoint(
-        tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction)
+        profile or tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction)
     )
     kind = tv.simulate.PERTURBATIONS[perturbation]
     return system.simulate(duration, perturbation=kind, snr_db=10, seed=seed).recording
@@ -72,14 +68,13 @@ def test_real_ankles_in_contraction_have_a_reflex(recordings, record, low, high,
 
 
 @pytest.mark.parametrize("gain", [0.0, 4.0])
-def test_a_joint_that_changes_is_told_from_one_that_does_not(gain):
-    for profile, changing in ((tv.simulate.SineWave(), True), (tv.simulate.Constant(100.0), False)):
-        system = tv.simulate.ReflexJoint(profile, reflex_gain=gain)
-        recording = system.simulate(
-            40.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
-        ).recording
-        ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-        assert reflex_testing.changes(ensemble) == changing
+@pytest.mark.parametrize(
+    ("profile", "changing"), [(tv.simulate.SineWave(), True), (tv.simulate.Constant(100.0), False)]
+)
+def test_a_joint_that_changes_is_told_from_one_that_does_not(gain, profile, changing):
+    recording = recorded(gain, perturbation="prbs", profile=profile)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    assert reflex_testing.changes(ensemble) == changing
 
 
 def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random):
@@ -156,13 +151,8 @@ def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
 
 
 def test_a_reflex_is_found_under_slow_voluntary_torque():
-    joint = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=8.0)
-    recording = joint.simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
-    ).recording
+    recording = recorded(8.0, 60.0, seed=3)
     slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
-    drifting = attrs.evolve(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(drifting, 100), 2.0)
-    found = reflex_testing.reflex_test_of(tv.preprocess.subtract_mean(ensemble))
-    assert found.shown
-    assert found.direction == 1
+    torque = recording.torque + 3 * recording.torque.std() * slow
+    test = judged(attrs.evolve(recording, torque=torque))
+    assert (test.shown, test.direction) == (True, 1)

@@ -26,7 +26,6 @@ MAX_LAST_STEP = 0.015  # share of a delay; what noise or a misfit looks like doe
 MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angle hides inertia
 LARGE_DELAY_MS = 15.0  # no noise in the angle looks like one
 MIN_LOOP_SHARE = 0.3  # % of the torque that later movement predicts in a loop, after a shift
-MAX_SHOWN_CHANGE = 200  # %
 
 
 @check(
@@ -73,9 +72,7 @@ def delay(data: FittedEnsemble) -> Measured:
     changes = []
     for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
         old, new = (each.mean_impedance[0][place] for each in (data, aligned))
-        share = 100 * (old - new) / abs(new) if new else math.inf
-        percent = f" ({share:+.0f} %)" if abs(share) < MAX_SHOWN_CHANGE else ""
-        changes.append(f"{name} {old:.3g} instead of {new:.3g} {unit}{percent}")
+        changes.append(f"{name} {old:.3g} instead of {new:.3g} {unit}")
     return Measured(value, f"{what}; that makes {' and '.join(changes)}", significant)
 
 

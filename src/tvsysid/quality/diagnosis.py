@@ -261,10 +261,8 @@ def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
         )
     kept = {} if reference is None else {reference: ensemble.signal(reference)}
     data = FittedEnsemble.of(attrs.evolve(ensemble, channels=kept))
-    samples, known = (
-        data.ensemble.samples,
-        known_samples(data.ensemble.samples, data.ensemble.context),
-    )
+    samples = data.ensemble.samples
+    known = known_samples(samples, data.ensemble.context)
     if known < MIN_KNOWN_SAMPLES:
         context = f"{HALF_WIDTH / data.rate:g} s of context"
         raise InputError(

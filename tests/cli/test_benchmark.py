@@ -89,9 +89,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
         "--method faulty:Mine"
     )
     assert code == 1
-    assert (
-        "error: faulty:Mine: failed in 2 of 2; the first: KeyError: 'no key'" in err
-    )
+    assert "error: faulty:Mine: failed in 2 of 2; the first: KeyError: 'no key'" in err
     assert "faulty.py" in err
     table = (
         pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv")

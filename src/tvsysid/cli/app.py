@@ -28,7 +28,7 @@ COMMANDS = (
     *(benchmark, leaderboard, experiment, report, identify, explore, inspect),
     *(methods, check_method, simulate, plan),
 )
-INTERRUPTED = "interrupted; the files that were written are complete"
+INTERRUPTED = "interrupted; what is finished is kept, and a study is resumed by the same command"
 NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
 
 

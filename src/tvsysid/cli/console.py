@@ -11,8 +11,9 @@ from pathlib import Path
 from string import Formatter
 from typing import Any, Literal
 
-from rich import box, progress
+from rich import box
 from rich.console import Console
+from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -96,11 +97,21 @@ def show_table(
 
 @contextmanager
 def shown_progress(title: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal, and yield the function that advances it."""
-    hidden = not errors.is_terminal
-    with progress.Progress(console=errors, transient=True, disable=hidden) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    """Show a progress bar on a terminal, and yield the function that advances it.
+
+    Say so if the first call reports steps that are done: the work is resumed.
+    """
+    # A thread that refreshes the bar would make it unsafe to copy this process.
+    bar = Bar(console=errors, transient=True, auto_refresh=False, disable=not errors.is_terminal)
+    task = bar.add_task(title, total=None)
+
+    def advance(done: int, total: int) -> None:
+        if done and bar.tasks[task].total is None:
+            errors.print(f"resuming: {done} of {total} tasks are done already")
+        bar.update(task, completed=done, total=total, refresh=True)
+
+    with bar:
+        yield advance
 
 
 @contextmanager

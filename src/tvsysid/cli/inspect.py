@@ -7,6 +7,8 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import attrs
+
 from tvsysid.cli.console import errors, remark, say, show_table, shown_warnings
 from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, ReadingOptions, decimation
 from tvsysid.cli.running import command_line
@@ -42,9 +44,9 @@ def inspect(
     clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what
     each fault does to the result and what to do, and which method suits the data (with `--period`),
     and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE
-    and TORQUE are the channels' names). The recording is diagnosed at its own rate, because
-    decimation would hide some faults; `--decimate` is only checked. Without `--period` the record
-    is cut into pieces of 2 s, and what concerns repetitions is not judged.
+    and TORQUE are the channels' names). The recording is diagnosed at its own rate, whatever
+    `--decimate` says, because decimation would hide some faults. Without `--period` the record is
+    cut into pieces of 2 s, and what concerns repetitions is not judged.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -123,27 +125,27 @@ def _diagnose(
     The recording is not decimated, because that would hide a clipped signal. Checks that need a low
     rate decimate themselves.
     """
-    from tvsysid import preprocess
-    from tvsysid.comparison.preparation import PIECE_S
+    from tvsysid.comparison import prepare_recording
     from tvsysid.quality import diagnose
     from tvsysid.quality.resampling import lowered
     from tvsysid.recommendation import recommend
 
-    period = segmentation.period
-    if period is None:
-        remark(
-            "note", f"no --period: the record is diagnosed in pieces of {PIECE_S:g} s, not repeated"
-        )
+    repeats = segmentation.period is not None
+    if not repeats:
+        remark("note", "no --period: the record is diagnosed in pieces, not taken to repeat")
     with shown_warnings():
         recording = reading.read(file)
-        if segmentation.decimate is not None:
-            preprocess.decimate(recording, segmentation.decimate)  # refuses an impossible rate
-        gaps = preprocess.find_gaps(recording)
-        cut = preprocess.segment(recording, period or PIECE_S, segmentation.context, gaps)
-        ensemble = preprocess.subtract_mean(cut, () if reference is None else [reference])
+        prepared = prepare_recording(
+            recording,
+            attrs.evolve(segmentation, decimate=None),
+            () if reference is None else [reference],
+            align_channels=False,
+            remove_mains=False,
+        )
+    ensemble = prepared.diagnosed
     with errors.status("diagnosing"):
-        diagnosis = diagnose(ensemble, reference, repeats=period is not None, recording=recording)
-        if period is None:
+        diagnosis = diagnose(ensemble, reference, repeats=repeats, recording=recording)
+        if not repeats:
             return diagnosis, None
         return diagnosis, recommend(lowered(ensemble), reference, diagnosis=diagnosis)
 

@@ -90,7 +90,7 @@ def plan(
     import tvsysid
     from tvsysid.figures import save
     from tvsysid.planning import Protocol
-    from tvsysid.recordings import whole_file
+    from tvsysid.recordings import write_table
     from tvsysid.validators import with_settings
 
     joint = given(system=system, stiffness=stiffness, noise=noise, snr_db=snr)
@@ -119,8 +119,7 @@ def plan(
     with shown_progress("planning") as advance:
         found = tvsysid.plan(setups, precision, resolution, method, seed=seed, progress=advance)
     _show(found)
-    with whole_file(out / "plan.csv") as file:
-        found.table().to_csv(file, index=False, float_format="%.6g")
+    write_table(out / "plan.csv", found.table())
     save(found.plot(), out / "plan.png")
     say_written(out, ["plan.csv", "plan.png"])
     if verify:

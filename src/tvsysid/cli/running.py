@@ -10,10 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import errors, remark, say_written, show_table, shown_progress
+from tvsysid.cli.console import remark, say_written, show_table, shown_progress
 from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
-from tvsysid.progress import Progress
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
 SCHEDULER_TIMEOUT = "10s"
-RESUMES = "what is finished is kept, and the same command resumes"
 SCORES = {  # formats, by heading
     "method": "{method}",
     "drawn": "{realizations}",
@@ -71,35 +69,8 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
     from tvsysid.study import run
 
     make_folder(out)
-    try:
-        with shown_progress("running") as advance, _executor(workers) as (executor, processes):
-            return run(
-                study,
-                out,
-                workers=processes,
-                executor=executor,
-                progress=_with_start(advance),
-                **inputs,
-            )
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted; {RESUMES}") from None
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {RESUMES}"
-        ) from error
-
-
-def _with_start(advance: Progress) -> Progress:
-    """Print at the first call how many tasks are done already."""
-    calls: list[int] = []
-
-    def count(done: int, total: int) -> None:
-        if done and not calls:
-            errors.print(f"resuming: {done} of {total} tasks are done already")
-        calls.append(done)
-        advance(done, total)
-
-    return count
+    with shown_progress("running") as advance, _executor(workers) as (executor, processes):
+        return run(study, out, workers=processes, executor=executor, progress=advance, **inputs)
 
 
 @contextmanager

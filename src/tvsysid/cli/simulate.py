@@ -125,8 +125,6 @@ def _write_system(file: Path, simulated: Simulated, perturbation: Perturbation) 
             rate=rate,
         )
         simulation = checked_simulation(made, simulated.system)
-    except InputError:
-        raise
     except Exception as error:  # a system of one's own may raise anything
         raise InputError(f"system {simulated.system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)

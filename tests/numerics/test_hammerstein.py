@@ -21,13 +21,10 @@ def lagged(signals, before):
 
 def test_lagged_products_are_those_of_the_lagged_signals(signals, random):
     output = random.normal(size=(4, 200))
-    products, columns = hammerstein.LaggedMoments.of([(signals, output)]), lagged(signals, 30)
-    np.testing.assert_allclose(
-        products.gram, np.einsum("nki,nlj->kilj", columns, columns), atol=1e-10
-    )
-    np.testing.assert_allclose(
-        products.cross, np.einsum("nki,n->ki", columns, output.ravel()), atol=1e-10
-    )
+    products, columns = hammerstein.lagged_moments([(signals, output)]), lagged(signals, 30)
+    columns = columns.reshape(output.size, -1)
+    np.testing.assert_allclose(products.gram, columns.T @ columns, atol=1e-10)
+    np.testing.assert_allclose(products.cross, columns.T @ output.ravel(), atol=1e-10)
     assert (products.square, products.number) == (pytest.approx(np.sum(output**2)), 800)
 
 
@@ -36,7 +33,7 @@ def test_separable_least_squares_end_in_the_same_minimum_from_any_start(signals,
     coefficients, weights = np.array([1.0, 0.5, -0.3]), 0.6 ** np.arange(31)
     output = (lagged(signals, 30) @ weights @ coefficients).reshape(4, -1)
     noisy = output + noise * random.normal(size=output.shape)
-    products = hammerstein.LaggedMoments.of([(signals, noisy)])
+    products = hammerstein.lagged_moments([(signals, noisy)])
     found = hammerstein.separable_least_squares(products, coefficients)
     for start in [*np.eye(3), *random.normal(size=(5, 3))]:
         other = hammerstein.separable_least_squares(products, start)

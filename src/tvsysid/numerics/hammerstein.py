@@ -7,12 +7,12 @@ products of lagged signals, so that alternating between the pathways costs nothi
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
 from typing import Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments
@@ -50,34 +50,37 @@ def last_better(fits: Iterable[AnyFit], min_gain: float) -> AnyFit:
     return best
 
 
-class LaggedMoments(NamedTuple):
-    """Sums of products of lagged signals with each other and with an output.
+def lagged_moments(rows: Sequence[Rows]) -> Moments:
+    """Return moments of lagged signals, from lag 0 on. All lags of a signal stand together."""
+    sums = []
+    for signals, output in rows:
+        late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
+        lagged = (each.reshape(len(signals), -1) for each in np.moveaxis(late, 2, 0))
+        cross = np.stack([each @ output.ravel() for each in lagged], axis=1).ravel()
+        gram = lagged_gram(signals, late.shape[2] - 1).reshape(cross.size, -1)
+        sums.append((gram, cross, float(np.sum(output * output)), output.size))
+    return Moments._make(sum(each) for each in zip(*sums, strict=True))
 
-    ``gram`` has shape (signal, lag, signal, lag), ``cross`` (signal, lag); the lags begin with 0.
-    ``square`` is that of the output, of ``number`` samples.
-    """
 
-    gram: Array
-    cross: Array
-    square: float
-    number: int
+def less(moments: Moments, columns: NDArray[np.int64], weights: Array) -> Moments:
+    """Return the moments of what some columns with these weights leave of the output."""
+    gram, cross, square, number = moments
+    explained = gram[:, columns] @ weights
+    square += float(weights @ (explained - 2 * cross)[columns])
+    return Moments(gram, cross - explained, square, number)
 
-    @classmethod
-    def of(cls, rows: Sequence[Rows]) -> LaggedMoments:
-        """Return the sums over all rows."""
-        sums = []
-        for signals, output in rows:
-            late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
-            lagged = (each.reshape(len(signals), -1) for each in np.moveaxis(late, 2, 0))
-            cross = np.stack([each @ output.ravel() for each in lagged], axis=1)
-            gram = lagged_gram(signals, late.shape[2] - 1)
-            sums.append((gram, cross, float(np.sum(output * output)), output.size))
-        return cls._make(sum(each) for each in zip(*sums, strict=True))
 
-    def mixed(self, coefficients: Array) -> Moments:
-        """Return the moments of the lags of a weighted sum of the signals."""
-        gram = np.einsum("k,kilj,l->ij", coefficients, self.gram, coefficients, optimize=True)
-        return Moments(gram, coefficients @ self.cross, self.square, self.number)
+def by_signal(moments: Moments, count: int) -> tuple[Array, Array]:
+    """Return the gram (signal, lag, signal, lag) and cross (signal, lag) of lagged signals."""
+    shape = count, len(moments.cross) // count
+    return moments.gram.reshape(*shape, *shape), moments.cross.reshape(shape)
+
+
+def mixed(moments: Moments, coefficients: Array) -> Moments:
+    """Return the moments of the lags of a weighted sum of signals."""
+    gram, cross = by_signal(moments, len(coefficients))
+    gram = np.einsum("k,kilj,l->ij", coefficients, gram, coefficients, optimize=True)
+    return moments._replace(gram=gram, cross=coefficients @ cross)
 
 
 def lagged_gram(signals: Array, before: int) -> Array:
@@ -119,13 +122,7 @@ def response(moments: Moments) -> Solution:
     return Solution(*(values[0] for values in found))
 
 
-def unexplained(moments: Moments, weights: Array) -> float:
-    """Return the sum of squares of the output that a response (lag,) leaves."""
-    gram, cross, square, _ = moments
-    return square - 2 * float(cross @ weights) + float(weights @ gram @ weights)
-
-
-def separable_least_squares(moments: LaggedMoments, start: Array) -> Array:
+def separable_least_squares(moments: Moments, start: Array) -> Array:
     r"""Return coefficients c (signal,) of unit length by separable least squares (Kaufman 1975).
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
@@ -133,14 +130,15 @@ def separable_least_squares(moments: LaggedMoments, start: Array) -> Array:
     For any c the best response g is known, so that the search is over c alone; its length has no
     effect. A slight ridge keeps the squared error smooth.
     """
-    ridge = RIDGE * np.einsum("kiki->", moments.gram) / moments.cross.size
+    ridge = RIDGE * np.trace(moments.gram) / len(moments.cross)
+    terms, cross_terms = by_signal(moments, len(start))
 
     def cost(coefficients: Array) -> tuple[float, Array]:
-        gram, cross, square, _ = moments.mixed(coefficients)
+        gram, cross, square, _ = mixed(moments, coefficients)
         raised = gram + ridge * (coefficients @ coefficients) * np.eye(len(cross))
         weights = np.linalg.solve(raised, cross)
-        normal = np.einsum("i,kilj,j->kl", weights, moments.gram, weights, optimize=True)
-        slope = normal @ coefficients - moments.cross @ weights
+        normal = np.einsum("i,kilj,j->kl", weights, terms, weights, optimize=True)
+        slope = normal @ coefficients - cross_terms @ weights
         slope += ridge * (weights @ weights) * coefficients
         return -float(cross @ weights) / square, 2 * slope / square
 
@@ -178,33 +176,25 @@ def parallel_cascade(
     function of the other pathway is a sum; the search for their coefficients begins with
     ``start``. A ``"rectifier"`` is one signal and needs no search.
     """
-    turns = islice(_turns(rows, lags, start, nonlinearity), MAX_TURNS)
-    return last_better(turns, MIN_TURN_GAIN)
+    return last_better(_turns(rows, lags, start, nonlinearity), MIN_TURN_GAIN)
 
 
 def _turns(
     rows: Sequence[Rows], lags: int, coefficients: Array, nonlinearity: Nonlinearity
 ) -> Iterator[Cascade]:
-    every, near, turn, start = LaggedMoments.of(rows), slice(2 * lags + 1), 0, coefficients
-    link, cross = every.gram[0, near, 1:], every.cross[0, near]
-    gram, square, number = every.gram[0, near, 0, near], every.square, every.number
-    reflex = every._replace(gram=every.gram[1:, :, 1:], cross=every.cross[1:])
-    weights = np.zeros(reflex.cross.shape[1])
-    while True:
-        turn += 1
-        without_reflex = unexplained(reflex.mixed(coefficients), weights)
-        left = cross - np.einsum("akl,k,l->a", link, coefficients, weights)
-        moments = Moments(gram, left, without_reflex, number)
+    every, start = lagged_moments(rows), coefficients
+    count = len(every.cross) // (1 + len(start))  # lags of a signal
+    near, late = np.arange(2 * lags + 1), np.arange(count, len(every.cross))
+    weights = np.zeros(count)
+    for turn in range(1, MAX_TURNS + 1):
+        moments = less(every, late, np.outer(coefficients, weights).ravel()).take(near)
         intrinsic = response(moments)
-        rest = reflex._replace(
-            cross=reflex.cross - np.tensordot(intrinsic.weights, link, 1),
-            square=unexplained(Moments(gram, cross, square, number), intrinsic.weights),
-        )
+        rest = less(every, near, intrinsic.weights).take(late)
         if nonlinearity == "sls":
             coefficients = separable_least_squares(rest, coefficients)
-        mixed = rest.mixed(coefficients)
-        found = response(mixed)
-        weights = found.weights
-        explained = 1 - unexplained(mixed, weights) / square
-        parameters = float(intrinsic.rank + found.rank + len(start) - 1)
+        drive = mixed(rest, coefficients)
+        reflex = response(drive)
+        weights = reflex.weights
+        explained = 1 - less(drive, np.arange(count), weights).square / every.square
+        parameters = float(intrinsic.rank + reflex.rank + len(start) - 1)
         yield Cascade(intrinsic, moments, coefficients, weights, explained, turn, parameters)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from itertools import islice
 from typing import Any, Literal, NamedTuple
 
 import attrs
@@ -91,8 +90,7 @@ class AlternatingCascade(Method):
         """Return the model of an ensemble."""
         drives = self._drives(ensemble)
         first = whole_samples(self._first_lag(), ensemble)
-        turns = islice(self._turns(ensemble, drives, first), MAX_TURNS)
-        best = last_better(turns, MIN_GAIN)
+        best = last_better(self._turns(ensemble, drives, first), MIN_GAIN)
         drive, slope, direction = drives.scaled(ensemble, best.coefficients)
         details = {
             "turns": float(min(best.number + 1, MAX_TURNS)),  # the last turn did not help
@@ -123,9 +121,7 @@ class AlternatingCascade(Method):
         past, part = past[:, known], _with_context(ensemble.select(known), lags)
         torque = part.torque[:, part.core]
         reflex, slow, coefficients = np.zeros_like(torque), np.zeros_like(torque), drives.start
-        number = 0
-        while True:
-            number += 1
+        for number in range(1, MAX_TURNS + 1):
             left = part.torque.copy()
             left[:, part.core] -= reflex + slow
             intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))

@@ -110,7 +110,7 @@ def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
             {"stiffness": lambda time: np.full(len(time), np.nan)},
             "stiffness must give one finite number for each of 12000 values",
         ),
-        ({"stiffness": lambda time: 100.0}, r"got shape \(\)"),
+        ({"stiffness": lambda time: time[1:]}, r"got shape \(11999,\)"),
         ({"perturbation": FilteredNoise(600.0)}, "must be below half the sampling rate"),
         ({"perturbation": Multisine((1.0, 600.0))}, "must be below half the sampling rate"),
     ],

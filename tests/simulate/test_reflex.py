@@ -96,7 +96,7 @@ def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
         ),
         (
             lambda: simulate(ReflexJoint(noise_bandwidth=600.0)),
-            "ReflexJoint: noise_bandwidth must be below half",
+            "bandwidth must be below half",
         ),
         (lambda: StretchReflex(direction=2), "direction must be 1 or -1, got 2"),
         (

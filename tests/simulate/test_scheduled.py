@@ -52,7 +52,7 @@ def test_without_variation_it_is_a_joint():
     [
         ({"relation": 3.0}, "relation must be a callable of the variable, got 3.0"),
         ({"relation": lambda activity: 100 - activity}, "relation must rise from 0 to 1"),
-        ({"relation": lambda activity: 100.0}, "relation must give one finite number"),
+        ({"relation": lambda activity: activity[1:]}, "relation must give one finite number"),
         ({"interval": -1.0}, "interval must be a positive number"),
         (
             {"stiffness": Constant(500.0)},

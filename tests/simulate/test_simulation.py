@@ -126,7 +126,7 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
     [
         (
             {"truth": {"stiffness": np.ones(5)}},
-            "truth 'stiffness': expected a value for each .* 12000 samples, got 5",
+            "'stiffness': expected a value for each .* 12000 samples, got 5",
         ),
         ({"truth": {"stiffness": 100.0}}, "stiffness: expected samples over time"),
         (

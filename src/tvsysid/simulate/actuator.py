@@ -52,14 +52,13 @@ class Imposed(NamedTuple):
 def impose(
     conditions: Conditions,
     impedance: Mapping[str, Array],
-    generators: list[np.random.Generator],
     noise_bandwidth: float,
 ) -> Imposed:
     """Impose the perturbation on a joint of this stiffness, viscosity and inertia over time."""
-    motion = actuate(conditions.drive(generators[0]), conditions.rate)
+    motion = actuate(conditions.drive(), conditions.rate)
     angle, velocity, acceleration = motion[:, conditions.recorded]
     torque = impedance["inertia"] * acceleration + impedance["viscosity"] * velocity
     torque += impedance["stiffness"] * angle
     scale = conditions.angle_scale(angle)
-    noise = conditions.noise(generators[1], noise_bandwidth)[conditions.recorded]
+    noise = conditions.noise(noise_bandwidth)[conditions.recorded]
     return Imposed(scale * angle, scale * motion[1], scale * torque, noise)

@@ -21,8 +21,8 @@ Disturbance = Literal["angle", "torque"]
 STIFF = 0.1  # squared natural frequency times step beyond which an actuator counts as stiff
 
 
-def _part_of_load(item: CompliantActuator, field: attrs.Attribute[Any], value: object) -> None:
-    optional(positive if item.disturbance == "angle" else not_negative)(item, field, value)
+def _transmits(item: CompliantActuator, field: attrs.Attribute[Any], value: object) -> None:
+    (positive if item.disturbance == "angle" else not_negative)(item, field, value)
 
 
 @attrs.frozen
@@ -48,7 +48,7 @@ class CompliantActuator(Joint):
     ----------
     actuator_stiffness, actuator_viscosity, actuator_inertia
         Load: A in N·m/rad, B in N·m·s/rad (None for 0.7 of its critical damping) and M in kg·m².
-        Positive; with a torque as the disturbance, each may be 0.
+        Each may be 0; a stiffness of 0 takes a torque as the disturbance.
     disturbance
         ``"angle"`` or ``"torque"``.
 
@@ -71,18 +71,17 @@ class CompliantActuator(Joint):
     (42000,)
     """
 
-    actuator_stiffness: float = attrs.field(default=100.0, validator=_part_of_load)
-    actuator_viscosity: float | None = attrs.field(default=None, validator=_part_of_load)
-    actuator_inertia: float = attrs.field(default=0.05, validator=_part_of_load)
+    actuator_stiffness: float = attrs.field(default=100.0, validator=_transmits)
+    actuator_viscosity: float | None = attrs.field(default=None, validator=optional(not_negative))
+    actuator_inertia: float = attrs.field(default=0.05, validator=not_negative)
     disturbance: Disturbance = attrs.field(default="angle", validator=one_of(Disturbance))
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, rate = conditions.whole_time, conditions.rate
-        for_drive, for_noise, _ = conditions.generators()
-        drive = conditions.drive(for_drive)
+        drive = conditions.drive()
         # The noise begins with an impulse, whose rest is some 1e-6 of the torque at 2 Hz. Results
         # of the closed-loop study depend on it.
-        noise = conditions.noise(for_noise, self.noise_bandwidth, 1.0)
+        noise = conditions.noise(self.noise_bandwidth, 1.0)
         impedance = self._impedance(time, rate)
         joint, load = np.stack([*impedance.values()]), self._with_load(impedance)
         softest = impedance["stiffness"].min()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import reduce
+from functools import cached_property, reduce
 
 import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
-from tvsysid.simulate.perturbations import Perturbation, generate, low_passed_noise
+from tvsysid.simulate.perturbations import Perturbation, low_passed_noise
 from tvsysid.simulate.simulation import Seed, Simulation
 from tvsysid.validators import Validator, at_least, is_number, positive
 
@@ -57,6 +57,15 @@ class Conditions:
     seed: Seed
     rate: float
 
+    @cached_property
+    def generators(self) -> list[np.random.Generator]:
+        """Random generators of perturbation, noise and the system's own channel."""
+        seed = self.seed
+        if isinstance(seed, np.random.SeedSequence):
+            # Spawning counts in the sequence. A copy gives the same numbers each time.
+            seed = np.random.SeedSequence(**seed.state | {"n_children_spawned": 0})
+        return np.random.default_rng(seed).spawn(3)
+
     def __attrs_post_init__(self) -> None:
         for name, rule in RULES.items():
             rule.check(self.system, name, getattr(self, name))
@@ -90,22 +99,14 @@ class Conditions:
         """Return recorded values from time 0 to the duration, over which sizes are measured."""
         return values[self.second : self.second + self._duration]
 
-    def generators(self) -> list[np.random.Generator]:
-        """Return random generators for perturbation, noise and the system's own channel."""
-        seed = self.seed
-        if isinstance(seed, np.random.SeedSequence):
-            # Spawning counts in the sequence. A copy gives the same numbers each time.
-            seed = np.random.SeedSequence(**seed.state | {"n_children_spawned": 0})
-        return np.random.default_rng(seed).spawn(3)
-
-    def drive(self, random: np.random.Generator) -> Array:
+    def drive(self) -> Array:
         """Return the unscaled perturbation over the whole time."""
-        return generate(self.perturbation, len(self.whole_time), self.rate, random)
+        return self.perturbation.generate(len(self.whole_time), self.rate, self.generators[0])
 
-    def noise(self, random: np.random.Generator, bandwidth: float, state: float = 0.0) -> Array:
+    def noise(self, bandwidth: float, state: float = 0.0) -> Array:
         """Return unscaled noise of the torque over the whole time."""
-        name = f"{self.system}: noise_bandwidth"
-        return low_passed_noise(random, bandwidth, self.rate, len(self.whole_time), name, state)
+        samples = len(self.whole_time)
+        return low_passed_noise(self.generators[1], bandwidth, self.rate, samples, state)
 
     def angle_scale(self, angle: Array) -> float:
         """Return the factor that gives an angle the usual RMS."""

@@ -113,7 +113,7 @@ class Joint:
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         truth = self._impedance(conditions.time, conditions.rate)
-        imposed = impose(conditions, truth, conditions.generators(), self.noise_bandwidth)
+        imposed = impose(conditions, truth, self.noise_bandwidth)
         pathways = {"intrinsic": imposed.torque}
         return conditions.simulation(imposed.angle, imposed.noise, pathways, truth)
 
@@ -166,13 +166,13 @@ class ReflexJoint(Joint):
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        rate, generators = conditions.rate, conditions.generators()
+        rate, random = conditions.rate, conditions.generators[2]
         impedance = self._impedance(conditions.time, rate)
-        imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
+        imposed = impose(conditions, impedance, self.noise_bandwidth)
         gain = self._over_time("reflex_gain", conditions.whole_time, rate)
         torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
         stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
-        emg = np.abs(stretch * generators[2].standard_normal(len(gain))) / math.sqrt(2 / math.pi)
+        emg = np.abs(stretch * random.standard_normal(len(gain))) / math.sqrt(2 / math.pi)
         recorded = conditions.recorded
         return conditions.simulation(
             imposed.angle,
@@ -248,17 +248,17 @@ class ScheduledJoint(Joint):
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        time, generators = conditions.time, conditions.generators()
+        time = conditions.time
         impedance = self._impedance(time, conditions.rate)
         if self.schedule is None:
             variable = self._inverse_relation(impedance["stiffness"])
         else:
             variable = self._over_time("schedule", time, conditions.rate)
-        variable = variable * self._strength(time, generators[2])
+        variable = variable * self._strength(time, conditions.generators[2])
         impedance["stiffness"] = self._related("relation", variable)
         if self.viscosity_relation is not None:
             impedance["viscosity"] = self._related("viscosity_relation", variable)
-        imposed = impose(conditions, impedance, generators, self.noise_bandwidth)
+        imposed = impose(conditions, impedance, self.noise_bandwidth)
         pathways = {"intrinsic": imposed.torque}
         if self.gain_relation is not None:
             gain = impedance["reflex_gain"] = self._related("gain_relation", variable)

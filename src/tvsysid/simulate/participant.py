@@ -16,7 +16,6 @@ from tvsysid.simulate.perturbations import (
     PERTURBATIONS,
     PRBS,
     Perturbation,
-    generate,
     low_passed_noise,
 )
 from tvsysid.simulate.profiles import SineWave
@@ -185,7 +184,7 @@ class Participant:
 
         drive = np.zeros((TRIALS, samples))
         for trial in drive:
-            trial[rest:-rest] = generate(perturbation, moved, RATE_HZ, for_angle)
+            trial[rest:-rest] = perturbation.generate(moved, RATE_HZ, for_angle)
         motion = actuate(drive.ravel(), RATE_HZ)
         # Not by BLAS, whose last bits depend on the number of threads.
         size = float(np.sum(np.square(motion[0]))) / (TRIALS * moved)
@@ -268,5 +267,5 @@ def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> 
     impulse = scipy.signal.unit_impulse(round(4 * RATE_HZ / bandwidth))
     response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE_HZ), impulse)
     run_in = round(RATE_HZ / bandwidth)
-    noise = low_passed_noise(random, bandwidth, RATE_HZ, run_in + samples, "noise")[run_in:]
+    noise = low_passed_noise(random, bandwidth, RATE_HZ, run_in + samples)[run_in:]
     return np.asarray(noise / math.sqrt(float(np.dot(response, response))))

@@ -22,19 +22,6 @@ class Perturbation(Protocol):
         ...  # pragma: no cover
 
 
-def generate(
-    perturbation: Perturbation, samples: int, rate: float, random: np.random.Generator
-) -> Array:
-    """Return the angle of a perturbation, after a check for one finite number for each sample."""
-    values = perturbation.generate(samples, rate, random)
-    if np.shape(values) != (samples,) or not np.isfinite(values).all():
-        raise InputError(
-            f"{type(perturbation).__name__}: generate(samples, rate, random) must return one "
-            f"finite number for each sample, shape ({samples},); got shape {np.shape(values)}"
-        )
-    return np.asarray(values)
-
-
 @attrs.frozen
 class FilteredNoise:
     """White noise through a second-order low-pass Butterworth filter of -3 dB at ``cutoff`` Hz."""
@@ -43,7 +30,7 @@ class FilteredNoise:
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Return samples at the rate in Hz, shape (samples,). They start from rest."""
-        return low_passed_noise(random, self.cutoff, rate, samples, "FilteredNoise: cutoff")
+        return low_passed_noise(random, self.cutoff, rate, samples)
 
 
 def low_passed_noise(
@@ -51,13 +38,13 @@ def low_passed_noise(
     cutoff: float,
     rate: float,
     samples: int,
-    name: str,
     state: float = 0.0,
 ) -> Array:
     """Return white noise after a second-order Butterworth low-pass, which starts in a state."""
     if cutoff >= rate / 2:
         raise InputError(
-            f"{name} must be below half the sampling rate of {rate:g} Hz, got {cutoff:g} Hz"
+            f"noise: its bandwidth must be below half the sampling rate of {rate:g} Hz, got "
+            f"{cutoff:g} Hz"
         )
     low_pass = scipy.signal.butter(2, cutoff, fs=rate)
     white = random.standard_normal(samples)

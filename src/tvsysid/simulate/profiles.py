@@ -117,12 +117,11 @@ def over_time(name: str, profile: float | Profile, time: Array, rate: float) -> 
 
 
 def evaluate(name: str, function: float | Profile, argument: Array) -> Array:
-    """Return the values of a number or function, after a check for one finite number each."""
-    values = function(argument) if callable(function) else np.full(len(argument), function)
-    values = np.asarray(values, dtype=np.float64)
-    if values.shape != argument.shape or not np.isfinite(values).all():
+    """Return the values of a number or function. One value holds for all arguments."""
+    values = function(argument) if callable(function) else function
+    if np.shape(values) not in ((), argument.shape) or not np.isfinite(values).all():
         raise InputError(
             f"{name} must give one finite number for each of {len(argument)} values, got shape "
-            f"{values.shape}"
+            f"{np.shape(values)}"
         )
-    return values
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), argument.shape)

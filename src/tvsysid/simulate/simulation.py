@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import attrs
 import numpy as np
@@ -41,17 +41,6 @@ def _read_only(values: Mapping[str, Array]) -> dict[str, Array]:
     return {name: finite_array(name, each, ("time",)) for name, each in values.items()}
 
 
-def _fits_recording(
-    simulation: Simulation, field: attrs.Attribute[Any], values: Mapping[str, Array]
-) -> None:
-    for name, each in values.items():
-        if len(each) != len(simulation.recording):
-            raise InputError(
-                f"{field.name} {name!r}: expected a value for each of the recording's "
-                f"{len(simulation.recording)} samples, got {len(each)}"
-            )
-
-
 @attrs.frozen(eq=False, repr=False)
 class Simulation:
     """Simulated recording and the truth about it, sample by sample.
@@ -73,12 +62,18 @@ class Simulation:
     """
 
     recording: Recording
-    truth: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
-    pathways: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_fits_recording)
+    truth: Mapping[str, Array] = attrs.field(converter=_read_only)
+    pathways: Mapping[str, Array] = attrs.field(converter=_read_only)
 
     def __attrs_post_init__(self) -> None:
         if not self.pathways:
             raise InputError("pathways: expected at least one, got none")
+        for name, values in (*self.truth.items(), *self.pathways.items()):
+            if len(values) != len(self.recording):
+                raise InputError(
+                    f"{name!r}: expected a value for each of the recording's "
+                    f"{len(self.recording)} samples, got {len(values)}"
+                )
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""

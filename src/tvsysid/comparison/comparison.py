@@ -302,7 +302,7 @@ def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """Return a table of these tables, each given by its columns, one below the other."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
+    return pd.concat([*map(pd.DataFrame, tables)] or [pd.DataFrame()], ignore_index=True)
 
 
 def _bands(model: Model) -> dict[str, Array]:

@@ -16,6 +16,7 @@ from tests.conftest import ensemble_of
 import tvsysid as tv
 from tvsysid.methods.adaptive import evidence, posterior, prior, regression, search
 from tvsysid.methods.adaptive.model import MixtureError, Smoothness, Switch, changes, switches_of
+from tvsysid.methods.adaptive.signals import Signals
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()
@@ -135,7 +136,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
         [np.concatenate([np.diag(row) for row in u]), v.reshape(-1, 1), a.reshape(-1, 1)], axis=1
     )
     expected = np.linalg.lstsq(design, y.ravel(), rcond=None)[0]
-    signals = regression.Signals.of_second_order(ensemble)
+    signals = Signals.of_second_order(ensemble)
     ratio, times = signals.scale[1] / signals.scale[0], np.ones(200)
     coefficients = np.vstack([expected[:-2], expected[-2] * times, expected[-1] * times])
     residual = signals.residual(coefficients / ratio)
@@ -458,8 +459,9 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
     grid = search.Grid(estimate)
     proposals = search.first_proposals(smooths, grid)
-    positions, smooth = search.propose_switches(smooths, grid, proposals)[0]
-    found = search.score_of(smooth.beside(estimate.steps(np.array(positions))), smooth)
+    best = search.propose_switches(smooths, grid, proposals)[0]
+    steps = best.smooth.beside(estimate.steps(np.array(best.positions)))
+    found = search.score_of(steps, best.smooth)
     steps = smooths[0].beside(grid.steps)
     for first in range(0, len(grid.steps.positions) - 2, 2):
         own, others = steps.take(slice(first, first + 1)), steps.take(slice(first + 2, None, 2))
@@ -478,7 +480,9 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         grid, windows = search.Grid(estimate), search.Windows(estimate)
         sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
         true = max(search.refine_positions(edges, each, windows).total for each in smooths)
-        best = max(search.refine_positions(*each, windows).total for each in sets)
+        best = max(
+            search.refine_positions(each.positions, each.smooth, windows).total for each in sets
+        )
         assert best > true - 0.5
 
 

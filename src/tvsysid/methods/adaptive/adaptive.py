@@ -12,36 +12,22 @@ import attrs
 import numpy as np
 
 from tvsysid.methods import base, shared
-from tvsysid.methods.adaptive.evidence import FreeEstimate, inverse_of
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, smoothness_of, switches_of
 from tvsysid.methods.adaptive.posterior import (
     Candidate,
     Hypothesis,
-    Mixture,
     Posterior,
     average,
     average_beside,
 )
-from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.regression import (
-    MIN_REALIZATIONS,
-    MIN_SAMPLES,
     A,
-    Constants,
-    FreeCoefficient,
-    Signals,
+    FreeEstimates,
     U,
     V,
-    Weighted,
-    fit_constants,
-    floored,
-    misfit_correlation,
-    misfit_variances,
     pooling_reach,
-    products_at_times,
-    whitening_filters,
-    without_angle,
 )
+from tvsysid.methods.adaptive.signals import MIN_REALIZATIONS, MIN_SAMPLES, Signals
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
 from tvsysid.models import Diagnostics, Model, StandardError
@@ -49,11 +35,6 @@ from tvsysid.signals import Array, Ensemble
 
 MAX_SAMPLES = 3000  # of a realization
 MAX_ROUNDS = 2  # of stiffness beside a viscosity that changes
-WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
-MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
-MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
-UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
-
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
@@ -221,205 +202,88 @@ class AdaptiveRegression(base.Method):
             found = {"stiffness": stiffness, "viscosity": viscosity}
             if viscosity.probability(Candidate.is_constant) > 0.5:
                 break
-        return free.model(repr(self), found)
+        return model_of(repr(self), free, found)
 
 
-class FreeEstimates:
-    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
+def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> AdaptiveModel:
+    """Return the model with these posteriors of stiffness and viscosity, in physical units."""
+    ensemble, signals, axis = free.ensemble, free.signals, free.axis
+    rate, edges, unit = ensemble.sampling_rate, signals.edges, signals.scale[1] / signals.scale[0]
+    added, variances = free.read_out()
+    viscosity = found["viscosity"].mixture.transformed(
+        signals.readout[V, V], added[V], variances[V]
+    )
+    mixtures = found["stiffness"].mixture, viscosity.above_zero()
+    freedom, total_freedom = (
+        np.array(max(1.0, (signals.independent - 1) * min(each, axis.times) - 2))
+        for each in (2 * pooling_reach(signals.independent, rate) + 1, axis.times)
+    )
 
-    ``coefficients`` (regressor, time) are the latest ones, which give the noise.
+    def over_time(values: Array | float) -> Array:
+        return base.padded(np.broadcast_to(unit * values, axis.times), *edges)
+
+    errors: dict[str, StandardError] = {}
+    for (quantity, posterior), mixture in zip(found.items(), mixtures, strict=True):
+        error, scaled = over_time(np.sqrt(mixture.variance())), mixture.transformed(unit)
+        errors[quantity] = MixtureError(error, freedom, posterior.arc(), mixture=scaled)
+    inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
+    errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
+    impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
+    estimates = shared.impedance_estimates(impedance[0], impedance[1], impedance[2], errors)
+    details = {
+        f"constant_{quantity}": posterior.probability(Candidate.is_constant)
+        for quantity, posterior in found.items()
+    }
+    details["periodic"] = float(axis.periodic)
+    details["reflex_shown"] = float(signals.reflex is not None)
+    if signals.reflex is None:
+        details["second_order_agreement"] = shared.second_order_agreement(
+            ensemble, ensemble, np.stack(impedance, axis=1)
+        )
+    else:
+        estimates["reflex_gain"] = signals.reflex.estimates["reflex_gain"]
+    mean = float(mixtures[0].mean().mean())
+    fitted = float(signals.readout[U, U] * mean + added[U])
+    below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
+    lost = np.sum(free.products[:, V, V] * below**2) / np.sum(free.products[:, -1, -1])
+    return AdaptiveModel(
+        method=name,
+        sampling_rate=rate,
+        time=ensemble.time,
+        estimates=estimates,
+        switches=tuple(
+            row for each in found.items() for row in switches_of(*each, unit, edges[0], rate)
+        ),
+        smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, unit, rate)),
+        beside=signals.reflex,
+        hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
+        diagnostics=Diagnostics(
+            sum(each.parameters() for each in found.values()) + 1,
+            warnings=(*warnings_of(free, mean, fitted), *contradicted(lost)),
+            details=details,
+        ),
+    )
+
+
+def warnings_of(free: FreeEstimates, mean: float, fitted: float) -> Iterator[str]:
+    """Yield what the data do not determine, and what a second-order joint does not explain.
+
+    ``mean`` is the mean stiffness, ``fitted`` that of a second-order fit.
     """
-
-    constants: Constants
-    misfit: Array
-    of_viscosity: FreeCoefficient
-
-    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals, self.whitens = ensemble, signals, True
-        self.products = products_at_times(signals.columns)
-        realizations, times = signals.columns.shape[1:]
-        recorded = ensemble.recorded_angle
-        self.axis = Axis(
-            times,
-            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
-            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
-            realizations=realizations,
+    undetermined, reflex = [], free.signals.reflex
+    if len(free.ensemble) < MIN_TESTED_REALIZATIONS:
+        undetermined.append(
+            f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
+            f"realizations (got {len(free.ensemble)}): the stiffness holds what it adds"
         )
-        products, power = without_angle(self.products), np.einsum("tii->i", self.products)
-        prior = signals.prior_precision, signals.positive
-        self.constants = fit_constants(products.sum(axis=0)[:-1], power[1:-1], *prior)
-        mixed = self.products[:, U, 1:] @ np.append(-self.constants.values, 1.0)
-        self._update(mixed / floored(self.products[:, U, U]))
-
-    def _update(self, stiffness: Array) -> None:
-        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
-        self.coefficients = np.vstack([stiffness, constants])
-
-    def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
-        """Estimate stiffness beside a viscosity, which is a constant if it is None."""
-        signals = self.signals
-        known, variance = np.zeros((2, self.axis.times))
-        if viscosity is not None:
-            self.coefficients[V] = known = viscosity.mean()
-            variance = viscosity.variance()
-        weighted, sandwich, noise = self._weighted()
-        free = FreeCoefficient.of(U, weighted, sandwich)
-        self.of_viscosity = FreeCoefficient.of(V, weighted, sandwich)
-        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
-        precision = signals.prior_precision / noise
-        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
-        products = weighted.constants - weighted.low[U] @ free.solved
-        products[:, -1] -= weighted.low[V] @ known + weighted.low[U] @ free.moved(known)
-        found = fit_constants(products, power, precision, signals.positive)
-        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
-        covariance = found.covariance * np.outer(stronger, stronger)
-        self.constants = found._replace(covariance=covariance)
-        values = free.values(found.values, known)
-        self._update(values)
-        self.coefficients[V] += known
-        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
-        changes = self.misfit[0] * alike + np.diag(variance)
-        return self._estimate(U, values, free.error(covariance, changes, self.misfit[1] * alike))
-
-    def viscosity(self, stiffness: Mixture) -> FreeEstimate:
-        """Estimate viscosity beside the stiffness that was estimated last."""
-        constants = self.constants
-        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
-        values = self.of_viscosity.values(constants.values[1:], stiffness.mean())
-        error = self.of_viscosity.error(
-            constants.covariance[1:, 1:], np.diag(stiffness.variance()), self.misfit[1] * alike
+    if not free.constants.identifiable:
+        undetermined.append(
+            "viscosity and inertia, which the angle does not tell from stiffness in these "
+            "realizations"
         )
-        return self._estimate(V, values, error)
-
-    def _weighted(self) -> tuple[Weighted, Weighted, float]:
-        """Return products that give the estimates and products that give their covariance.
-
-        The third is the mean variance of the noise. The inverse of the first products around the
-        second, a sandwich, gives the covariance. Both are the same where the noise is whitened. It
-        is not whitened where the residual's products with velocity show that it is misfit, not
-        noise, which whitening would amplify.
-        """
-        signals, times = self.signals, self.axis.times
-        residual = signals.residual(self.coefficients)
-        covariance = residual.T @ residual / max(signals.independent - 1, 1)
-        torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
-        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
-        covariance.flat[:: times + 1] += WHITE_SHARE * noise
-        filters = whitening_filters(
-            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
-        )
-        if self.whitens:
-            weighted = Weighted.by(signals, filters, residual)
-            self.whitens = weighted.excess[V] < MAX_EXCESS
-            if self.whitens:
-                return weighted, weighted, noise
-        white = Weighted.by(signals, np.eye(times) / math.sqrt(noise), residual)
-        colouring = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
-        return white, Weighted.by(signals, colouring, residual), noise
-
-    def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
-        """Return the free estimate of a signal's coefficient, with its error.
-
-        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
-        move, the error is very large, however small the noise.
-        """
-        own = self.products[:, signal, signal]
-        power = floored(own)
-        mean = float(np.sum(values * power) / np.sum(power))
-        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
-        size, still = max(abs(mean), least), own < power
-        precision = inverse_of(error + np.diag(still * (UNKNOWN * size) ** 2)) * size**2
-        return FreeEstimate(self.axis, np.where(still, mean, values) / size, precision, size)
-
-    def model(self, name: str, found: Mapping[str, Posterior]) -> AdaptiveModel:
-        """Return the model with these posteriors, in its units."""
-        ensemble, signals, rate = self.ensemble, self.signals, self.ensemble.sampling_rate
-        edges, times, unit = signals.edges, self.axis.times, signals.scale[1] / signals.scale[0]
-        # what the constants add to the read-out stiffness, viscosity and inertia
-        weights = np.zeros((3, len(self.constants.values)))
-        weights[:, : signals.readout.shape[1] - 1] = signals.readout[:, 1:]
-        weights[V, 0] = 0.0
-        added = weights @ self.constants.values
-        variances = np.einsum("ic,cd,id->i", weights, self.constants.covariance, weights)
-        viscosity = found["viscosity"].mixture.transformed(
-            signals.readout[V, V], added[V], variances[V]
-        )
-        mixtures = found["stiffness"].mixture, viscosity.above_zero()
-        freedom, total_freedom = (
-            np.array(max(1.0, (signals.independent - 1) * min(each, times) - 2))
-            for each in (2 * pooling_reach(signals.independent, rate) + 1, times)
-        )
-
-        def over_time(values: Array | float) -> Array:
-            return base.padded(np.broadcast_to(unit * values, times), *edges)
-
-        errors: dict[str, StandardError] = {
-            quantity: MixtureError(
-                over_time(np.sqrt(mixture.variance())),
-                freedom,
-                posterior.arc(),
-                mixture=mixture.transformed(unit),
-            )
-            for (quantity, posterior), mixture in zip(found.items(), mixtures, strict=True)
-        }
-        inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
-        errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
-        impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
-        estimates = shared.impedance_estimates(impedance[0], impedance[1], impedance[2], errors)
-        details = {
-            f"constant_{quantity}": posterior.probability(Candidate.is_constant)
-            for quantity, posterior in found.items()
-        }
-        details["periodic"] = float(self.axis.periodic)
-        details["reflex_shown"] = float(signals.reflex is not None)
-        if signals.reflex is None:
-            details["second_order_agreement"] = shared.second_order_agreement(
-                ensemble, ensemble, np.stack(impedance, axis=1)
-            )
-        else:
-            estimates["reflex_gain"] = signals.reflex.estimates["reflex_gain"]
-        mean = float(mixtures[0].mean().mean())
-        fitted = float(signals.readout[U, U] * mean + added[U])
-        below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
-        lost = np.sum(self.products[:, V, V] * below**2) / np.sum(self.products[:, -1, -1])
-        return AdaptiveModel(
-            method=name,
-            sampling_rate=rate,
-            time=ensemble.time,
-            estimates=estimates,
-            switches=tuple(
-                row for each in found.items() for row in switches_of(*each, unit, edges[0], rate)
-            ),
-            smoothness=tuple(
-                row for each in found.items() for row in smoothness_of(*each, unit, rate)
-            ),
-            beside=signals.reflex,
-            hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
-            diagnostics=Diagnostics(
-                sum(each.parameters() for each in found.values()) + 1,
-                warnings=(*self._warnings(mean, fitted), *contradicted(lost)),
-                details=details,
-            ),
-        )
-
-    def _warnings(self, mean: float, fitted: float) -> Iterator[str]:
-        """Yield what the data do not determine, and what a second-order joint does not explain."""
-        undetermined = []
-        if len(self.ensemble) < MIN_TESTED_REALIZATIONS:
-            undetermined.append(
-                f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
-                f"realizations (got {len(self.ensemble)}): the stiffness holds what it adds"
-            )
-        if not self.constants.identifiable:
-            undetermined.append(
-                "viscosity and inertia, which the angle does not tell from stiffness in these "
-                "realizations"
-            )
-        if undetermined:
-            yield f"these data leave open {'; and '.join(undetermined)}"
-        if self.signals.reflex is not None:
-            yield from not_of_second_order(mean, fitted)
-            gain = self.signals.reflex.estimates["reflex_gain"]
-            is_steady = bool(self.signals.reflex.diagnostics.details["constant"])
-            yield from doubtful_gain(gain, is_steady)
+    if undetermined:
+        yield f"these data leave open {'; and '.join(undetermined)}"
+    if reflex is not None:
+        yield from not_of_second_order(mean, fitted)
+        is_steady = bool(reflex.diagnostics.details["constant"])
+        yield from doubtful_gain(reflex.estimates["reflex_gain"], is_steady)

@@ -18,7 +18,7 @@ from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
 
-BISECTIONS = 30
+BISECTIONS = 26
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
 
@@ -81,6 +81,7 @@ class MixtureError(StandardError):
         weights, means, variances = self.mixture
         spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
         each = means + spreads * multiple[:, None]
+        each = np.where(weights > 0, each, each[:, :1])
         low, high, share = each.min(axis=1), each.max(axis=1), ndtr(wanted)
         for _ in range(BISECTIONS if weights.shape[1] > 1 else 0):
             middle = (low + high) / 2

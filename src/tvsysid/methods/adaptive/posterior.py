@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import attrs
@@ -28,6 +29,7 @@ from tvsysid.methods.adaptive.prior import (
 from tvsysid.methods.adaptive.search import (
     Grid,
     Placed,
+    Proposal,
     Windows,
     first_proposals,
     merge_close,
@@ -160,8 +162,6 @@ def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Arr
     Positions with a weight of 0 fill up the number.
     """
     kept = probabilities > MIN_WEIGHT
-    if not kept.any():
-        kept = probabilities == probabilities.max()
     window, weights = window[kept], probabilities[kept] / probabilities[kept].sum()
     bins = np.minimum((np.cumsum(weights) - weights / 2) * count, count - 1).astype(int)
     rising = np.argsort(weights)
@@ -181,7 +181,7 @@ class Posterior(NamedTuple):
     @classmethod
     def of(cls, candidates: list[Candidate]) -> Posterior:
         """Return the posterior of all candidates."""
-        candidates = sorted(candidates, key=lambda each: -each.evidence)
+        candidates = sorted(candidates, key=attrgetter("evidence"), reverse=True)
         evidence = np.array([each.evidence for each in candidates])[:MAX_MODELS]
         weights = np.exp(evidence - evidence[0])
         weights /= weights.sum()
@@ -316,20 +316,18 @@ def plausible(
                 return weighed(smooths, [Placed(np.zeros(0), 0.0, (), (), 0.0)])
         proposals = propose_switches(smooths, grid, first)
     else:
-        sets = {
-            tuple(each.positions): fits[each.prior.variances.tobytes()] for each in reversed(within)
-        }
-        proposals = list(sets.items())
+        sets = {tuple(each.positions): each.prior.variances.tobytes() for each in reversed(within)}
+        proposals = [Proposal(positions, fits[key]) for positions, key in sets.items()]
     windows, found = Windows(estimate), list[Placed]()
-    for positions, smooth in proposals:
-        placed = refine_positions(positions, smooth, windows)
-        found += [placed, merge_close(placed, smooth, windows)]
-    candidates = sorted(weighed(smooths, distinct(found, axis)), key=lambda each: each.evidence)
+    for each in proposals:
+        placed = refine_positions(each.positions, each.smooth, windows)
+        found += [placed, merge_close(placed, each.smooth, windows)]
+    candidates = sorted(weighed(smooths, distinct(found, axis)), key=attrgetter("evidence"))
     best_of = {id(each.placed): each for each in candidates}.values()
     found = [refine_positions(each.placed.positions, each.smooth, windows) for each in best_of]
     if not within:  # beside the best set of switches, and beside none
-        for each in {not len(each.placed.positions): each for each in candidates}.values():
-            sums = few_harmonics(estimate, each.placed.positions)
+        for best in {not len(each.placed.positions): each for each in candidates}.values():
+            sums = few_harmonics(estimate, best.placed.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
     return weighed(smooths, [*distinct(found, axis), *others])
 

@@ -7,142 +7,34 @@ Realizations r are summed first, so that everything else is arrays over time.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.ndimage import convolve1d
 
-from tvsysid.errors import InputError
-from tvsysid.methods.adaptive.evidence import inverse_of
-from tvsysid.methods.base import missing_edge
-from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.columns import readout
+from tvsysid.methods.adaptive.evidence import FreeEstimate, inverse_of
+from tvsysid.methods.adaptive.posterior import Mixture
+from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
+from tvsysid.methods.adaptive.signals import Signals
 from tvsysid.methods.cascade.evidence import nearest_inside
-from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.result import JointCascadeModel, model
-from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.signals import Ensemble
 
-MIN_REALIZATIONS = 4
-MIN_SAMPLES = 16  # of a realization that have derivatives
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation do not change
 STILL = 1e-9  # share of the mean power below which a signal is still
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
 POOLED_TIME = 0.5  # s of all realizations but one together over which it is pooled at least
 MAX_PREDICTION = 0.25  # s from which the noise is predicted
 COLLINEAR = 1e-6  # determinant of the correlations of velocity and acceleration
+WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
+MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
+MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
+UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
-
-
-@attrs.frozen(eq=False, kw_only=True)
-class Signals:
-    """Signals of realizations, and what is known of their coefficients.
-
-    Parameters
-    ----------
-    columns
-        Angle, velocity, acceleration, further regressors, and torque, shape (signal, realization,
-        time). The angle's coefficient is free at each time, the others are constants.
-    edges
-        Samples at either end of a realization that are missing.
-    independent
-        Number of independent realizations.
-    prior_precision
-        Precision of the constants' priors, times the variance of the noise, shape (constant,).
-    positive
-        The products of the constants with each row are not negative, shape (row, constant).
-    scale
-        Units of angle and torque.
-    readout
-        Weights (3, regressor) that give stiffness, viscosity and inertia from the coefficients.
-    reflex
-        Model of the reflex whose columns are among the regressors.
-    """
-
-    columns: Array
-    edges: tuple[int, int]
-    independent: int
-    prior_precision: Array
-    positive: Array
-    scale: tuple[float, float] = (1.0, 1.0)
-    readout: Array = attrs.field(factory=lambda: np.eye(3))
-    reflex: JointCascadeModel | None = None
-
-    @classmethod
-    def of(
-        cls, ensemble: Ensemble, emg: str | None, reflex: JointCascadeModel | None = None
-    ) -> Signals:
-        """Return the signals of an ensemble, with a reflex if held-out realizations show one.
-
-        A channel of EMG may drive the reflex. A known ``reflex`` is not tested.
-        """
-        return signals_with_reflex(ensemble, emg, reflex) or cls.of_second_order(ensemble)
-
-    @classmethod
-    def of_second_order(cls, ensemble: Ensemble) -> Signals:
-        """Return the signals of an ensemble in units of their root mean square."""
-        edge = missing_edge(HALF_WIDTH, ensemble)
-        signals = *ensemble.derivatives(), ensemble.torque[:, ensemble.core]
-        scale = [float(np.sqrt(np.mean(x**2))) for x in (ensemble.angle, ensemble.torque)]
-        units = np.array([scale[0]] * 3 + [scale[1]])[:, None, None]
-        return cls(
-            columns=np.stack(signals)[..., edge : ensemble.samples - edge] / units,
-            edges=(edge, edge),
-            independent=independent_realizations(ensemble),
-            prior_precision=np.zeros(2),
-            positive=np.zeros((0, 2)),
-            scale=(scale[0], scale[1]),
-        )
-
-    def residual(self, coefficients: Array) -> Array:
-        """Return the residual (realization, time) of coefficients (regressor, time)."""
-        fit = np.einsum("krt,kt->rt", self.columns[:-1], coefficients)
-        return np.asarray(self.columns[-1] - fit)
-
-
-def signals_with_reflex(
-    ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None
-) -> Signals | None:
-    """Return signals with the columns of a reflex; None if no reflex is shown.
-
-    The columns after the acceleration are the angle's differences of higher order (the intrinsic
-    response lasts 40 ms to either side), the reflex's columns, and their derivatives by its shape.
-    """
-    method = JointCascade(emg=emg)
-    try:
-        if known is not None:
-            chosen = method.refitted(ensemble, known.hyperparameters)
-        elif len(ensemble) < MIN_TESTED_REALIZATIONS:
-            return None
-        elif emg is not None:
-            chosen = method.solved(ensemble)
-        elif (test := reflex_test_of(ensemble)).shown:
-            chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
-        else:
-            return None
-    except InputError:  # realizations are too short
-        return None
-    found, problem = chosen.fit, chosen.fit.problem
-    data = problem.data
-    if not chosen.shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
-        return None
-    first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-    gains = problem.positive[:, problem.own :]
-    constants = len(data.signals) - 1, len(problem.free)
-    return Signals(
-        columns=np.concatenate([data.signals, found.columns_and_slopes(), data.torque[None]]),
-        edges=(data.times.start, ensemble.samples - data.times.stop),
-        independent=len(data.torque) - 1,
-        prior_precision=np.concatenate([[0.0, 0.0], found.precision()[first:]]),
-        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), constants)),
-        readout=readout(chosen.search.lags, ensemble.sampling_rate),
-        reflex=model(repr(method), chosen),
-    )
 
 
 class Constants(NamedTuple):
@@ -289,6 +181,36 @@ class FreeCoefficient(NamedTuple):
         return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
 
 
+def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
+    """Return variances by which viscosity and inertia seem to change, beyond the noise, (2,).
+
+    This is misfit that all realizations share: a response that is not of second order. At each time
+    the residual of the ``coefficients`` (regressor, time) is regressed on velocity and
+    acceleration. The regression coefficients vary more than by chance where there is misfit.
+    """
+    beside = without_angle(products)
+    gram = beside[:, :2, :2]
+    powers = floored(products[:, V, V]) * floored(products[:, A, A])
+    known = np.linalg.det(gram) > COLLINEAR * powers
+    if independent < 6 or known.sum() < 20:
+        return np.zeros(2)
+    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[known]
+    residual = np.einsum("tij,tj->ti", beside[known], weights)
+    inverse = np.linalg.inv(gram[known])
+    moved = np.einsum("tij,tj->ti", inverse, residual[:, :2])
+    left = np.sum(weights * residual, axis=1) - np.sum(moved * residual[:, :2], axis=1)
+    share = np.einsum("tii->ti", inverse)
+    chance = share * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
+    weight = 1 / share / np.sum(1 / share, axis=0)
+    excess = moved**2 - chance
+    mean = np.sum(weight * excess, axis=0)
+    variance = np.minimum(
+        5 * np.sum((weight * (excess - mean)) ** 2, axis=0),
+        10 * np.sum((weight * chance) ** 2, axis=0),
+    )
+    return np.asarray(np.maximum(mean - 2 * np.sqrt(variance), 0.0))
+
+
 def pooling_reach(independent: int, rate: float) -> int:
     """Return the samples to either side over which the strength of the noise is pooled.
 
@@ -344,31 +266,118 @@ def misfit_correlation(times: int, rate: float) -> Array:
     return np.asarray(toeplitz(np.exp(-np.arange(times) / (rate * MISFIT_TIME))))
 
 
-def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
-    """Return variances by which viscosity and inertia seem to change, beyond the noise, (2,).
+class FreeEstimates:
+    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
 
-    This is misfit that all realizations share: a response that is not of second order. At each time
-    the residual of the ``coefficients`` (regressor, time) is regressed on velocity and
-    acceleration. The regression coefficients vary more than by chance where there is misfit.
+    ``coefficients`` (regressor, time) are the latest ones, which give the noise.
     """
-    beside = without_angle(products)
-    gram = beside[:, :2, :2]
-    powers = floored(products[:, V, V]) * floored(products[:, A, A])
-    known = np.linalg.det(gram) > COLLINEAR * powers
-    if independent < 6 or known.sum() < 20:
-        return np.zeros(2)
-    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[known]
-    residual = np.einsum("tij,tj->ti", beside[known], weights)
-    inverse = np.linalg.inv(gram[known])
-    moved = np.einsum("tij,tj->ti", inverse, residual[:, :2])
-    left = np.sum(weights * residual, axis=1) - np.sum(moved * residual[:, :2], axis=1)
-    share = np.einsum("tii->ti", inverse)
-    chance = share * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
-    weight = 1 / share / np.sum(1 / share, axis=0)
-    excess = moved**2 - chance
-    mean = np.sum(weight * excess, axis=0)
-    variance = np.minimum(
-        5 * np.sum((weight * (excess - mean)) ** 2, axis=0),
-        10 * np.sum((weight * chance) ** 2, axis=0),
-    )
-    return np.asarray(np.maximum(mean - 2 * np.sqrt(variance), 0.0))
+
+    constants: Constants
+    misfit: Array
+    of_viscosity: FreeCoefficient
+
+    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
+        self.ensemble, self.signals, self.whitens = ensemble, signals, True
+        self.products = products_at_times(signals.columns)
+        realizations, times = signals.columns.shape[1:]
+        recorded = ensemble.recorded_angle
+        self.axis = Axis(
+            times,
+            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
+            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
+            realizations=realizations,
+        )
+        products, power = without_angle(self.products), np.einsum("tii->i", self.products)
+        prior = signals.prior_precision, signals.positive
+        self.constants = fit_constants(products.sum(axis=0)[:-1], power[1:-1], *prior)
+        mixed = self.products[:, U, 1:] @ np.append(-self.constants.values, 1.0)
+        self._update(mixed / floored(self.products[:, U, U]))
+
+    def _update(self, stiffness: Array) -> None:
+        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([stiffness, constants])
+
+    def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
+        """Estimate stiffness beside a viscosity, which is a constant if it is None."""
+        signals = self.signals
+        known, variance = np.zeros((2, self.axis.times))
+        if viscosity is not None:
+            self.coefficients[V] = known = viscosity.mean()
+            variance = viscosity.variance()
+        weighted, sandwich, noise = self._weighted()
+        free = FreeCoefficient.of(U, weighted, sandwich)
+        self.of_viscosity = FreeCoefficient.of(V, weighted, sandwich)
+        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
+        precision = signals.prior_precision / noise
+        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
+        products = weighted.constants - weighted.low[U] @ free.solved
+        products[:, -1] -= weighted.low[V] @ known + weighted.low[U] @ free.moved(known)
+        found = fit_constants(products, power, precision, signals.positive)
+        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
+        covariance = found.covariance * np.outer(stronger, stronger)
+        self.constants = found._replace(covariance=covariance)
+        values = free.values(found.values, known)
+        self._update(values)
+        self.coefficients[V] += known
+        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
+        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
+        changes = self.misfit[0] * alike + np.diag(variance)
+        return self._estimate(U, values, free.error(covariance, changes, self.misfit[1] * alike))
+
+    def viscosity(self, stiffness: Mixture) -> FreeEstimate:
+        """Estimate viscosity beside the stiffness that was estimated last."""
+        constants = self.constants
+        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
+        values = self.of_viscosity.values(constants.values[1:], stiffness.mean())
+        error = self.of_viscosity.error(
+            constants.covariance[1:, 1:], np.diag(stiffness.variance()), self.misfit[1] * alike
+        )
+        return self._estimate(V, values, error)
+
+    def _weighted(self) -> tuple[Weighted, Weighted, float]:
+        """Return products that give the estimates and products that give their covariance.
+
+        The third is the mean variance of the noise. The inverse of the first products around the
+        second, a sandwich, gives the covariance. Both are the same where the noise is whitened. It
+        is not whitened where the residual's products with velocity show that it is misfit, not
+        noise, which whitening would amplify.
+        """
+        signals, times = self.signals, self.axis.times
+        residual = signals.residual(self.coefficients)
+        covariance = residual.T @ residual / max(signals.independent - 1, 1)
+        torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
+        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
+        covariance.flat[:: times + 1] += WHITE_SHARE * noise
+        filters = whitening_filters(
+            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
+        )
+        if self.whitens:
+            weighted = Weighted.by(signals, filters, residual)
+            self.whitens = weighted.excess[V] < MAX_EXCESS
+            if self.whitens:
+                return weighted, weighted, noise
+        white = Weighted.by(signals, np.eye(times) / math.sqrt(noise), residual)
+        colouring = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
+        return white, Weighted.by(signals, colouring, residual), noise
+
+    def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
+        """Return the free estimate of a signal's coefficient, with its error.
+
+        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
+        move, the error is very large, however small the noise.
+        """
+        own = self.products[:, signal, signal]
+        power = floored(own)
+        mean = float(np.sum(values * power) / np.sum(power))
+        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
+        size, still = max(abs(mean), least), own < power
+        precision = inverse_of(error + np.diag(still * (UNKNOWN * size) ** 2)) * size**2
+        return FreeEstimate(self.axis, np.where(still, mean, values) / size, precision, size)
+
+    def read_out(self) -> tuple[Array, Array]:
+        """Return what the constants add to stiffness, viscosity and inertia, and its variances."""
+        weights = np.zeros((3, len(self.constants.values)))
+        weights[:, : self.signals.readout.shape[1] - 1] = self.signals.readout[:, 1:]
+        weights[V, 0] = 0.0
+        covariance = self.constants.covariance
+        return weights @ self.constants.values, np.sum(weights @ covariance * weights, axis=1)

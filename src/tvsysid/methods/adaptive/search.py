@@ -6,15 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from heapq import nlargest
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.methods.adaptive.evidence import (
-    FreeEstimate,
-    SmoothFit,
-    Steps,
-)
+from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps
 from tvsysid.methods.adaptive.prior import switch_priors
 from tvsysid.numerics import Array
 
@@ -35,6 +32,7 @@ MAX_SETS = 8  # that are kept
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
 CLOSE = 3.0  # samples within which one of two switches may represent both
+BY_SCORE = attrgetter("score")
 SWEEPS = 4  # of all switches, each placed beside the others, at most
 
 
@@ -145,15 +143,20 @@ def merge_close(placed: Placed, smooth: SmoothFit, windows: Windows) -> Placed:
 class Proposal(NamedTuple):
     """Positions of switches beside a smooth part, their score, and the gain of the last step.
 
-    ``smooth`` is the number of the smooth part. REACH is added to the gain of the first step, which
-    then counts as 2 REACH at least. A smooth part is not searched if further switches had to gain
-    more than that, or MAX_GAIN, to make it the best.
+    REACH is added to the gain of the first step, which then counts as 2 REACH at least. A smooth
+    part is not searched if further switches had to gain more than that, or MAX_GAIN, to make it the
+    best.
     """
 
-    score: float
-    smooth: int
     positions: tuple[float, ...]
-    gain: float
+    smooth: SmoothFit
+    score: float = -math.inf
+    gain: float = math.inf
+
+    def refined(self, windows: Windows) -> Proposal:
+        """Return the proposal with its switches at their most probable positions."""
+        placed = refine_positions(self.positions, self.smooth, windows)
+        return self._replace(positions=tuple(placed.positions), score=placed.score)
 
 
 class Grid:
@@ -181,14 +184,13 @@ def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Proposal]:
     this bound is far below the best score, no switches are searched for. The bound is not sharp,
     because it includes the noise of all samples.
     """
-    best, first = max(smooth.score for smooth in smooths), list[Proposal]()
-    for number, smooth in enumerate(smooths):
-        gain, positions = -math.inf, tuple[float, ...]()
-        value = 0.0
+    best, first = max(map(BY_SCORE, smooths)), list[Proposal]()
+    for smooth in smooths:
+        value, positions, gain = 0.0, tuple[float, ...](), -math.inf
         if smooth.score + smooth.residual / 2 - grid.log_positions > best - REACH:
             value, positions = _one_or_two(smooth, grid)
             gain = max(value, REACH) + REACH
-        first.append(Proposal(smooth.score + value, number, positions, gain))
+        first.append(Proposal(positions, smooth, smooth.score + value, gain))
     return first
 
 
@@ -214,19 +216,21 @@ def _one_or_two(smooth: SmoothFit, grid: Grid) -> tuple[float, tuple[float, ...]
     )
 
 
-def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid) -> Proposal:
+def best_switch(proposal: Proposal, steps: Steps, grid: Grid) -> Proposal:
     """Return the best set one step from a proposal.
 
     A step removes a switch, moves one, replaces two neighbours by one, or adds one. ``steps`` are
     those of the grid beside the smooth part.
     """
-    axis, count = smooth.estimate.axis, len(proposal.positions)
+    smooth, count = proposal.smooth, len(proposal.positions)
+    axis = smooth.estimate.axis
     own = smooth.beside(smooth.estimate.steps(np.array(proposal.positions)))
-    singles = [[place] for place in range(count)]
-    neighbours = [[place, place + 1] for place in range(count - 1)]
-    neighbours += [[0, count - 1]] * (axis.periodic and count > 2)
+    removals = [[place] for place in range(count)]
+    removals += [[place, place + 1] for place in range(count - 1)]
+    removals += [[0, count - 1]] * (axis.periodic and count > 2)
+    removals += [[]] * (count < MAX_SWITCHES)
     options = []
-    for removed in [*singles, *neighbours, *([[]] if count < MAX_SWITCHES else [])]:
+    for removed in removals:
         rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
         if len(removed) == 1:
             options.append((score_of(rest, smooth), tuple(rest.positions)))
@@ -234,9 +238,8 @@ def best_switch(proposal: Proposal, smooth: SmoothFit, steps: Steps, grid: Grid)
         best = int(np.argmax(value))
         score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
         options.append((score, (*rest.positions, steps.positions[best])))
-    placed = refine_positions(sorted(max(options)[1]), smooth, grid.windows)
-    gain = placed.score - proposal.score
-    return Proposal(placed.score, proposal.smooth, tuple(placed.positions), gain)
+    best_one = proposal._replace(positions=tuple(sorted(max(options)[1]))).refined(grid.windows)
+    return best_one._replace(gain=best_one.score - proposal.score)
 
 
 def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator[tuple[float, ...]]:
@@ -273,28 +276,23 @@ def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator
 
 def propose_switches(
     smooths: Sequence[SmoothFit], grid: Grid, proposals: Sequence[Proposal]
-) -> list[tuple[tuple[float, ...], SmoothFit]]:
+) -> list[Proposal]:
     """Return sets of switches near the best score, best first, and the empty one.
 
-    Each comes with the smooth part beside which it was found. The search begins with the
-    ``proposals``, one for each smooth part. It always goes on beside the smooth part that has the
-    best score.
+    The search begins with the ``proposals``, one for each smooth part. It always goes on beside the
+    smooth part that has the best score.
     """
     found: dict[tuple[float, ...], Proposal] = {}
 
     def note(proposal: Proposal) -> None:
         known = found.get(proposal.positions, proposal)
-        found[proposal.positions] = max(known, proposal)
-
-    def refined(proposal: Proposal) -> Proposal:
-        placed = refine_positions(proposal.positions, smooths[proposal.smooth], grid.windows)
-        return proposal._replace(positions=tuple(placed.positions), score=placed.score)
+        found[proposal.positions] = max(proposal, known, key=BY_SCORE)
 
     for proposal in proposals:
         note(proposal)
-    still_open, steps, closed_at = list(proposals), dict[int, Steps](), set()
+    still_open, steps, closed_at = list(proposals), dict[SmoothFit, Steps](), set()
     for _ in range(MAX_STEPS):
-        best = max(found.values()).score
+        best = max(map(BY_SCORE, found.values()))
         able = [
             each
             for each in still_open
@@ -303,14 +301,13 @@ def propose_switches(
         ]
         if not able:
             break
-        proposal = max(able, key=lambda each: each.score)
+        proposal = max(able, key=BY_SCORE)
         still_open.remove(proposal)
-        smooth = smooths[proposal.smooth]
         if proposal.smooth not in steps:
-            steps[proposal.smooth] = smooth.beside(grid.steps)
-            proposal = refined(proposal)
+            steps[proposal.smooth] = proposal.smooth.beside(grid.steps)
+            proposal = proposal.refined(grid.windows)
             note(proposal)
-        after = best_switch(proposal, smooth, steps[proposal.smooth], grid)
+        after = best_switch(proposal, steps[proposal.smooth], grid)
         if after.score > best - SLACK:
             note(after)
         if after.gain > MIN_GAIN:
@@ -318,16 +315,16 @@ def propose_switches(
         else:
             closed_at.add(proposal.positions)
             del steps[proposal.smooth]
-    best, none = max(found.values()).score, smooths[0]
+    best, none = max(map(BY_SCORE, found.values())), smooths[0]
     joint = [
-        Proposal(score_of(none.beside(none.estimate.steps(np.array(each))), none), 0, each, 0.0)
+        Proposal(each, none, score_of(none.beside(none.estimate.steps(np.array(each))), none))
         for each in dict.fromkeys(joint_update(none.estimate, proposals[0].positions))
     ]
-    for proposal in map(refined, nlargest(MAX_REFINED, joint)):
-        if proposal.score > best - SLACK:
-            note(proposal)
-    none = max(smooths, key=lambda smooth: smooth.score)
-    near = sorted((each for each in found.values() if each.positions), reverse=True)[:MAX_SETS]
-    best = max([none.score, *(each.score for each in near)])
-    sets = [(each.positions, smooths[each.smooth]) for each in near if each.score > best - REACH]
-    return [*sets, ((), none)]
+    for proposal in nlargest(MAX_REFINED, joint, key=BY_SCORE):
+        refined = proposal.refined(grid.windows)
+        if refined.score > best - SLACK:
+            note(refined)
+    empty = Proposal((), max(smooths, key=BY_SCORE))
+    sets = sorted((each for each in found.values() if each.positions), key=BY_SCORE, reverse=True)
+    best = max([empty.smooth.score, *map(BY_SCORE, sets)])
+    return [*(each for each in sets[:MAX_SETS] if each.score > best - REACH), empty]

@@ -1,0 +1,125 @@
+"""Signals of realizations that are regressed: angle, its derivatives, a reflex, and torque."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.methods.base import missing_edge
+from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.columns import readout
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
+from tvsysid.methods.cascade.result import JointCascadeModel, model
+from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
+from tvsysid.numerics import Array
+from tvsysid.signals import Ensemble
+
+MIN_REALIZATIONS = 4
+MIN_SAMPLES = 16  # of a realization that have derivatives
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Signals:
+    """Signals of realizations, and what is known of their coefficients.
+
+    Parameters
+    ----------
+    columns
+        Angle, velocity, acceleration, further regressors, and torque, shape (signal, realization,
+        time). The angle's coefficient is free at each time, the others are constants.
+    edges
+        Samples at either end of a realization that are missing.
+    independent
+        Number of independent realizations.
+    prior_precision
+        Precision of the constants' priors, times the variance of the noise, shape (constant,).
+    positive
+        The products of the constants with each row are not negative, shape (row, constant).
+    scale
+        Units of angle and torque.
+    readout
+        Weights (3, regressor) that give stiffness, viscosity and inertia from the coefficients.
+    reflex
+        Model of the reflex whose columns are among the regressors.
+    """
+
+    columns: Array
+    edges: tuple[int, int]
+    independent: int
+    prior_precision: Array
+    positive: Array
+    scale: tuple[float, float] = (1.0, 1.0)
+    readout: Array = attrs.field(factory=lambda: np.eye(3))
+    reflex: JointCascadeModel | None = None
+
+    @classmethod
+    def of(
+        cls, ensemble: Ensemble, emg: str | None, reflex: JointCascadeModel | None = None
+    ) -> Signals:
+        """Return the signals of an ensemble, with a reflex if held-out realizations show one.
+
+        A channel of EMG may drive the reflex. A known ``reflex`` is not tested.
+        """
+        return signals_with_reflex(ensemble, emg, reflex) or cls.of_second_order(ensemble)
+
+    @classmethod
+    def of_second_order(cls, ensemble: Ensemble) -> Signals:
+        """Return the signals of an ensemble in units of their root mean square."""
+        edge = missing_edge(HALF_WIDTH, ensemble)
+        signals = *ensemble.derivatives(), ensemble.torque[:, ensemble.core]
+        scale = [float(np.sqrt(np.mean(x**2))) for x in (ensemble.angle, ensemble.torque)]
+        units = np.array([scale[0]] * 3 + [scale[1]])[:, None, None]
+        return cls(
+            columns=np.stack(signals)[..., edge : ensemble.samples - edge] / units,
+            edges=(edge, edge),
+            independent=independent_realizations(ensemble),
+            prior_precision=np.zeros(2),
+            positive=np.zeros((0, 2)),
+            scale=(scale[0], scale[1]),
+        )
+
+    def residual(self, coefficients: Array) -> Array:
+        """Return the residual (realization, time) of coefficients (regressor, time)."""
+        fit = np.einsum("krt,kt->rt", self.columns[:-1], coefficients)
+        return np.asarray(self.columns[-1] - fit)
+
+
+def signals_with_reflex(
+    ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None
+) -> Signals | None:
+    """Return signals with the columns of a reflex; None if no reflex is shown.
+
+    The columns after the acceleration are the angle's differences of higher order (the intrinsic
+    response lasts 40 ms to either side), the reflex's columns, and their derivatives by its shape.
+    """
+    method = JointCascade(emg=emg)
+    try:
+        if known is not None:
+            chosen = method.refitted(ensemble, known.hyperparameters)
+        elif len(ensemble) < MIN_TESTED_REALIZATIONS:
+            return None
+        elif emg is not None:
+            chosen = method.solved(ensemble)
+        elif (test := reflex_test_of(ensemble)).shown:
+            chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
+        else:
+            return None
+    except InputError:  # realizations are too short
+        return None
+    found, problem = chosen.fit, chosen.fit.problem
+    data = problem.data
+    if not chosen.shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
+        return None
+    first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
+    gains = problem.positive[:, problem.own :]
+    constants = len(data.signals) - 1, len(problem.free)
+    return Signals(
+        columns=np.concatenate([data.signals, found.columns_and_slopes(), data.torque[None]]),
+        edges=(data.times.start, ensemble.samples - data.times.stop),
+        independent=len(data.torque) - 1,
+        prior_precision=np.concatenate([[0.0, 0.0], found.precision()[first:]]),
+        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), constants)),
+        readout=readout(chosen.search.lags, ensemble.sampling_rate),
+        reflex=model(repr(method), chosen),
+    )

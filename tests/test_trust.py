@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 
 import attrs
+import numpy as np
 import pytest
 from tests.conftest import ensemble_of
 
@@ -42,7 +43,8 @@ def judged(model):
         stiffness = model.estimates["stiffness"]
         turned = attrs.evolve(stiffness, values=sign * stiffness.values)
         own = attrs.evolve(model, estimates={**model.estimates, "stiffness": turned})
-        return trust_in(own, method or tv.BasisIRF(), known, suited, held_out_vaf)
+        held_out = np.full(3, held_out_vaf)
+        return trust_in(own, method or tv.BasisIRF(), known, suited, held_out)
 
     return judge
 

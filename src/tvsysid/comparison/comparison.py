@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -127,7 +126,7 @@ class Comparison:
     def trust(
         self,
         diagnosis: Diagnosis | None = None,
-        held_out_vaf: float = math.nan,
+        held_out_vaf: Mapping[str, Array] | None = None,
         unnamed_references: Sequence[str] = (),
     ) -> Trust:
         """Judge how far the stiffness of the ``leading`` method can be trusted.
@@ -137,7 +136,7 @@ class Comparison:
         diagnosis
             Diagnosis of the data, if there is a better one than that of ``recommendation``.
         held_out_vaf
-            Typical VAF of held-out realizations in %, by the leading method.
+            Result of :meth:`held_out_vaf`, if it was computed.
         unnamed_references
             A sentence for each channel outside the ensemble that moves the angle.
         """
@@ -147,8 +146,8 @@ class Comparison:
             diagnosis=diagnosis or best.diagnosis,
             unnamed_references=(*unnamed_references, *best.unnamed_references),
         )
-        is_suited = label in self.suited
-        return trust_in(self.models[label], self.methods[label], best, is_suited, held_out_vaf)
+        values = (held_out_vaf or {}).get(label, np.array([]))
+        return trust_in(self.models[label], self.methods[label], best, label in self.suited, values)
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""

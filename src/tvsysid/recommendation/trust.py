@@ -15,6 +15,7 @@ from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Finding
 from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
 from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
+from tvsysid.signals import Array
 
 MAX_NEGATIVE = 2.5  # % of the time: a 95 % band lies below its truth so often by chance
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
@@ -82,7 +83,7 @@ def trust_in(
     method: Method,
     recommendation: Recommendation,
     is_suited: bool,
-    held_out_vaf: float = math.nan,
+    held_out_vaf: Array,
 ) -> Trust:
     """Judge how far the stiffness of a model can be trusted.
 
@@ -95,8 +96,12 @@ def trust_in(
     is_suited
         Whether the method is one of these.
     held_out_vaf
-        Typical VAF of held-out realizations by the method in %.
+        VAF of held-out realizations by the method in %, shape (realization,). If it is empty, the
+        VAF of fifths of the record counts, where the method held out such.
     """
+    known = held_out_vaf[np.isfinite(held_out_vaf)]
+    folds = model.diagnostics.details.get("vaf_folds", math.nan)
+    typical_vaf = float(np.median(known)) if known.size else folds
     measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
@@ -110,7 +115,7 @@ def trust_in(
     if not wrong and (not has_reference or holds("information < 2", measured)):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
-        elif held_out_vaf <= 0:
+        elif typical_vaf <= 0:
             wrong = [UNPREDICTED]
     if wrong:
         return Trust("none", tuple(wrong))

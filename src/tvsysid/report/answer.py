@@ -52,11 +52,7 @@ class Account:
     @cached_property
     def trust(self) -> Trust:
         """How far the stiffness can be trusted, and why not further."""
-        label = self.found.leading
-        values = self.held_out.get(label, np.array([]))
-        known = values[np.isfinite(values)]
-        typical = float(np.median(known)) if known.size else self.held_out_mean(label)
-        return self.found.trust(self.diagnosis, typical, self.unnamed_references)
+        return self.found.trust(self.diagnosis, self.held_out, self.unnamed_references)
 
     def held_out_mean(self, label: str) -> float:
         """Return the mean held-out VAF of a method in per cent.

@@ -8,7 +8,7 @@ from tests.synthetic import responses_of, results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 from tvsysid.study.dataset import VARIABLES
-from tvsysid.study.scores import UNITS
+from tvsysid.study.scores import METRICS
 from tvsysid.study.summary import COLUMNS
 from tvsysid.study.trials import STAGES
 
@@ -30,7 +30,7 @@ def test_every_metric_is_explained_once():
     for row in re.findall(r"^\| (`.+?) \|", SECTIONS["summary.csv"], re.MULTILINE):
         first, *others = quoted(row)
         told += [first, *(name.replace("...", first) for name in others)]
-    assert sorted(told) == sorted(UNITS)
+    assert sorted(told) == sorted(METRICS)
 
 
 def test_every_variable_of_the_store_is_named():

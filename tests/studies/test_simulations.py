@@ -10,7 +10,7 @@ from tvsysid.studies.claims import COLUMNS, Claim, Comparison, Scores, judge_cla
 from tvsysid.studies.van_de_ruit_2021 import judge, preset
 from tvsysid.studies.van_de_ruit_2021.simulations import CLAIMS, FIVE
 from tvsysid.study import Study, run, score
-from tvsysid.study.scores import UNITS
+from tvsysid.study.scores import METRICS
 
 DRAWS = 200
 
@@ -22,7 +22,7 @@ def scores_of(values, errors=0.01, study=None):
     """
     study = study or preset("paper", trials=10)
     random = np.random.default_rng(1)
-    names = list(UNITS)
+    names = list(METRICS)
     shape = len(study.scenarios), len(FIVE), len(names)
     value = np.ones(shape)
     for (method, metric), number in values.items():
@@ -182,7 +182,7 @@ def test_methods_without_results_leave_a_claim_undecided():
     lost = scores_of({(method, "lowest_vaf"): 95.0 for method in FIVE})
     lost["trials"] = lost.trials.where(lost.scenario != "square-noise-40s-10dB", 0)
     assert judge(lost).set_index("claim").verdict[floor] == "undecided"
-    everything = {(method, metric): np.nan for method in FIVE for metric in UNITS}
+    everything = {(method, metric): np.nan for method in FIVE for metric in METRICS}
     assert set(judge(scores_of(everything)).verdict) <= {"undecided", "not studied"}
 
 

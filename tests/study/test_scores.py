@@ -5,7 +5,7 @@ from tests.study.conftest import SMALL
 
 import tvsysid as tv
 from tvsysid.study import Study, run, score, summarize
-from tvsysid.study.scores import UNITS
+from tvsysid.study.scores import METRICS
 from tvsysid.study.summary import COLUMNS
 
 
@@ -59,7 +59,7 @@ def noisy(random, trials, spread=3.0, bias=2.0):
 def test_summary_holds_every_metric(results):
     table = summarize(score(results))
     assert tuple(table.columns) == COLUMNS
-    assert set(table.metric) == set(UNITS)
+    assert set(table.metric) == set(METRICS)
     assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}
     cell = (
         table[
@@ -101,7 +101,7 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
 
     monkeypatch.setattr(np.random, "default_rng", lambda seed: Even())
     scores = score(results)
-    for name in set(UNITS) - {"lowest_vaf", "left_out", "failed", "debiased_bias_error"}:
+    for name in set(METRICS) - {"lowest_vaf", "left_out", "failed", "debiased_bias_error"}:
         at = scores.sel(metric=name)
         # What is drawn varies less than what it is drawn from, which replicates of spreads make up
         # for.
@@ -117,7 +117,7 @@ def test_standard_errors_are_the_spread_of_repeated_studies(random):
     ]
     told = {
         name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated])
-        for name in UNITS
+        for name in METRICS
     }
     for name in (
         "bias_error",

@@ -291,8 +291,8 @@ def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
     rows = described.read_text()
     for text, message in {
         rows.replace("MISC", "LATENCY"): "got values without evenly spaced times",
-        rows + "\nemg\tEMG\tV": r"it has 2 columns, and its _channels\.tsv describes 3",
-        "name\n": r"task-a_channels\.tsv lacks rows with name and type",
+        rows + "\nemg\tEMG\tV": "for each of the 2 columns, got 3 rows",
+        "name\n": r"a row with name and type in task-a_channels\.tsv",
     }.items():
         described.write_text(text)
         with refused(message):

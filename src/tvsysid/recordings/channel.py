@@ -33,9 +33,12 @@ def stated_unit(unit: object) -> str:
     >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
     ('rad', 'N m', '')
     """
-    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit))
-    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text.strip()).strip()
+    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", printable(_text(unit)).strip()).strip()
     return "" if re.sub(r"[\W_]", "", text.lower()) in NO_UNITS and text not in "%°" else text
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def stated_rate(value: object) -> float | None:
@@ -128,11 +131,13 @@ def channel_of(
     return Channel(shape, kinds.get(dtype.kind, "text"), unit, sampling_rate)
 
 
-def stated(*attributes: Mapping[str, object]) -> tuple[object, object]:
+def stated(*attributes: Mapping[Any, object]) -> tuple[object, object]:
     """Return the unit that the first attributes state, and the first sampling rate of all."""
-    units = [value for name, value in attributes[0].items() if name.lower() in ("unit", "units")]
-    pairs = (pair for each in attributes for pair in each.items())
-    rates = [value for name, value in pairs if name.lower() in RATE_NAMES]
+    own, *_ = pairs = [
+        [(_text(name).lower(), value) for name, value in each.items()] for each in attributes
+    ]
+    units = [value for name, value in own if name in ("unit", "units")]
+    rates = [value for each in pairs for name, value in each if name in RATE_NAMES]
     return (units or [""])[0], (rates or [None])[0]
 
 

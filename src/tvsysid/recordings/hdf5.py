@@ -75,25 +75,22 @@ def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
     with h5py.File(file, "r") as root:
         # "#refs#" and "#subsystem#" hold the content of objects and cells.
         items = {path: item for path, item in items_of(root).items() if path[0] != "#"}
-        if not any(_matlab(item, "object_decode") in (2, 3) for item in items.values()):
+        about = {path: getattr(item, "attrs", {}) for path, item in items.items()}
+        if not any(each.get("MATLAB_object_decode") in (2, 3) for each in about.values()):
             for path, item in items.items():
                 name = path.replace("/", ".")
-                if isinstance(item, str) or _matlab(item, "class") == b"char":
+                if isinstance(item, str) or about[path].get("MATLAB_class") == b"char":
                     yield name, Channel((), item if isinstance(item, str) else "text")
                 elif isinstance(item, h5py.Dataset):
                     # MATLAB stores columns, HDF5 rows. An empty matrix is stored as its shape.
-                    shape = (0,) if _matlab(item, "empty") else (item.shape or ())[::-1]
+                    is_empty = item.shape is None or about[path].get("MATLAB_empty")
+                    shape = (0,) if is_empty else item.shape[::-1]
                     values = partial(np.transpose, item)
                     yield name, channel_of(values, shape=shape, dtype=item.dtype)
             return
     check_whole(file)
     for name, values in load_objects(file).items():
         yield from channels_of(name, values)
-
-
-def _matlab(item: Any, name: str) -> object:
-    """Return an attribute of MATLAB's."""
-    return None if isinstance(item, str) else item.attrs.get(f"MATLAB_{name}")
 
 
 def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:

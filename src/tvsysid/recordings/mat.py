@@ -9,7 +9,6 @@ from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.recordings.channel import Channel, channel_of, numbered, padded, stated_rate
 
@@ -87,35 +86,24 @@ def _signals(
 
 def _cut(channel: Channel, fields: Mapping[str, Any], number: int, count: int) -> Channel:
     """Return the segments of a channel of a ``segdat``, which may have gaps between them."""
+    values = np.asarray(channel.values)
     try:
-        starts, lengths = _segments(fields, number, count)
-        samples = np.concatenate(
-            [
-                np.arange(start, start + length)
-                for start, length in zip(starts, lengths, strict=True)
-            ]
-        )
-        values = np.asarray(channel.values)[samples]
+        table = np.stack([np.atleast_2d(_property(fields, name)) for name in SEGMENTS])
+        # Some versions of the toolbox keep a column for each channel. Segments begin at different
+        # samples. So a row that fits is one of channels only if all of its onsets are the same.
+        if table.shape[2] == count and (table.shape[1] > 1 or np.ptp(table[0]) == 0):
+            table = table[:, :, number]
+        onsets, lengths = table.reshape(2, -1).astype(int).tolist()
+        parts = [
+            values[on - 1 : on - 1 + length] for on, length in zip(onsets, lengths, strict=True)
+        ]
+        if (table < 1).any() or (table % 1 != 0).any() or [*map(len, parts)] != lengths:
+            raise ValueError
     except Exception:  # whatever the object holds, the other variables can be read
         return attrs.evolve(channel, values=None, dtype=NO_SEGMENTS)
-    trial_starts = tuple(np.cumsum([0, *lengths[:-1]]).tolist()) if len(lengths) > 1 else ()
-    return attrs.evolve(channel, shape=values.shape, values=values, trial_starts=trial_starts)
-
-
-def _segments(fields: Mapping[str, Any], number: int, count: int) -> NDArray[np.int64]:
-    """Return first samples and lengths of the segments of a channel.
-
-    Some versions of the toolbox keep a column for each channel.
-    """
-    table = np.stack([np.atleast_2d(_property(fields, name)) for name in SEGMENTS]).astype(float)
-    # Segments begin at different samples. So a row that fits is one of channels only if all of its
-    # onsets are the same.
-    if table.shape[2] == count and (table.shape[1] > 1 or np.ptp(table[0]) == 0):
-        table = table[:, :, number]
-    table = table.reshape(2, -1) - [[1], [0]]
-    if (table < 0).any() or (table != np.round(table)).any():  # NaN among them
-        raise ValueError
-    return table.astype(np.int64)
+    values = np.concatenate(parts)
+    starts = tuple(np.cumsum([0, *lengths[:-1]]).tolist()) if len(parts) > 1 else ()
+    return attrs.evolve(channel, shape=values.shape, values=values, trial_starts=starts)
 
 
 def _property(fields: Mapping[str, Any], name: str) -> Any:

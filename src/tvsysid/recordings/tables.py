@@ -6,7 +6,7 @@ import csv
 import json
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -119,53 +119,40 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     that of the times in a channel of type LATENCY. Both files may also be in folders above, with
     fewer words in their names.
     """
-    (first, dialect), rows = _first_row(file), _motion_channels(file)
+    first, dialect = _first_row(file)
     if not _are_numbers(first):
         raise InputError(
             "expected numbers in the first line, as Motion-BIDS has no names there; got "
             f"{first[:3]}"
         )
-    if len(first) != len(rows):
+    described, settings = (_nearest(file, ending) for ending in ("_channels.tsv", "_motion.json"))
+    if described is None:
         raise InputError(
-            f"it has {len(first)} columns, and its _channels.tsv describes {len(rows)}"
+            f"no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its "
+            "columns; put it there, or give the file another name if its first line has names"
+        )
+    lines = described.read_text(encoding="utf-8-sig").splitlines()
+    rows = list(csv.DictReader(lines, delimiter="\t"))
+    if len(first) != len(rows) or not all(row.get("name") and row.get("type") for row in rows):
+        raise InputError(
+            f"expected a row with name and type in {described.name} for each of the {len(first)} "
+            f"columns, got {len(rows)} rows"
         )
     columns = list(_columns(file, len(first), header=False, **dialect))
-    kinds = [row["type"].upper() for row in rows]
-    is_timed = "LATENCY" in kinds
-    rate = even_rate(columns[kinds.index("LATENCY")]) if is_timed else _sampling_frequency(file)
+    rate, kinds = None, [row["type"].upper() for row in rows]
+    if "LATENCY" in kinds:
+        rate = even_rate(columns[kinds.index("LATENCY")])
+    elif settings is not None:
+        rate = json.loads(settings.read_text(encoding="utf-8-sig")).get("SamplingFrequency")
     for row, values in zip(rows, columns, strict=True):
         channel = channel_of(values, row.get("units"), rate)
-        if is_timed and rate is None:
+        if rate is None and "LATENCY" in kinds:
             channel = Channel(values.shape, UNEVEN, row.get("units"))
         yield row["name"], channel
 
 
-def _motion_channels(file: Path) -> list[dict[str, str]]:
-    """Return a row for each column of a Motion-BIDS table."""
-    for description in _described_by(file, "_channels.tsv"):
-        lines = description.read_text(encoding="utf-8-sig").splitlines()
-        rows = list(csv.DictReader(lines, delimiter="\t"))
-        if not rows or not all(row.get("name") and row.get("type") for row in rows):
-            raise InputError(
-                f"{description.name} lacks rows with name and type; they name the columns"
-            )
-        return rows
-    raise InputError(
-        f"no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its "
-        "columns; put it there, or give the file another name if its first line has names"
-    )
-
-
-def _sampling_frequency(file: Path) -> object:
-    for description in _described_by(file, "_motion.json"):
-        content = json.loads(description.read_text(encoding="utf-8-sig"))
-        if "SamplingFrequency" in content:
-            return content["SamplingFrequency"]
-    return None
-
-
-def _described_by(file: Path, ending: str) -> Iterator[Path]:
-    """Yield files that describe a recording, the nearest first: their words are all in its name."""
+def _nearest(file: Path, ending: str) -> Path | None:
+    """Return the nearest file that describes a recording: its words are all in its name."""
     words = set(file.name.split("_"))
     for folder in file.absolute().parents[:BIDS_FOLDERS]:
         found = [
@@ -173,7 +160,9 @@ def _described_by(file: Path, ending: str) -> Iterator[Path]:
             for item in folder.glob(f"*{ending}")
             if words.issuperset(item.name.removesuffix(ending).split("_"))
         ]
-        yield from sorted(found, key=lambda item: -item.name.count("_"))
+        if found:
+            return max(found, key=lambda item: item.name.count("_"))
+    return None
 
 
 def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -198,13 +187,9 @@ def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read columns by name, with the units and rates that their metadata state."""
     from pyarrow import parquet  # noqa: PLC0415  # optional
 
-    def texts(metadata: Mapping[bytes, bytes] | None) -> dict[str, object]:
-        pairs = (metadata or {}).items()
-        return {key.decode(errors="replace"): value for key, value in pairs}
-
     schema, shape = parquet.read_schema(file), (parquet.read_metadata(file).num_rows,)
     dtypes = schema.empty_table().to_pandas(ignore_metadata=True).dtypes
     for item, dtype in zip(schema, dtypes, strict=True):
         values = partial(parquet.read_table, file, columns=[item.name], use_threads=False)
-        about = stated(texts(item.metadata), texts(schema.metadata))
+        about = stated(item.metadata or {}, schema.metadata or {})
         yield item.name, channel_of(values, *about, shape, dtype)

@@ -108,7 +108,8 @@ class Channel:
                 "convert it"
             )
         with explained(name):
-            return np.asarray(self.values() if callable(self.values) else self.values)
+            values = self.values() if callable(self.values) else self.values
+            return np.asarray(values).reshape(self.shape)
 
 
 def channel_of(

@@ -105,8 +105,8 @@ def _columns(
             for row in (rows := csv.reader(stream, delimiter=sep, skipinitialspace=True)):
                 if any(row) and len(row) < count:
                     raise InputError(
-                        f"line {rows.line_num} has {len(row)} of {count} columns; complete the line, "
-                        "or copy the file again"
+                        f"line {rows.line_num} has {len(row)} of {count} columns; complete it, or "
+                        "copy the file again"
                     )
     for number in range(count):
         yield table[number].to_numpy()

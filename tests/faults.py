@@ -1,6 +1,6 @@
 """Faults planted into records and ensembles, each named after the finding that must name it."""
 
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 import attrs
 import numpy as np
@@ -66,53 +66,41 @@ def spiked(recording, which, count=12, height=12.0):
     return changed(recording, **{which: values})
 
 
-def held(recording, which, count=8, length=0.6):
-    """A signal that stays where it is for a while."""
+def held(recording, which, count=8, length=0.6, share=1.0):
+    """A signal that stays where it is for a while, or at a share of that."""
     values = getattr(recording, which).copy()
     for place in places(recording, count, length):
-        values[place] = values[place.start]
+        values[place] = share * values[place.start]
     return changed(recording, **{which: values})
 
 
-def zero(recording, which, count=8, length=0.6):
-    """A signal that is zero for a while."""
-    values = getattr(recording, which).copy()
-    for place in places(recording, count, length):
-        values[place] = 0.0
-    return changed(recording, **{which: values})
+zero = partial(held, share=0.0)
 
 
 def gapped(recording, kind="held", count=3, length=0.05):
     """Both signals held, zero or interpolated linearly, from 7 s on, 17 s, and so on."""
-    samples, signals = (
-        round(length * recording.sampling_rate),
-        np.stack([recording.angle, recording.torque]),
-    )
+    samples = round(length * recording.sampling_rate)
+    signals = np.stack([recording.angle, recording.torque])
+    line = np.arange(1, samples + 1) / (samples + 1)
     for number in range(count):
         first = round((10 * number + 7) * recording.sampling_rate)
         before, after = signals[:, [first - 1]], signals[:, [first + samples]]
-        gap = {
-            "held": before,
-            "zero": 0.0,
-            "line": before + (after - before) * np.arange(1, samples + 1) / (samples + 1),
-        }
+        gap = {"held": before, "zero": 0.0, "line": before + (after - before) * line}
         signals[:, first : first + samples] = gap[kind]
     return changed(recording, *signals)
 
 
 def humming(recording, frequency=49.97, share=0.05):
     """Mains hum of a share of the angle's RMS in the angle."""
-    hum = np.sqrt(2) * np.sin(
-        2 * np.pi * frequency * np.arange(len(recording)) / recording.sampling_rate
-    )
-    return changed(recording, angle=recording.angle + share * recording.angle.std() * hum)
+    turns = frequency * np.arange(len(recording)) / recording.sampling_rate
+    hum = share * recording.angle.std() * np.sqrt(2) * np.sin(2 * np.pi * turns)
+    return changed(recording, angle=recording.angle + hum)
 
 
 def late(recording, seconds=0.03):
     """A torque recorded later than the angle."""
-    return changed(
-        recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate))
-    )
+    samples = round(seconds * recording.sampling_rate)
+    return changed(recording, torque=np.roll(recording.torque, samples))
 
 
 def coarse(recording, deviations=0.33):
@@ -125,9 +113,7 @@ def filtered(recording, order, cutoff, both_ways=False):
     """Both channels through one low-pass in Hz, causal or both ways in time: no fault."""
     taps = butter(order, cutoff, fs=recording.sampling_rate)
     through = filtfilt if both_ways else lfilter
-    return changed(
-        recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque)
-    )
+    return changed(recording, through(*taps, recording.angle), through(*taps, recording.torque))
 
 
 def skewed(recording, share=3e-4):
@@ -139,24 +125,20 @@ def skewed(recording, share=3e-4):
 def drifting(recording, which, deviations=5.0):
     """A sensor whose offset moves by so many standard deviations from start to end."""
     values = getattr(recording, which)
-    return changed(
-        recording, **{which: values + np.linspace(0, deviations * values.std(), len(values))}
-    )
+    drift = np.linspace(0, deviations * values.std(), len(values))
+    return changed(recording, **{which: values + drift})
 
 
 def turned(recording):
     """A torque whose sign is turned half-way."""
-    return changed(
-        recording,
-        torque=np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1) * recording.torque,
-    )
+    sign = np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1)
+    return changed(recording, torque=sign * recording.torque)
 
 
 def softening(recording, share=0.3):
     """A torque that falls from start to end, as that of a muscle that tires."""
-    return changed(
-        recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording))
-    )
+    left = np.linspace(1.0, 1.0 - share, len(recording))
+    return changed(recording, torque=recording.torque * left)
 
 
 @cache
@@ -194,19 +176,15 @@ def reflexive(gain=5.0, seed=1):
 def shifted(recording, period=2.0, share=0.2, seconds=0.3):
     """Some realizations cut too early or too late."""
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context=1.0)
-    random = np.random.default_rng(3)
-    moves = np.where(random.random(len(ensemble)) < share, random.choice([-1, 1], len(ensemble)), 0)
+    random, count = np.random.default_rng(3), len(ensemble)
+    moves = np.where(random.random(count) < share, random.choice([-1, 1], count), 0)
     moves = np.round(moves * seconds * ensemble.sampling_rate).astype(int)
-    index = 50 + np.arange(ensemble.samples + 100) + moves[:, None]
-    return tv.preprocess.subtract_mean(
-        attrs.evolve(
-            ensemble,
-            angle=np.take_along_axis(ensemble.angle, index, 1),
-            torque=np.take_along_axis(ensemble.torque, index, 1),
-            context=50,
-            recorded_angle=ensemble.recorded_angle[np.arange(len(index))[:, None], index],
-        )
-    )
+    rows = np.arange(count)[:, None]
+    place = (rows, 50 + np.arange(ensemble.samples + 100) + moves[:, None])
+    signals = {
+        name: getattr(ensemble, name)[place] for name in ("angle", "torque", "recorded_angle")
+    }
+    return tv.preprocess.subtract_mean(attrs.evolve(ensemble, **signals, context=50))
 
 
 def mixed(ensemble, share=0.15, factor=1.6):
@@ -232,9 +210,9 @@ def repeated(recording, period=2.0, noise=2e-5, seed=4):
     """Repeat one realization's perturbation, with a little noise of the angle's sensor."""
     random = np.random.default_rng(seed)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
-    angle = np.tile(ensemble.angle[0], (len(ensemble), 1)) + noise * random.standard_normal(
-        ensemble.angle.shape
-    )
-    torque = np.tile(ensemble.torque[0], (len(ensemble), 1))
-    torque = torque + 0.3 * ensemble.torque.std() * random.standard_normal(torque.shape)
-    return attrs.evolve(ensemble, angle=angle, torque=torque)
+    sizes = {"angle": noise, "torque": 0.3 * ensemble.torque.std()}
+    signals = {
+        name: getattr(ensemble, name)[:1] + size * random.standard_normal(ensemble.angle.shape)
+        for name, size in sizes.items()
+    }
+    return attrs.evolve(ensemble, **signals)

@@ -20,7 +20,7 @@ SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than an
 
 
 def delay_to_correct(
-    cut: Callable[[float], Ensemble], judged: Ensemble, method: str, jobs: int = 1
+    cut: Callable[[float], Ensemble], diagnosed: Ensemble, method: str, jobs: int = 1
 ) -> tuple[float, str]:
     """Choose how much of a delay of the torque to correct: all of it, half of it or none.
 
@@ -33,7 +33,7 @@ def delay_to_correct(
     ----------
     cut
         Function that returns the ensemble after correction of a delay in s.
-    judged
+    diagnosed
         Ensemble in which the delay is looked for: as recorded, or pieces of it.
     method
         Method for a single realization, which ``adaptive`` cannot identify.
@@ -49,36 +49,38 @@ def delay_to_correct(
         What was found and done. Empty if no delay is found.
     """
     try:
-        faults = {each.name: each for each in diagnose(judged).findings}
+        faults = {each.name: each for each in diagnose(diagnosed).findings}
     except InputError:  # realizations are too few, or too short
         return 0.0, ""
     if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
         return 0.0, ""
-    found, shares = faults["delay"].what.partition(";")[0], np.array([0.0, 0.5, 1.0])
-    delays = shares * faults["delay"].value / 1000
+    what = faults["delay"].what.partition(";")[0]
+    delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     try:
         ensembles = [cut(delay) for delay in delays]
-        method, predicted = _predicted(ensembles, method, jobs)
+        method, vafs = _held_out_vafs(ensembles, method, jobs)
     except InputError as error:
-        return 0.0, f"{found}; none of it is corrected: {error}"
-    means = [each.mean() for each in predicted]
+        return 0.0, f"{what}; none of it is corrected: {error}"
+    means = [each.mean() for each in vafs]
     if not np.isfinite(means).all():
-        return float(delays[-1]), f"{found}; all of it is corrected"
-    best, count = int(np.argmax(means)), min(map(len, predicted))
-    p_value, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
+        return float(delays[-1]), f"{what}; all of it is corrected"
+    best, count = int(np.argmax(means)), min(map(len, vafs))
+    p_value, _ = predicts_better(*(100 - vafs[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
     none, half, every = means
-    done = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
+    done = f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected"
     return float(delays[chosen]), (
         f"{done}: held-out VAF of {method} is {none:.1f} % as recorded, {half:.1f} with half and "
         f"{every:.1f} with all of it corrected"
     )
 
 
-def _predicted(ensembles: Sequence[Ensemble], method: str, jobs: int) -> tuple[str, list[Array]]:
-    """Return the method that predicts, and its held-out VAF of each candidate.
+def _held_out_vafs(
+    ensembles: Sequence[Ensemble], method: str, jobs: int
+) -> tuple[str, list[Array]]:
+    """Return the method that predicts, and its held-out VAF of each ensemble.
 
-    ``adaptive`` identifies the first candidate, and starts from this model for the others.
+    ``adaptive`` identifies the first ensemble, and starts from this model for the others.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)

@@ -36,9 +36,9 @@ def held_out_vaf(
 ) -> dict[str, Array]:
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
     at_least(2).check("held_out_vaf", "folds", folds)
-    found = {label: np.full(len(ensemble), np.nan) for label in models}
+    vafs = {label: np.full(len(ensemble), np.nan) for label in models}
     if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
-        return found  # one realization less its mean is nothing
+        return vafs  # one realization less its mean is nothing
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
     places = [(label, part) for part in parts for label in models]
     left_out = [Fold(ensemble, part, methods[label], models[label]) for label, part in places]
@@ -50,11 +50,11 @@ def held_out_vaf(
             if isinstance(result, str):
                 failed.setdefault(label, result)
             else:
-                found[label][part] = result
+                vafs[label][part] = result
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where a fold of the realizations cannot be left out"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
-    return found
+    return vafs
 
 
 class Fold(NamedTuple):

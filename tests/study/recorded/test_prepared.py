@@ -146,7 +146,7 @@ def test_a_locked_file_is_told_and_the_others_go_on(tmp_path):
         (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
     assert prepared.trials == 2
     assert "trial1.mat is left out: cannot be read" in prepared.remarks[0]
-    assert "close it in other programs" in prepared.remarks[0]
+    assert "Close it in other programs" in prepared.remarks[0]
 
 
 def test_a_column_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path):

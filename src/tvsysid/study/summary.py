@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,7 +47,7 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
     ----------
     found
         Of a simulation study its scores, as of :func:`score`; of an experiment its results, as of
-        :func:`tvsysid.study.run`, finished or not.
+        :func:`tvsysid.study.run`.
 
     Returns
     -------
@@ -68,40 +68,18 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``, and
         where it is known ``bias_error`` and ``mean_bias``.
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    if "scenario" not in found.dims:
-        return _of_experiment(found)
-    rows = [
-        row for scenario in found.scenario.values for row in _rows(found.sel(scenario=scenario))
-    ]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return _of_simulations(found) if "scenario" in found.dims else _of_experiment(found)
 
 
-def _rows(cell: xr.Dataset) -> Iterator[tuple[object, ...]]:
-    labels = (
-        str(cell.profile.values),
-        str(cell.perturbation.values),
-        float(cell.duration_s),
-        float(cell.snr_db),
-    )
-    others = tuple(str(cell[name].values) for name in ("viscosity", "scenario", "system"))
-    absent = () if cell.switches else OF_SWITCHES
-    kinds = tuple(
-        map(str, values) for values in (cell.measure.values, cell.unit.values, cell.quantity.values)
-    )
-    names = list(zip(*kinds, strict=True))
-    for method in cell.method_key.values:
-        own = cell.sel(method_key=method)
-        if not own.coords.get("asked", True):
-            continue
-        counted = (*labels, str(method), int(own.trials))
-        for (name, unit, quantity), value, error in zip(
-            names, own.value.values.tolist(), own.standard_error.values.tolist(), strict=True
-        ):
-            known = quantity in ("", MAIN) or np.isfinite(value)
-            if known and name not in absent:
-                yield (*counted, name, value, unit, error, *others, quantity)
+def _of_simulations(scores: xr.Dataset) -> pd.DataFrame:
+    order = ["scenario", "method_key", "metric"]
+    table = scores.drop_vars("replicates").to_dataframe(dim_order=order).reset_index()
+    known = table.quantity.isin(["", MAIN]) | np.isfinite(table.value)
+    applies = table.switches | ~table.measure.isin(OF_SWITCHES)
+    rows: pd.DataFrame = table[known & applies & table.get("asked", True)].drop(columns="metric")
+    names = {"profile": "stiffness", "method_key": "method", "measure": "metric"}
+    chosen: pd.DataFrame = rows.rename(columns=names)[list(COLUMNS)]
+    return chosen.reset_index(drop=True)
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
@@ -118,30 +96,33 @@ def by_full_name(summary: pd.DataFrame) -> pd.DataFrame:
 def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    tables = [(MAIN, measured(results), UNITS)]
+    # Quantity, metric, unit, and values over recording and analysis.
+    values = measured(results)
+    entries = [
+        (MAIN if unit == UNITS["mean_stiffness"] else "", name, unit, values[name])
+        for name, unit in UNITS.items()
+    ]
     for quantity, unit in units_of(results).items():
-        if quantity != MAIN:
-            values = _errors(results, quantity)
-            tables.append((quantity, values, dict.fromkeys(values, unit)))
+        errors = _errors(results, quantity) if quantity != MAIN else {}
+        entries += [(quantity, name, unit, each) for name, each in errors.items()]
+    for name in map(str, results.pathway.values) if PATHWAY in results else ():
+        shares = mean_over_draws(results[PATHWAY].sel(pathway=name).values)
+        entries.append((name, PATHWAY, "%", shares))
+    known = np.isfinite(results.truth).any("time")
     rows = []
     for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
+        recording, analysis = results.isel(recording=place[0]), results.isel(analysis=place[1])
         labels = (
-            str(results.participant.values[place[0]]),
-            str(results.perturbation.values[place[0]]),
-            str(results.method_key.values[place[1]]),
-            int(results.realizations.values[place[1]]),
+            str(recording.participant.values),
+            str(recording.perturbation.values),
+            str(analysis.method_key.values),
+            int(analysis.realizations),
         )
-        for quantity, values, units in tables:
-            known = np.isfinite(results.truth.sel(quantity=quantity).values[place[0]]).any()
-            for metric, unit in units.items():
-                value = float(values[metric][place])
-                if (known or metric not in OF_TRUTH) and (quantity == MAIN or np.isfinite(value)):
-                    own = quantity if unit == units[f"mean_{quantity}"] else ""
-                    rows.append((*labels, metric, value, unit, own))
-        for name in map(str, results.pathway.values) if PATHWAY in results else ():
-            shares = results[PATHWAY].sel(pathway=name).values[place]
-            if np.isfinite(shares).any():
-                rows.append((*labels, PATHWAY, float(np.nanmean(shares)), "%", name))
+        for quantity, name, unit, each in entries:
+            if name in OF_TRUTH and not known.sel(quantity=quantity)[place[0]]:
+                continue
+            if quantity in ("", MAIN) or np.isfinite(each[place]):
+                rows.append((*labels, name, float(each[place]), unit, quantity))
     return pd.DataFrame(rows, columns=[*LABELS, "metric", "value", "unit", "quantity"])
 
 
@@ -184,7 +165,7 @@ def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
 
 
 def mean_over_draws(values: Array) -> Array:
-    """Return the mean over successful draws, from (recording, analysis, bootstrap, time)."""
+    """Return the mean over successful draws, from (recording, analysis, bootstrap, ...)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # where all failed
         return np.asarray(np.nanmean(values, axis=2))
@@ -239,27 +220,13 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    tables = []
+    columns = [*OF_RECORDING, "realization", "trial", "onset_s", "shift_s"]
+    columns += ["excluded_by", "reached", "limit", "unit"]
+    tables = [pd.DataFrame(columns=columns)]
     for item in prepared:
-        if item.account is None:
-            continue
-        table = item.account.reset_index()
-        recorded = item.recorded
-        for place, value in enumerate(
-            (recorded.label, recorded.participant, recorded.perturbation)
-        ):
-            table.insert(place, OF_RECORDING[place], value)
-        tables.append(table)
-    if not tables:
-        columns = (
-            "realization",
-            "trial",
-            "onset_s",
-            "shift_s",
-            "excluded_by",
-            "reached",
-            "limit",
-            "unit",
-        )
-        return pd.DataFrame(columns=[*OF_RECORDING, *columns])
-    return pd.concat(tables, ignore_index=True)
+        if item.account is not None:
+            recorded = item.recorded
+            labels = (recorded.label, recorded.participant, recorded.perturbation)
+            own = item.account.reset_index().assign(**dict(zip(OF_RECORDING, labels, strict=True)))
+            tables.append(own[columns])
+    return pd.concat(tables[1:] or tables, ignore_index=True)

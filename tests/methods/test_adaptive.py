@@ -38,10 +38,6 @@ def estimate_of(random, periodic, times=40, switches=(12.3, 27.8)):
     return evidence.FreeEstimate(axis, values / 5, np.linalg.inv(covariance), 5.0), covariance
 
 
-def placed_at(positions, log_volume=0.0):
-    return search.Placed(np.array(positions), 0.0, (), (), log_volume)
-
-
 def log_evidence_and_mean(estimate, covariance, smooth_prior, positions, switch_prior):
     """Return the gain in log evidence over noise alone, posterior mean and standard deviation.
 
@@ -68,15 +64,19 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
     for each in [prior.smooth_priors(estimate.axis)[index] for index in (0, 3, -1)]:
         # A constant of less variance: with the usual one, rounding tells in the dense matrices.
         narrow = each._replace(variances=np.r_[4.0, each.variances[1:]])
-        sets = [placed_at([]), placed_at([12.3, 27.8], -1.0), placed_at([5.0, 12.25, 30.5])]
-        found = posterior.weighed([evidence.SmoothFit(estimate, narrow)], sets)
+        smooth = evidence.SmoothFit(estimate, narrow)
+        sets = [
+            search.Switches(np.array(positions), smooth, log_volume=-1.0)
+            for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5])
+        ]
+        found = posterior.weighed([smooth], sets)
         assert len(found) == 1 + 2 * len(priors)
         for candidate in found:
-            positions = candidate.placed.positions
+            positions = candidate.switches.positions
             expected = log_evidence_and_mean(
                 estimate, covariance, narrow, positions, candidate.prior
             )
-            log_prior = narrow.log_prior + candidate.placed.log_volume
+            log_prior = narrow.log_prior + candidate.switches.log_volume
             log_prior -= len(positions) * log_positions + bool(len(positions)) * np.log(len(priors))
             assert candidate.evidence == pytest.approx(expected[0] + log_prior, abs=1e-5)
             over_time = candidate.over_time(positions[None])
@@ -87,9 +87,7 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
 def test_one_switch_more_is_worth_what_all_together_are(random):
     estimate, _ = estimate_of(random, periodic=True)
     smooth = evidence.SmoothFit(estimate, prior.smooth_priors(estimate.axis)[2])
-    others, further = (
-        smooth.beside(estimate.steps(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5])
-    )
+    others, further = (smooth.steps(np.array(each)) for each in ([12.3, 33.0], [3.0, 20.5]))
     found = others.log_evidence_with(further, estimate.axis)
     for index in range(2):
         every = evidence.Steps.joined([others, further.take(slice(index, index + 1))])
@@ -460,8 +458,7 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     grid = search.Grid(estimate)
     proposals = search.first_proposals(smooths, grid)
     best = search.propose_switches(smooths, grid, proposals)[0]
-    steps = best.smooth.beside(estimate.steps(np.array(best.positions)))
-    found = search.score_of(steps, best.smooth)
+    found = best.smooth.score_of(best.smooth.steps(best.positions))
     steps = smooths[0].beside(grid.steps)
     for first in range(0, len(grid.steps.positions) - 2, 2):
         own, others = steps.take(slice(first, first + 1)), steps.take(slice(first + 2, None, 2))
@@ -479,10 +476,8 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
         grid, windows = search.Grid(estimate), search.Windows(estimate)
         sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
-        true = max(search.refine_positions(edges, each, windows).total for each in smooths)
-        best = max(
-            search.refine_positions(each.positions, each.smooth, windows).total for each in sets
-        )
+        true = max(search.Switches(edges, each).refined(windows).total for each in smooths)
+        best = max(each.refined(windows).total for each in sets)
         assert best > true - 0.5
 
 
@@ -495,7 +490,7 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
     assert second.length == pytest.approx(80 / 3)
     best = posterior.average(estimate).candidates[0]
-    np.testing.assert_allclose(best.placed.positions, [12.3, 27.8], atol=0.3)
+    np.testing.assert_allclose(best.switches.positions, [12.3, 27.8], atol=0.3)
     assert best.smooth.prior.kind == "few harmonics"
 
 
@@ -519,7 +514,7 @@ def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, 
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
     found, other = (posterior.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
     beside = posterior.average_beside(other, found)
-    tied = found.candidates[0].placed.positions
-    assert beside.candidates[0].placed.positions == pytest.approx(tied)
+    tied = found.candidates[0].switches.positions
+    assert beside.candidates[0].switches.positions == pytest.approx(tied)
     alone = max(each.evidence for each in posterior.plausible(other))
     assert beside.candidates[0].evidence > alone + 1  # no position had to be found

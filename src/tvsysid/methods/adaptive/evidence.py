@@ -185,6 +185,16 @@ class SmoothFit:
         """Features over time in the units of ``mean``, shape (time, coefficient)."""
         return self.whitened(self.estimate.features.T).T
 
+    def steps(self, positions: Array) -> Steps:
+        """Return what the smooth part leaves of steps at positions."""
+        return self.beside(self.estimate.steps(positions))
+
+    def score_of(self, switches: Steps) -> float:
+        """Return the score with switches, whose positions are equally likely beforehand."""
+        axis = self.estimate.axis
+        evidence = float(switches.log_evidence(axis.periodic).max())
+        return self.score + evidence - len(switches.positions) * math.log(axis.times)
+
     def beside(self, steps: Steps) -> Steps:
         """Return what the smooth part leaves of steps."""
         explained = self.whitened(steps.features)

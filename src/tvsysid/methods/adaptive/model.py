@@ -175,18 +175,18 @@ def switches_of(
 
     rows, listed = list[Switch](), np.zeros(0)
     for candidate, own in zip(posterior.candidates, posterior.over_time, strict=False):
-        before, placed = listed, candidate.placed
-        for place, position in enumerate(placed.positions):
+        before, switches = listed, candidate.switches
+        for place, position in enumerate(switches.positions):
             if has_near(before, position):
                 continue
             listed = np.append(listed, position)
             near = [
-                has_near(each.placed.positions, position)
+                has_near(each.switches.positions, position)
                 for each in posterior.candidates[: len(weights)]
             ]
-            offsets = axis.offset(placed.windows[place], position)
+            offsets = axis.offset(switches.windows[place], position)
             order = np.argsort(offsets)
-            total = np.cumsum(placed.probabilities[place][order])
+            total = np.cumsum(switches.probabilities[place][order])
             ends = np.minimum(np.searchsorted(total, [0.025, 0.975]), len(order) - 1)
             early, late = offsets[order][ends] / rate
             time = (position + missing) / rate

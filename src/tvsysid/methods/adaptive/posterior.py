@@ -28,13 +28,10 @@ from tvsysid.methods.adaptive.prior import (
 )
 from tvsysid.methods.adaptive.search import (
     Grid,
-    Placed,
-    Proposal,
+    Switches,
     Windows,
     first_proposals,
-    merge_close,
     propose_switches,
-    refine_positions,
 )
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
@@ -90,18 +87,18 @@ class Candidate(NamedTuple):
     """
 
     smooth: SmoothFit
-    placed: Placed
+    switches: Switches
     prior: SwitchPrior
     evidence: float
 
     def is_constant(self) -> bool:
         """Return whether nothing changes."""
-        return not len(self.placed.positions) and self.smooth.prior.kind == "none"
+        return not len(self.switches.positions) and self.smooth.prior.kind == "none"
 
     def over_time(self, positions: Array) -> OverTime:
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
         smooth, sets = self.smooth, positions.shape
-        steps = smooth.beside(smooth.estimate.steps(positions.ravel()))
+        steps = smooth.steps(positions.ravel())
         true_steps = smooth.estimate.axis.steps(positions.ravel())
         recorded, weighted, explained, shapes = (
             each.reshape(len(each), *sets).swapaxes(0, 1)
@@ -125,20 +122,22 @@ class Candidate(NamedTuple):
         ``best`` has all switches at their most probable positions. The switch nearest to a time
         takes all its positions, the others stay there. ``weight`` is that of the candidate.
         """
-        axis, placed = self.smooth.estimate.axis, self.placed
-        if not len(placed.positions):
+        axis, switches = self.smooth.estimate.axis, self.switches
+        if not len(switches.positions):
             return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
-        nearest = np.argmin(axis.distances(np.arange(float(axis.times)), placed.positions), axis=1)
+        nearest = np.argmin(
+            axis.distances(np.arange(float(axis.times)), switches.positions), axis=1
+        )
         count = max(4, round(MAX_POSITIONS * weight))
         out = np.empty((3, axis.times, count))
-        for place, window in enumerate(zip(placed.windows, placed.probabilities, strict=True)):
+        for place, window in enumerate(zip(switches.windows, switches.probabilities, strict=True)):
             rows = nearest == place
-            positions = np.repeat(placed.positions[None], count, axis=0)
+            positions = np.repeat(switches.positions[None], count, axis=0)
             positions[:, place], shares = thinned(*window, count)
             moved = self.over_time(positions)
             out[0, rows] = weight * shares
             out[1:, rows] = moved.means[rows], moved.variances[rows]
-        out[2] += axis.jitter_variance(placed.positions) @ best.sizes.T**2
+        out[2] += axis.jitter_variance(switches.positions) @ best.sizes.T**2
         return out
 
 
@@ -188,7 +187,7 @@ class Posterior(NamedTuple):
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
         kept = candidates[: len(weights)]
-        over_time = [each.over_time(each.placed.positions[None]) for each in kept]
+        over_time = [each.over_time(each.switches.positions[None]) for each in kept]
         rows = zip(kept, over_time, weights, strict=True)
         parts = np.concatenate([each.components(*row) for each, *row in rows], axis=2)
         is_none = parts[0] == 0
@@ -211,7 +210,7 @@ class Posterior(NamedTuple):
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that count, the most probable first."""
         return tuple(
-            Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.placed.positions)
+            Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.switches.positions)
             for each in self.candidates[: len(self.weights)]
         )
 
@@ -228,7 +227,7 @@ class Posterior(NamedTuple):
         """Return the best candidate's effective number of parameters, and of switch times."""
         (features, covariance), best = self._best(), self.candidates[0]
         weighted = best.smooth.estimate.precision @ features
-        return float(np.sum(features @ covariance * weighted)) + len(best.placed.positions)
+        return float(np.sum(features @ covariance * weighted)) + len(best.switches.positions)
 
     def _best(self) -> tuple[Array, Array]:
         """Return features of the best candidate, and the covariance of their coefficients."""
@@ -252,8 +251,8 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
     best = found.candidates[0]
-    without = found.probability(lambda each: not len(each.placed.positions))
-    if without > 0.5 or len(best.placed.positions) > MAX_SMEARED:
+    without = found.probability(lambda each: not len(each.switches.positions))
+    if without > 0.5 or len(best.switches.positions) > MAX_SMEARED:
         return found
     usual = estimate.axis
     axes = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
@@ -269,8 +268,8 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
 
 def _score(best: Candidate, estimate: FreeEstimate) -> float:
     """Return the score of a candidate's switches beside another estimate."""
-    smooth, windows = SmoothFit(estimate, best.smooth.prior), Windows(estimate, SMEAR_SPACING)
-    return refine_positions(best.placed.positions, smooth, windows).total
+    switches = best.switches._replace(smooth=SmoothFit(estimate, best.smooth.prior))
+    return switches.refined(Windows(estimate, SMEAR_SPACING)).total
 
 
 def average_beside(
@@ -284,14 +283,14 @@ def average_beside(
     best = other.candidates[0]
     estimate = attrs.evolve(estimate, axis=best.smooth.estimate.axis)
     # No position is to be found, so that none is penalised.
-    volume = len(best.placed.positions) * math.log(estimate.axis.times) + math.log(0.5)
-    tied = best.placed._replace(log_volume=volume)
+    volume = len(best.switches.positions) * math.log(estimate.axis.times) + math.log(0.5)
+    tied = best.switches._replace(log_volume=volume)
     return Posterior.of(plausible(estimate, tied, known, search=not known))
 
 
 def plausible(
     estimate: FreeEstimate,
-    tied: Placed | None = None,
+    tied: Switches | None = None,
     within: Sequence[Hypothesis] = (),
     search: bool = True,
 ) -> list[Candidate]:
@@ -310,59 +309,59 @@ def plausible(
     if search:
         grid = Grid(estimate)
         first = first_proposals(smooths, grid)
-        if tied and not first[0].positions:
+        if tied and not len(first[0].positions):
             evidence = [each.evidence for each in weighed(smooths, others)]
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
-                return weighed(smooths, [Placed(np.zeros(0), 0.0, (), (), 0.0)])
+                return weighed(smooths, [Switches(np.zeros(0), smooths[0])])
         proposals = propose_switches(smooths, grid, first)
     else:
         sets = {tuple(each.positions): each.prior.variances.tobytes() for each in reversed(within)}
-        proposals = [Proposal(positions, fits[key]) for positions, key in sets.items()]
-    windows, found = Windows(estimate), list[Placed]()
+        proposals = [Switches(np.array(each), fits[key]) for each, key in sets.items()]
+    windows, found = Windows(estimate), list[Switches]()
     for each in proposals:
-        placed = refine_positions(each.positions, each.smooth, windows)
-        found += [placed, merge_close(placed, each.smooth, windows)]
+        refined = each.refined(windows)
+        found += [refined, refined.without_doubles(windows)]
     candidates = sorted(weighed(smooths, distinct(found, axis)), key=attrgetter("evidence"))
-    best_of = {id(each.placed): each for each in candidates}.values()
-    found = [refine_positions(each.placed.positions, each.smooth, windows) for each in best_of]
+    best_of = {id(each.switches): each for each in candidates}.values()
+    found = [each.switches._replace(smooth=each.smooth).refined(windows) for each in best_of]
     if not within:  # beside the best set of switches, and beside none
-        for best in {not len(each.placed.positions): each for each in candidates}.values():
-            sums = few_harmonics(estimate, best.placed.positions)
+        for best in {not len(each.switches.positions): each for each in candidates}.values():
+            sums = few_harmonics(estimate, best.switches.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
     return weighed(smooths, [*distinct(found, axis), *others])
 
 
-def distinct(sets: Sequence[Placed], axis: Axis) -> list[Placed]:
+def distinct(sets: Sequence[Switches], axis: Axis) -> list[Switches]:
     """Return sets of switches without repetitions."""
-    out: list[Placed] = []
-    for placed in sets:
+    out: list[Switches] = []
+    for switches in sets:
         if not any(
-            len(each.positions) == len(placed.positions)
-            and (np.abs(axis.offset(each.positions, placed.positions)) < SAME).all()
+            len(each.positions) == len(switches.positions)
+            and (np.abs(axis.offset(each.positions, switches.positions)) < SAME).all()
             for each in out
         ):
-            out.append(placed)
+            out.append(switches)
     return out
 
 
-def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Placed]) -> list[Candidate]:
+def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Switches]) -> list[Candidate]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
     estimate, axis = smooths[0].estimate, smooths[0].estimate.axis
     ends, out = np.cumsum([len(each.positions) for each in sets]), list[Candidate]()
     steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
     beside = [smooth.beside(steps) for smooth in smooths]
     gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
-    for placed, end in zip(sets, ends, strict=True):
-        count = len(placed.positions)
+    for switches, end in zip(sets, ends, strict=True):
+        count = len(switches.positions)
         own, priors = (
             slice(end - count, end),
             switch_priors(axis.periodic) if count else switch_priors(False)[:1],
         )
         evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
-        log_prior = placed.log_volume - count * math.log(axis.times) - math.log(len(priors))
+        log_prior = switches.log_volume - count * math.log(axis.times) - math.log(len(priors))
         for prior, values in zip(priors, evidence + log_prior, strict=False):
             out += [
-                Candidate(smooth, placed, prior, smooth.score + float(value))
+                Candidate(smooth, switches, prior, smooth.score + float(value))
                 for smooth, value in zip(smooths, values, strict=True)
             ]
     return out

@@ -92,8 +92,8 @@ class Axis(NamedTuple):
         """Return the time from one position to another, at most half a period if periodic."""
         offset = np.subtract(later, earlier)
         if self.periodic:
-            offset -= self.times * np.floor(offset / self.times + 0.5)
-        return offset
+            offset = offset - self.times * np.floor(offset / self.times + 0.5)
+        return np.asarray(offset)
 
     def distances(self, positions: Array, others: Array) -> Array:
         """Return the distances between two sets of positions, shape (position, other)."""

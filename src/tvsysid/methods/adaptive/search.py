@@ -36,25 +36,6 @@ BY_SCORE = attrgetter("score")
 SWEEPS = 4  # of all switches, each placed beside the others, at most
 
 
-class Placed(NamedTuple):
-    """Switches at their most probable ``positions`` beside a smooth part, and their ``score``.
-
-    Each switch may also lie at other positions: it has a window of them and their probabilities.
-    ``log_volume`` is the log of the weight of all positions together, in samples.
-    """
-
-    positions: Array
-    score: float
-    windows: tuple[Array, ...]
-    probabilities: tuple[Array, ...]
-    log_volume: float
-
-    @property
-    def total(self) -> float:
-        """Score of the switches at any position."""
-        return self.score + self.log_volume
-
-
 class Windows:
     """Steps at finely spaced positions around samples, calculated once for each sample.
 
@@ -80,83 +61,74 @@ class Windows:
         self.spacing, self.around = spacing, beside
 
 
-def score_of(switches: Steps, smooth: SmoothFit) -> float:
-    """Return the log evidence for switches beside a smooth part, plus the log prior."""
-    axis = smooth.estimate.axis
-    evidence = float(switches.log_evidence(axis.periodic).max())
-    return smooth.score + evidence - len(switches.positions) * math.log(axis.times)
+class Switches(NamedTuple):
+    """Switches at ``positions`` beside a smooth part, and their ``score``.
 
+    Each may also lie in a window of positions with their ``probabilities``. ``log_volume`` is the
+    log of the weight of all positions together, in samples.
 
-def refine_positions(
-    positions: Sequence[float] | Array, smooth: SmoothFit, windows: Windows
-) -> Placed:
-    """Move switches to their most probable positions, each beside the others, until none moves."""
-    axis, count = smooth.estimate.axis, len(positions)
-    own = smooth.beside(smooth.estimate.steps(np.array(positions, dtype=np.float64)))
-    prior = switch_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
-    around = list(own.positions[:, None])
-    weights = [np.ones(1)] * count
-    for _ in range(SWEEPS if count > 1 else count):
-        before = own.positions
-        for place in range(count):
-            others = own.take(np.delete(np.arange(count), place))
-            window = windows.around(round(own.positions[place]), smooth)
-            value = others.log_evidence_with(window, axis, prior)
-            best = int(np.argmax(value))
-            if not np.isfinite(value[best]):
-                continue
-            new = window.take(slice(best, best + 1))
-            own = Steps.joined([own.take(slice(place)), new, own.take(slice(place + 1, None))])
-            around[place], weights[place] = window.positions, np.exp(value - value[best])
-        if np.array_equal(own.positions, before):
-            break
-    order = np.argsort(own.positions)
-    return Placed(
-        own.positions[order],
-        score_of(own, smooth),
-        tuple(around[place] for place in order),
-        tuple(weights[place] / weights[place].sum() for place in order),
-        float(sum(math.log(each.sum() * windows.spacing) for each in weights)),
-    )
-
-
-def merge_close(placed: Placed, smooth: SmoothFit, windows: Windows) -> Placed:
-    """Remove one of two close switches where that raises the evidence.
-
-    On the grid of the search, two switches may represent one.
-    """
-    while len(placed.positions) > 1:
-        gaps = np.abs(smooth.estimate.axis.offset(placed.positions, np.roll(placed.positions, 1)))
-        close = [int(gap) for gap in np.flatnonzero(gaps < CLOSE)]
-        tried = [
-            refine_positions(np.delete(placed.positions, place), smooth, windows)
-            for gap in close
-            for place in (gap, gap - 1)
-        ]
-        best = max(tried, key=lambda each: each.total, default=placed)
-        if best.total <= placed.total:
-            break
-        placed = best
-    return placed
-
-
-class Proposal(NamedTuple):
-    """Positions of switches beside a smooth part, their score, and the gain of the last step.
-
-    REACH is added to the gain of the first step, which then counts as 2 REACH at least. A smooth
-    part is not searched if further switches had to gain more than that, or MAX_GAIN, to make it the
-    best.
+    ``gain`` is that of the last step of the search. REACH is added to the gain of the first step,
+    which then counts as 2 REACH at least. A smooth part is not searched if further switches had to
+    gain more than that, or MAX_GAIN, to make it the best.
     """
 
-    positions: tuple[float, ...]
+    positions: Array
     smooth: SmoothFit
     score: float = -math.inf
     gain: float = math.inf
+    windows: tuple[Array, ...] = ()
+    probabilities: tuple[Array, ...] = ()
+    log_volume: float = 0.0
 
-    def refined(self, windows: Windows) -> Proposal:
-        """Return the proposal with its switches at their most probable positions."""
-        placed = refine_positions(self.positions, self.smooth, windows)
-        return self._replace(positions=tuple(placed.positions), score=placed.score)
+    @property
+    def total(self) -> float:
+        """Score of the switches at any position."""
+        return self.score + self.log_volume
+
+    def refined(self, windows: Windows) -> Switches:
+        """Move switches to their most probable positions, each beside the others, in turn."""
+        smooth, count = self.smooth, len(self.positions)
+        axis, own = smooth.estimate.axis, smooth.steps(self.positions)
+        prior = switch_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
+        around, weights = list(own.positions[:, None]), [np.ones(1)] * count
+        for _ in range(SWEEPS if count > 1 else count):
+            before = own.positions
+            for place in range(count):
+                others = own.take(np.delete(np.arange(count), place))
+                window = windows.around(round(own.positions[place]), smooth)
+                value = others.log_evidence_with(window, axis, prior)
+                best = int(np.argmax(value))
+                if not np.isfinite(value[best]):
+                    continue
+                new = window.take(slice(best, best + 1))
+                own = Steps.joined([own.take(slice(place)), new, own.take(slice(place + 1, None))])
+                around[place], weights[place] = window.positions, np.exp(value - value[best])
+            if np.array_equal(own.positions, before):
+                break
+        order = np.argsort(own.positions)
+        return self._replace(
+            positions=own.positions[order],
+            score=smooth.score_of(own),
+            windows=tuple(around[place] for place in order),
+            probabilities=tuple(weights[place] / weights[place].sum() for place in order),
+            log_volume=float(sum(math.log(each.sum() * windows.spacing) for each in weights)),
+        )
+
+    def without_doubles(self, windows: Windows) -> Switches:
+        """Remove one of two close switches where that raises the evidence.
+
+        On the grid of the search, two switches may represent one.
+        """
+        previous = np.roll(self.positions, 1)
+        gaps = np.abs(self.smooth.estimate.axis.offset(self.positions, previous))
+        tried = [
+            self._replace(positions=np.delete(self.positions, place)).refined(windows)
+            for gap in np.flatnonzero(gaps < CLOSE)
+            for place in (gap, gap - 1)
+            if len(gaps) > 1
+        ]
+        best = max(tried, key=attrgetter("total"), default=self)
+        return best.without_doubles(windows) if best.total > self.total else self
 
 
 class Grid:
@@ -177,26 +149,24 @@ class Grid:
         self.windows = Windows(estimate, SEARCHED, SEARCH_REACH * max(1.0, spacing))
 
 
-def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Proposal]:
+def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Switches]:
     """Return the best of no switch, one switch and two opposite ones beside each smooth part.
 
     Switches add at most half of the chi-square that a smooth part leaves, less a log prior. If even
     this bound is far below the best score, no switches are searched for. The bound is not sharp,
     because it includes the noise of all samples.
     """
-    best, first = max(map(BY_SCORE, smooths)), list[Proposal]()
+    best, first = max(map(BY_SCORE, smooths)), list[Switches]()
     for smooth in smooths:
-        value, positions, gain = 0.0, tuple[float, ...](), -math.inf
-        if smooth.score + smooth.residual / 2 - grid.log_positions > best - REACH:
-            value, positions = _one_or_two(smooth, grid)
-            gain = max(value, REACH) + REACH
-        first.append(Proposal(positions, smooth, smooth.score + value, gain))
+        none = Switches(np.zeros(0), smooth, smooth.score, -math.inf)
+        bound = smooth.score + smooth.residual / 2 - grid.log_positions
+        first.append(_one_or_two(none, grid) if bound > best - REACH else none)
     return first
 
 
-def _one_or_two(smooth: SmoothFit, grid: Grid) -> tuple[float, tuple[float, ...]]:
-    """Return the best score and positions of no switch, one switch, or two opposite ones."""
-    steps, variance = smooth.beside(grid.first), FIRST_SIZE**2
+def _one_or_two(none: Switches, grid: Grid) -> Switches:
+    """Return the best of no switch, one switch, and two opposite ones."""
+    steps, variance = none.smooth.beside(grid.first), FIRST_SIZE**2
     ratio = 1 + variance * steps.power
     single = 0.5 * (variance * steps.cross**2 / ratio - np.log(ratio)) - grid.log_positions
     ends = steps.take(grid.paired)
@@ -207,24 +177,21 @@ def _one_or_two(smooth: SmoothFit, grid: Grid) -> tuple[float, tuple[float, ...]
     top = square.argmax()
     able = np.flatnonzero(square >= square.flat[top] - math.log(ratio.flat[top]))
     pairs = 0.5 * (square.flat[able] - np.log(ratio.flat[able])) - 2 * grid.log_positions
-    best, pair = int(np.argmax(single)), int(np.argmax(pairs))
-    both = list(divmod(int(able[pair]), len(square)))
-    return max(
-        (0.0, ()),
-        (float(single[best]), (steps.positions[best],)),
-        (float(pairs[pair]), tuple(np.sort(ends.positions[both]))),
-    )
+    best, pair = int(single.argmax()), int(pairs.argmax())
+    both = divmod(int(able[pair]), len(square))
+    value, places = max((0.0, []), (single[best], [best]), (pairs[pair], sorted(both)))
+    positions = (ends if len(places) > 1 else steps).positions[places]
+    return Switches(positions, none.smooth, none.score + value, max(value, REACH) + REACH)
 
 
-def best_switch(proposal: Proposal, steps: Steps, grid: Grid) -> Proposal:
-    """Return the best set one step from a proposal.
+def best_switch(switches: Switches, steps: Steps, grid: Grid) -> Switches:
+    """Return the best set one step from a set of switches.
 
     A step removes a switch, moves one, replaces two neighbours by one, or adds one. ``steps`` are
     those of the grid beside the smooth part.
     """
-    smooth, count = proposal.smooth, len(proposal.positions)
-    axis = smooth.estimate.axis
-    own = smooth.beside(smooth.estimate.steps(np.array(proposal.positions)))
+    smooth, count = switches.smooth, len(switches.positions)
+    axis, own = smooth.estimate.axis, smooth.steps(switches.positions)
     removals = [[place] for place in range(count)]
     removals += [[place, place + 1] for place in range(count - 1)]
     removals += [[0, count - 1]] * (axis.periodic and count > 2)
@@ -233,16 +200,16 @@ def best_switch(proposal: Proposal, steps: Steps, grid: Grid) -> Proposal:
     for removed in removals:
         rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
         if len(removed) == 1:
-            options.append((score_of(rest, smooth), tuple(rest.positions)))
+            options.append((smooth.score_of(rest), list(rest.positions)))
         value = rest.log_evidence_with(steps, axis)
         best = int(np.argmax(value))
         score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
-        options.append((score, (*rest.positions, steps.positions[best])))
-    best_one = proposal._replace(positions=tuple(sorted(max(options)[1]))).refined(grid.windows)
-    return best_one._replace(gain=best_one.score - proposal.score)
+        options.append((score, [*rest.positions, steps.positions[best]]))
+    refined = switches._replace(positions=np.sort(max(options)[1])).refined(grid.windows)
+    return refined._replace(gain=refined.score - switches.score)
 
 
-def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator[tuple[float, ...]]:
+def joint_update(estimate: FreeEstimate, positions: Array) -> Iterator[Array]:
     """Yield the best set of each number of switches, as if the noise were white.
 
     Dynamic programming finds the levels between them (Bellman 1961). It finds several switches
@@ -251,7 +218,7 @@ def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator
     there.
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
-    cut = round(positions[0]) % times if periodic and positions else 0
+    cut = round(positions[0]) % times if periodic and len(positions) else 0
     weights = np.roll(np.diag(estimate.precision), -cut)
     edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
     # sums between an edge and each edge before it
@@ -269,62 +236,65 @@ def joint_update(estimate: FreeEstimate, positions: Sequence[float]) -> Iterator
         whole = best + gains
         best = whole.max(axis=1)
         paths = [(*paths[last], (edges[last] + cut) % times) for last in whole.argmax(axis=1)]
-        yield tuple(np.sort(paths[-1]).astype(float))
+        yield np.sort(paths[-1]).astype(np.float64)
         if periodic and count < MAX_JOINT:
-            yield tuple(np.sort([*paths[-1], cut]).astype(float))
+            yield np.sort([*paths[-1], cut]).astype(np.float64)
 
 
 def propose_switches(
-    smooths: Sequence[SmoothFit], grid: Grid, proposals: Sequence[Proposal]
-) -> list[Proposal]:
+    smooths: Sequence[SmoothFit], grid: Grid, first: Sequence[Switches]
+) -> list[Switches]:
     """Return sets of switches near the best score, best first, and the empty one.
 
-    The search begins with the ``proposals``, one for each smooth part. It always goes on beside the
-    smooth part that has the best score.
+    The search begins with one set for each smooth part. It always goes on beside the smooth part
+    that has the best score.
     """
-    found: dict[tuple[float, ...], Proposal] = {}
+    found: dict[tuple[float, ...], Switches] = {}
 
-    def note(proposal: Proposal) -> None:
-        known = found.get(proposal.positions, proposal)
-        found[proposal.positions] = max(proposal, known, key=BY_SCORE)
+    def note(switches: Switches) -> None:
+        known = found.get(tuple(switches.positions), switches)
+        found[tuple(switches.positions)] = max(switches, known, key=BY_SCORE)
 
-    for proposal in proposals:
-        note(proposal)
-    still_open, steps, closed_at = list(proposals), dict[SmoothFit, Steps](), set()
+    for each in first:
+        note(each)
+    still_open = {each.smooth: each for each in first}
+    steps, closed_at = dict[SmoothFit, Steps](), set()
     for _ in range(MAX_STEPS):
         best = max(map(BY_SCORE, found.values()))
         able = [
             each
-            for each in still_open
+            for each in still_open.values()
             if each.score + min(each.gain, MAX_GAIN) > best
-            and (each.smooth in steps or each.positions not in closed_at)
+            and (each.smooth in steps or tuple(each.positions) not in closed_at)
         ]
         if not able:
             break
-        proposal = max(able, key=BY_SCORE)
-        still_open.remove(proposal)
-        if proposal.smooth not in steps:
-            steps[proposal.smooth] = proposal.smooth.beside(grid.steps)
-            proposal = proposal.refined(grid.windows)
-            note(proposal)
-        after = best_switch(proposal, steps[proposal.smooth], grid)
+        switches = max(able, key=BY_SCORE)
+        smooth = switches.smooth
+        if smooth not in steps:
+            steps[smooth] = smooth.beside(grid.steps)
+            switches = switches.refined(grid.windows)
+            note(switches)
+        after = best_switch(switches, steps[smooth], grid)
         if after.score > best - SLACK:
             note(after)
         if after.gain > MIN_GAIN:
-            still_open.append(after)
+            still_open[smooth] = after
         else:
-            closed_at.add(proposal.positions)
-            del steps[proposal.smooth]
+            closed_at.add(tuple(switches.positions))
+            del steps[smooth], still_open[smooth]
     best, none = max(map(BY_SCORE, found.values())), smooths[0]
     joint = [
-        Proposal(each, none, score_of(none.beside(none.estimate.steps(np.array(each))), none))
-        for each in dict.fromkeys(joint_update(none.estimate, proposals[0].positions))
+        Switches(positions, none, none.score_of(none.steps(positions)))
+        for positions in joint_update(none.estimate, first[0].positions)
     ]
-    for proposal in nlargest(MAX_REFINED, joint, key=BY_SCORE):
-        refined = proposal.refined(grid.windows)
+    for each in nlargest(MAX_REFINED, joint, key=BY_SCORE):
+        refined = each.refined(grid.windows)
         if refined.score > best - SLACK:
             note(refined)
-    empty = Proposal((), max(smooths, key=BY_SCORE))
-    sets = sorted((each for each in found.values() if each.positions), key=BY_SCORE, reverse=True)
-    best = max([empty.smooth.score, *map(BY_SCORE, sets)])
-    return [*(each for each in sets[:MAX_SETS] if each.score > best - REACH), empty]
+    smoothest = max(smooths, key=BY_SCORE)
+    empty = Switches(np.zeros(0), smoothest, smoothest.score)
+    sets = [each for each in found.values() if len(each.positions)]
+    best = max(map(BY_SCORE, [empty, *sets]))
+    sets = nlargest(MAX_SETS, [each for each in sets if each.score > best - REACH], key=BY_SCORE)
+    return [*sets, empty]

@@ -176,10 +176,10 @@ class AdaptiveRegression(base.Method):
         """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        if model.beside is None:
+        if model.reflex is None:
             signals = Signals.of_second_order(ensemble)
         else:
-            signals = Signals.of(ensemble, self.emg, model.beside)
+            signals = Signals.of(ensemble, self.emg, model.reflex)
         free, known = FreeEstimates(ensemble, signals), model.hypotheses
         axes = {each.axis[:2] for some in known.values() for each in some}
         return self._identified(free, known if axes == {free.axis[:2]} else {})
@@ -255,7 +255,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
             row for each in found.items() for row in switches_of(*each, unit, edges[0], rate)
         ),
         smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, unit, rate)),
-        beside=signals.reflex,
+        reflex=signals.reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(
             sum(each.parameters() for each in found.values()) + 1,

@@ -106,24 +106,24 @@ class AdaptiveModel(Model):
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
     ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found.
-    Where a reflex is shown, the model ``beside`` has its pathway, and the intrinsic response of
+    Where a reflex is shown, the model ``reflex`` has its pathway, and the intrinsic response of
     which stiffness and viscosity are a part. ``hypotheses`` are the models that were averaged, by
     quantity, the most probable first. :meth:`plot` shows all of these.
     """
 
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
-    beside: JointCascadeModel | None = None
+    reflex: JointCascadeModel | None = None
     hypotheses: Mapping[str, Sequence[Hypothesis]] = attrs.field(factory=dict)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        if self.beside is None:
+        if self.reflex is None:
             return super()._pathways(ensemble)
-        found, (angle, velocity) = self.beside.pathways(ensemble), ensemble.derivatives(1)
+        found, (angle, velocity) = self.reflex.pathways(ensemble), ensemble.derivatives(1)
         found["intrinsic"] = (
             found["intrinsic"]
-            + (self.stiffness - self.beside.stiffness) * angle
-            + (self.viscosity - self.beside.viscosity) * velocity
+            + (self.stiffness - self.reflex.stiffness) * angle
+            + (self.viscosity - self.reflex.viscosity) * velocity
         )
         return found
 
@@ -228,6 +228,6 @@ def changes(model: AdaptiveModel) -> list[str]:
         if (row.quantity, row.kind) == ("stiffness", "none")
     )
     lines.append(f"smooth change{where}: probability {100 * smooth:.0f} %")
-    if model.beside is not None:
+    if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")
     return lines

@@ -137,15 +137,8 @@ def test_result_is_whole_and_immutable(method):
         model.stiffness = None
     assert model.diagnostics.parameters > 0
     assert model.diagnostics.seconds > 0
+    assert type(method).__name__ in repr(model)
     assert tv.methods.METHODS[method.key] is type(method)
-
-
-def test_what_a_model_holds_cannot_be_changed():
-    kernel = tv.KernelRegression().identify(ensemble_of()).kernel
-    rank = tv.EnsembleIRF().identify(ensemble_of()).diagnostics.rank
-    for values in (kernel.precision, rank):
-        with pytest.raises(ValueError, match="read-only"):
-            values[0] = 9.0
 
 
 @parametrize()
@@ -292,18 +285,6 @@ def test_order_of_realizations_does_not_matter(method, random):
         np.testing.assert_allclose(other.stiffness, model.stiffness, rtol=1e-3)
 
 
-@parametrize()
-def test_model_shows_itself(method):
-    model = model_of(method)
-    text = repr(model)
-    assert type(method).__name__ in text
-    assert "N·m/rad" in text
-    dataset = model.to_xarray()
-    assert dataset.stiffness.attrs["units"] == "N m/rad"
-    assert dataset.time.attrs["units"] == "s"
-    np.testing.assert_array_equal(dataset.stiffness.values, model.stiffness)
-
-
 def test_anything_but_an_ensemble_that_fits_is_refused():
     with pytest.raises(tv.InputError, match="identify: expected an Ensemble, got ndarray"):
         tv.ShortDataSegments().identify(np.zeros((10, 200)))
@@ -343,26 +324,12 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
     ("create", "message"),
     [
         (lambda: tv.EnsembleIRF(max_lag=-1), "max_lag must be a positive number, got -1"),
-        (lambda: tv.EnsembleIRF(max_lag=float("nan")), "max_lag must be a positive number"),
-        (lambda: tv.EnsembleIRF(max_lag="long"), "max_lag must be a positive number, got 'long'"),
-        (
-            lambda: tv.EnsembleIRF(solver="svd"),
-            "solver must be one of 'mdl', 'full', 'lstsq', got 'svd'",
-        ),
         (lambda: tv.BasisIRF(prior="flat"), "prior must be one of"),
         (lambda: tv.BasisIRF(basis=10), "basis must be a callable"),
         (lambda: tv.KernelRegression(band=(20.0, 0.0)), "band must be two frequencies in Hz"),
-        (lambda: tv.KernelRegression(band=20.0), "band must be two frequencies in Hz"),
         (lambda: tv.KernelRegression.preset("real"), "'simulation', 'experiment'; got 'real'"),
         (lambda: tv.CubicBSplines(3), "at least 4"),
         (lambda: tv.GaussianBumps(10, width=0.0), "width must be a positive number"),
-        (lambda: tv.methods.parse("arx"), "unknown method 'arx'; the methods are eirf, sds, birf"),
-        (
-            lambda: tv.methods.parse("adaptive:reference=command"),
-            "unknown setting 'reference'; its settings are emg; methods with that setting are sds",
-        ),
-        (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
-        (lambda: tv.methods.parse("sds:window"), "expected setting=value, got 'window'"),
     ],
 )
 def test_wrong_settings_are_refused(create, message):

@@ -25,13 +25,6 @@ def test_total_error_is_bias_and_random_error(estimates, truth):
     )
 
 
-def test_hand_worked_errors():
-    estimates, truth = [[10.0, 20.0], [14.0, 28.0]], [11.0, 24.0]
-    assert metrics.bias_error(estimates, truth) == pytest.approx(np.sqrt((1 + 0) / 2))
-    assert metrics.random_error(estimates) == pytest.approx(np.sqrt((4 + 4 + 16 + 16) / 4))
-    assert metrics.total_error(estimates, truth) == pytest.approx(np.sqrt((1 + 9 + 16 + 16) / 4))
-
-
 @pytest.mark.parametrize("name", metrics.CATALOGUE)
 def test_a_perfect_identification_has_the_best_value(name, random):
     metric = metrics.CATALOGUE[name]

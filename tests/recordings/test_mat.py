@@ -1,5 +1,7 @@
 """MAT files: structures, and the objects of the Kearney lab's toolbox."""
 
+import warnings
+
 import h5py
 import numpy as np
 import pytest
@@ -44,6 +46,25 @@ def test_toolbox_objects(tmp_path, signals, age):
     np.testing.assert_array_equal(recording.torque, signals[1])
     described = {name: (it.unit, it.sampling_rate) for name, it in describe_file(file).items()}
     assert described == {"io.pos": ("deg", 200.0), "io.tq": ("Nm", 200.0)}
+
+
+@NO_OBJECT_WARNINGS
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+def test_variables_beside_objects(tmp_path, signals, version):
+    import matio
+    from matio.utils import MatlabOpaque
+
+    file, (angle, torque) = tmp_path / "ankle.mat", signals
+    run = np.empty((1, 1), dtype=[("pos", object), ("note", object)])
+    run["pos"][0, 0], run["note"][0, 0] = angle[:, None], np.array(["ankle"])
+    objects = {"io": MatlabOpaque(nldat(signals), "nldat"), "tq": torque[:, None], "run": run}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+        matio.save_to_mat(str(file), objects, version=version)
+    assert {*describe_file(file)} == {"io.pos", "io.tq", "tq", "run.pos", "run.note"}
+    recording = read(file, angle="run.pos", channels={"same": "io.tq"})
+    np.testing.assert_array_equal([recording.angle, recording.torque], signals)
+    np.testing.assert_array_equal(recording.channels["same"], torque)
 
 
 def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):

@@ -119,9 +119,9 @@ def channel_of(
     shape: tuple[int, ...] = (),
     dtype: np.dtype[Any] | None = None,
 ) -> Channel:
-    """Return a channel, which has values if they are numbers.
+    """Return a channel, with values if they are numbers.
 
-    A function that reads the values needs their shape and type beside it.
+    Where the values are a function that reads them, give their shape and type.
     """
     if dtype is None:
         values = np.asarray(values)
@@ -171,7 +171,7 @@ def numbered(labels: Sequence[str]) -> list[str]:
 
 
 def padded(texts: Sequence[str], count: int) -> list[str]:
-    """Return so many texts: those that are too many are cut off, and empty ones are added."""
+    """Return exactly so many texts: cut off the others, or add empty ones."""
     return [*texts, *[""] * count][:count]
 
 
@@ -183,7 +183,7 @@ def explained(name: str) -> Iterator[None]:
     except InputError as error:
         text = str(error)
         raise InputError(text if name in text else f"{name}: {text}") from None
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise InputError(
             f"{name}: these files need {error.name}; pip install {error.name}"
         ) from error

@@ -19,7 +19,7 @@ NWB_PARTS = ("starting_time", "timestamps", "channel_conversion")  # of a series
 
 
 def items_of(root: h5py.File) -> dict[str, Any]:
-    """Return groups and datasets of a file by path; a reason in words for what is not followed.
+    """Return groups and datasets of a file by path; for what is not followed, the reason in words.
 
     Only links to what is in the file are followed: others could make any file of the computer a
     part of a recording.

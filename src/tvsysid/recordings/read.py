@@ -21,8 +21,6 @@ from tvsysid.signals import Array, Recording
 RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
 NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
 
-Signals = Mapping[str, Array]
-
 
 class UsableTrials(NamedTuple):
     """Trials that can be used, of many files.
@@ -157,13 +155,14 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 
 
 def _axes(recording: Recording) -> str:
+    """Return in words what joined recordings must share."""
     channels = ", ".join(sorted(recording.channels)) or "none"
     return f"{recording.sampling_rate} Hz from {recording.start} s, channels: {channels}"
 
 
 def _read_signals(
     file: Path, reading: Reading
-) -> tuple[dict[str, Channel], Signals, tuple[int, ...]]:
+) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
     """Return the channels that a recording is made of, their values, and where trials start."""
     found = describe_file(file, reading.header)
     with explained(file.name):
@@ -212,7 +211,7 @@ def _as_matrix(name: str, channel: Channel) -> Array:
 
 
 def _recording(
-    reading: Reading, signals: Signals, trial_starts: tuple[int, ...] = (0,)
+    reading: Reading, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
 ) -> Recording:
     """Return the recording of signals of shape (time,), by their names in the file."""
     angle, torque = (signals[name] for name in reading.names[:2])

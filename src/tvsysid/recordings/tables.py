@@ -16,13 +16,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import (
-    UNEVEN,
-    Channel,
-    channel_of,
-    even_rate,
-    stated,
-)
+from tvsysid.recordings.channel import UNEVEN, Channel, channel_of, even_rate, stated
 
 MAX_COLUMNS = 10_000
 HEAD_LENGTH = 1_000_000  # characters that hold the first line

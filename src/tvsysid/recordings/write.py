@@ -199,7 +199,7 @@ def _write(path: str | Path, signals: Recording | Ensemble) -> None:
     fields = attrs.asdict(signals, recurse=False)
     names, channels = _variables(signals.channels), fields.pop("channels")
     arrays = {name: each for name, each in fields.items() if isinstance(each, np.ndarray)}
-    settings = {name: fields[name] for name in fields.keys() - arrays.keys()}
+    settings = {name: each for name, each in fields.items() if name not in arrays}
     arrays |= {names[own]: each for own, each in channels.items()}
     shapes = {name: each.shape for name, each in arrays.items()}  # MATLAB has two axes or more
     kept = {"settings": settings, "channels": names, "shapes": shapes}

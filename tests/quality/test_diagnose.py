@@ -156,12 +156,6 @@ def test_the_order_of_rows_does_not_matter(clean, diagnosis):
             assert after.value == pytest.approx(before.value, rel=1e-6)
 
 
-def test_what_was_given_is_not_altered(clean):
-    before = clean.torque.copy()
-    tv.diagnose(clean)
-    np.testing.assert_array_equal(clean.torque, before)
-
-
 @pytest.mark.slow
 @given(
     st.integers(0, 10_000), st.integers(2, 20), st.integers(60, 150), st.sampled_from([0, 12, 30]),

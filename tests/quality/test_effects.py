@@ -67,15 +67,11 @@ def test_changes_of_stiffness_are_smeared_or_mixed():
 
 
 @pytest.mark.slow
-def test_feedback_lowers_all_three():
+def test_feedback_and_reflexes_bias_all_three():
     stiff, soft = (
         impedance(cut(faults.giving_way(actuator=actuator))) for actuator in (10_000.0, 100.0)
     )
     assert np.all(soft < 0.92 * stiff)
-
-
-@pytest.mark.slow
-def test_a_reflex_lowers_viscosity_and_raises_stiffness():
     without, there = impedance(faults.reflexive(0.0)), impedance(faults.reflexive(8.0))
     assert there[0] > 1.1 * without[0]
     assert there[1] < 0.8 * without[1]

@@ -84,14 +84,13 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     if not np.isfinite(data.mean_impedance[0]).all():
         return Measured(100 * MAX_RELATIVE_ERROR, NOT_IDENTIFIABLE)
     whitened = (data.whitened(data.fit.motion), data.whitened(data.fit.torque))
-    fits = []
-    for values, errors in (data.mean_impedance, constant_impedance(*whitened)):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            relative = np.nan_to_num(np.abs(errors / values), nan=np.inf)
-        worst = 0 if relative[0] >= relative[2] else 2
-        fits.append((relative[worst], worst, values[worst], errors[worst]))
-    size, worst, value, error = min(fits)
-    size = 100 * min(size, MAX_RELATIVE_ERROR)
+    fits = np.array([data.mean_impedance, constant_impedance(*whitened)])[:, :, [0, 2]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.nan_to_num(np.abs(fits[:, 1] / fits[:, 0]), nan=np.inf)
+    best = np.argmin(relative.max(axis=1))
+    worst = np.argmax(relative[best])
+    value, error = fits[best, :, worst]
+    size = 100 * min(relative[best, worst], MAX_RELATIVE_ERROR)
     name, unit = ("inertia", "kg·m²") if worst else ("stiffness", "N·m/rad")
     what = f"the data give a mean {name} of {value:.3g} ± {error:.2g} {unit}, ± {size:.2g} %"
     return Measured(size, what)

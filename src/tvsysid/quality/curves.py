@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 import numpy as np
+from scipy.fft import rfft, rfftfreq
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.quality.fitted import FittedEnsemble
@@ -70,11 +71,11 @@ def curves(data: FittedEnsemble) -> Curves:
     window = hann(length)
 
     def power(values: Array) -> Array:
-        spectrum = np.abs(np.fft.rfft(values[:, :length] * window, axis=1)) ** 2
+        spectrum = np.abs(rfft(values[:, :length] * window, axis=1)) ** 2
         return np.asarray(2 * np.mean(spectrum, axis=0) / (rate * np.sum(window**2)))
 
     return Curves(
-        _frequencies(length, rate),
+        rfftfreq(length, 1 / rate),
         power(fit.motion[0]),
         power(fit.torque),
         power(fit.residual),
@@ -95,7 +96,7 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
     centres = np.arange(len(coherence)) + length // 2 - data.ensemble.context
     inside = (centres >= 0) & (centres < data.ensemble.samples)
-    return coherence[inside], centres[inside] / data.rate, _frequencies(length, data.rate)
+    return coherence[inside], centres[inside] / data.rate, rfftfreq(length, 1 / data.rate)
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
@@ -115,7 +116,3 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
             later = (residual[:, reach + lag : inner.stop + lag] for lag in lags)
             row[:] = [np.mean(cause[:, inner] * each) / scale for each in later]
     return lags / data.rate, correlation, np.asarray(1.96 / np.sqrt(residual[:, inner].size))
-
-
-def _frequencies(length: int, rate: float) -> Array:
-    return np.arange(length // 2 + 1) * rate / length

@@ -14,9 +14,9 @@ from tvsysid.quality.statistics import FOLDS, SIGNIFICANT, p_value, p_value_of, 
 from tvsysid.signals import Array
 
 TINY = np.finfo(float).tiny
-# Of realizations unlike the others: robust standard deviations from the median, smallest relative
-# differences of stiffness and of the whole response, and ratio to the usual noise.
-MAX_DISTANCE, MIN_STIFFNESS_CHANGE, MIN_RESPONSE_CHANGE, MIN_NOISE_RATIO = 6.0, 0.3, 0.2, 1.7
+# Of outliers: robust standard deviations from the median, ratio to the usual noise, and smallest
+# relative differences of stiffness and of the whole response.
+MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGES = 6.0, 1.7, np.array([[0.3], [0.2]])
 ROBUST = 1.4826  # standard deviations of Gaussian numbers per median absolute deviation
 PARTS = 10  # of a realization that must show the same difference; neighbours share too much
 NOISE_LOW_PASS_SAMPLES = 1.5  # after which realizations are compared
@@ -45,17 +45,16 @@ def drift(data: FittedEnsemble) -> Measured:
     data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
     if data.explained >= MIN_EXPLAINED:
         grams, moments = data.own_fits
-        shares, variance = [], 0.0
-        for half in data.half_orders:
-            inverse = np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)
-            influence = moments[half] @ inverse[:, 0]
-            shares.append(float(1 + influence.sum()))
-            variance += float(len(half) * influence.var(ddof=1))
-        first, (change, error) = shares[0], (shares[1] - shares[0], math.sqrt(variance))
-        value = 100 * change / max(abs(first), 0.01)
+        influences = [
+            moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
+            for half in data.half_orders
+        ]
+        before, after = (1 + each.sum() for each in influences)
+        error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
+        value = 100 * (after - before) / max(abs(before), 0.01)
         what = (
             f"the stiffness of the second half is {abs(value):.2g} % "
-            f"{'higher' if change > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
+            f"{'higher' if value > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
         )
     else:
         for each in data.halves:
@@ -64,13 +63,13 @@ def drift(data: FittedEnsemble) -> Measured:
         (before, after), errors = ([fit[part][0] for fit in fits] for part in (0, 1))
         if not math.isfinite(after - before):
             raise NotApplicable(NOT_IDENTIFIABLE)
-        change, error = after - before, math.hypot(*errors)
-        value = 100 * change / max(abs(before), TINY)
+        error, value = math.hypot(*errors), 100 * (after - before) / max(abs(before), TINY)
         what = (
             f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the "
             f"second, ± {error:.2g}"
         )
-    return Measured(value, what, p_value(change, error, len(data)) < SIGNIFICANT)
+    significant = p_value(after - before, error, len(data)) < SIGNIFICANT
+    return Measured(value, what, significant)
 
 
 @check(
@@ -141,19 +140,17 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
     stiffness, noise = data.relative_stiffness, data.relative_noise
     power = np.mean(data.white_residual**2)
-    own = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
+    inverse = np.linalg.pinv(grams, hermitian=True)
+    values = np.stack([stiffness, 1 + moments.sum(axis=1) / whole])
+    errors = np.sqrt(power * np.stack([inverse[:, 0, 0], 1 / whole]))
+    distance = np.abs(values - np.median(values, axis=1, keepdims=True))
+    # The stiffness of a realization that hardly moved is uncertain.
+    usual = np.maximum(ROBUST * np.median(distance, axis=1, keepdims=True), errors)
+    outlying = (distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
     is_loud = level > MAX_DISTANCE * ROBUST * np.median(np.abs(level))
-    outlying = (noise > MIN_NOISE_RATIO) & is_loud
-    for values, least, variance in (
-        (stiffness, MIN_STIFFNESS_CHANGE, power * own),
-        (1 + moments.sum(axis=1) / whole, MIN_RESPONSE_CHANGE, power / whole),
-    ):
-        distance = np.abs(values - np.median(values))
-        # The stiffness of a realization that hardly moved is uncertain.
-        usual = np.maximum(ROBUST * np.median(distance), np.sqrt(variance))
-        outlying |= (distance > MAX_DISTANCE * usual) & (distance > least)
+    outlying = outlying.any(axis=0) | ((noise > MIN_NOISE_RATIO) & is_loud)
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
     nouns = "is an outlier" if len(found) == 1 else "are outliers"

@@ -42,16 +42,13 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     """
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     plain = attrs.evolve(ensemble, recorded_angle=None)
-    common = math.gcd(samples, context)
-    factor = max(
+    factors = [
         factor
-        for factor in range(1, max(1, int(rate / MIN_RATE_HZ)) + 1)
-        if factor == 1
-        or (
-            common % factor == 0
-            and known_samples(samples // factor, context // factor) >= MIN_KNOWN_SAMPLES
-        )
-    )
+        for factor in range(2, int(rate / MIN_RATE_HZ) + 1)
+        if math.gcd(samples, context) % factor == 0
+        and known_samples(samples // factor, context // factor) >= MIN_KNOWN_SAMPLES
+    ]
+    factor = max(factors, default=1)
     counts = range(math.ceil(samples * MIN_RATE_HZ / rate), samples // 2 + 1)
     long_enough = (
         n for n in counts if known_samples(n, context * n // samples) >= MIN_KNOWN_SAMPLES

@@ -34,6 +34,11 @@ class Factor(NamedTuple):
     functions: Array
     muscle: Array | None = None
 
+    @classmethod
+    def column(cls, values: Array) -> Factor:
+        """Return a single column of values (realization, time)."""
+        return cls(values, np.ones((values.shape[1], 1)))
+
     def within(self, window: slice, rows: slice) -> Factor:
         """Return the factor for some realizations and a window of time."""
         times, muscle = window, None
@@ -104,6 +109,8 @@ class Reflex:
 
     def factor(self, shape: Shape) -> Factor:
         """Return the columns as a signal, functions of time and a muscle."""
+        if self.basis.harmonics == 0:  # a constant gain is one column
+            return Factor.column(self.torque(shape, np.ones(1)))
         gain = self._gain(shape)
         history = len(gain) - (self.times.stop - self.times.start)
         longest = min(len(gain) - history, MAX_WINDOW)
@@ -201,24 +208,23 @@ class Data:
     @property
     def output(self) -> Factor:
         """Return the torque as a column."""
-        return Factor(self.torque, np.ones((self.torque.shape[1], 1)))
+        return Factor.column(self.torque)
 
     @cached_property
     def fold_moments(self) -> list[Moments]:
         """Return the moments of the intrinsic columns in each fold."""
         every = [*self.factors, self.output]
+        ends = np.cumsum([0, *(each.functions.shape[1] for each in every)])
         found = []
         for rows in self.folds:
-            lower = [
-                self._products([factor], every[: place + 1], rows)
-                for place, factor in enumerate(every)
-            ]
-            size = lower[-1].shape[1]
-            full = np.concatenate(
-                [np.pad(each, ((0, 0), (0, size - each.shape[1]))) for each in lower]
-            )
+            products = np.zeros((ends[-1], ends[-1]))
+            for window, weights in self.windows:
+                parts = [each.within(window, rows) for each in every]
+                for place, part in enumerate(parts):
+                    lower = slice(ends[place], ends[place + 1]), slice(ends[place + 1])
+                    products[lower] += part.products(parts[: place + 1], weights)
+            products = np.tril(products) + np.tril(products, -1).T
             share = len(self.torque[rows]) / len(self.torque)
-            products = np.tril(full) + np.tril(full, -1).T
             found.append(Moments.of(products, share * self.number))
         return found
 
@@ -231,21 +237,17 @@ class Data:
         self, moments: Moments, known: Sequence[Factor], extra: Sequence[Factor], rows: slice = ALL
     ) -> Moments:
         """Append ``extra`` columns to the moments of ``known`` ones, of some realizations."""
-        products = self._products(extra, [*known, *extra, self.output], rows)
+        every, products = [*known, *extra, self.output], np.zeros(())
+        for window, weights in self.windows:
+            parts = [each.within(window, rows) for each in every]
+            new = parts[len(known) : -1]
+            products = products + np.concatenate([each.products(parts, weights) for each in new])
         count = len(moments.cross)
         cross, gram, right = products[:, :count], products[:, count:-1], products[:, -1]
         return moments._replace(
             gram=np.block([[moments.gram, cross.T], [cross, gram]]),
             cross=np.append(moments.cross, right),
         )
-
-    def _products(self, some: Sequence[Factor], others: Sequence[Factor], rows: slice) -> Array:
-        sums = []
-        for window, weights in self.windows:
-            parts = [each.within(window, rows) for each in others]
-            blocks = [each.within(window, rows).products(parts, weights) for each in some]
-            sums.append(np.concatenate(blocks))
-        return reduce(np.add, sums)
 
     def features(self, weights: Array) -> list[Array]:
         """Return matrices (time, column) that give weighted sums of the signals' coefficients.

@@ -162,8 +162,7 @@ class Solution:
 
     def moments_with_slopes(self, data: Data, moments: Moments) -> Moments:
         """Append the torque's derivatives by the shape to moments of all columns."""
-        reflex, always = self.problem.reflex, np.ones((self.problem.data.torque.shape[1], 1))
-        slopes = [Factor(slope, always) for slope in self.slopes()]
+        reflex, slopes = self.problem.reflex, [Factor.column(each) for each in self.slopes()]
         if reflex is None or not slopes:
             return moments
         return data.append(moments, [*data.factors, reflex.factor(self.shape)], slopes)

@@ -428,7 +428,7 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
 
 def test_two_switches_that_are_close_are_both_listed(random):
     estimate, _ = estimate_of(random, periodic=False, switches=(20.3, 22.6))
-    rows = switches_of("stiffness", posterior.average(estimate), 1.0, 0, 1.0)
+    rows = switches_of("stiffness", posterior.average(estimate), 0, 1.0)
     times = [row.time for row in rows if row.probability > 0.5]
     assert times == pytest.approx([20.3, 22.6], abs=0.4)
 

@@ -206,9 +206,9 @@ class AdaptiveRegression(base.Method):
 
 
 def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> AdaptiveModel:
-    """Return the model with these posteriors of stiffness and viscosity, in physical units."""
+    """Return the model with these posteriors of stiffness and viscosity."""
     ensemble, signals, axis = free.ensemble, free.signals, free.axis
-    rate, edges, unit = ensemble.sampling_rate, signals.edges, signals.scale[1] / signals.scale[0]
+    rate, edges = ensemble.sampling_rate, signals.edges
     added, variances = free.read_out()
     viscosity = found["viscosity"].mixture.transformed(
         signals.readout[V, V], added[V], variances[V]
@@ -220,12 +220,12 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
     )
 
     def over_time(values: Array | float) -> Array:
-        return base.padded(np.broadcast_to(unit * values, axis.times), *edges)
+        return base.padded(np.broadcast_to(values, axis.times), *edges)
 
     errors: dict[str, StandardError] = {}
     for (quantity, posterior), mixture in zip(found.items(), mixtures, strict=True):
-        error, scaled = over_time(np.sqrt(mixture.variance())), mixture.transformed(unit)
-        errors[quantity] = MixtureError(error, freedom, posterior.arc(), mixture=scaled)
+        error = over_time(np.sqrt(mixture.variance()))
+        errors[quantity] = MixtureError(error, freedom, posterior.arc(), mixture=mixture)
     inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
     errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
     impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
@@ -251,10 +251,8 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        switches=tuple(
-            row for each in found.items() for row in switches_of(*each, unit, edges[0], rate)
-        ),
-        smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, unit, rate)),
+        switches=tuple(row for each in found.items() for row in switches_of(*each, edges[0], rate)),
+        smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, rate)),
         reflex=signals.reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(

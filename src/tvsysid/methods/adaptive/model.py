@@ -145,11 +145,9 @@ MIN_PROBABILITY, MIN_SWITCH_PROBABILITY = 0.01, 0.05  # of what is listed
 CERTAIN = 0.995  # probability of a switch that is not mentioned
 
 
-def smoothness_of(
-    quantity: str, posterior: Posterior, unit: float, rate: float
-) -> Iterator[Smoothness]:
+def smoothness_of(quantity: str, posterior: Posterior, rate: float) -> Iterator[Smoothness]:
     """Return the smooth parts that are likely, the most probable first."""
-    size = posterior.candidates[0].smooth.estimate.size * unit
+    size = posterior.candidates[0].smooth.estimate.size
     probabilities: dict[tuple[str, float, float], float] = {}
     for each, probability in zip(posterior.candidates, posterior.probabilities, strict=True):
         key = each.smooth.prior[:3]
@@ -160,15 +158,13 @@ def smoothness_of(
             yield Smoothness(quantity, kind, amplitude * size, length / rate, probabilities[key])
 
 
-def switches_of(
-    quantity: str, posterior: Posterior, unit: float, missing: int, rate: float
-) -> list[Switch]:
+def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) -> list[Switch]:
     """Return the switches that are likely enough to be listed, in the order of time.
 
     Those of a candidate are left out where a better candidate has one nearby.
     """
     estimate = posterior.candidates[0].smooth.estimate
-    axis, scale, weights = estimate.axis, estimate.size * unit, posterior.weights
+    axis, scale, weights = estimate.axis, estimate.size, posterior.weights
 
     def has_near(positions: Array, position: float) -> bool:
         return bool((np.abs(axis.offset(positions, position)) < CLOSE).any())

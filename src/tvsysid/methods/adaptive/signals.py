@@ -36,8 +36,6 @@ class Signals:
         Precision of the constants' priors, times the variance of the noise, shape (constant,).
     positive
         The products of the constants with each row are not negative, shape (row, constant).
-    scale
-        Units of angle and torque.
     readout
         Weights (3, regressor) that give stiffness, viscosity and inertia from the coefficients.
     reflex
@@ -49,7 +47,6 @@ class Signals:
     independent: int
     prior_precision: Array
     positive: Array
-    scale: tuple[float, float] = (1.0, 1.0)
     readout: Array = attrs.field(factory=lambda: np.eye(3))
     reflex: JointCascadeModel | None = None
 
@@ -65,18 +62,15 @@ class Signals:
 
     @classmethod
     def of_second_order(cls, ensemble: Ensemble) -> Signals:
-        """Return the signals of an ensemble in units of their root mean square."""
+        """Return the signals of an ensemble without a reflex."""
         edge = missing_edge(HALF_WIDTH, ensemble)
         signals = *ensemble.derivatives(), ensemble.torque[:, ensemble.core]
-        scale = [float(np.sqrt(np.mean(x**2))) for x in (ensemble.angle, ensemble.torque)]
-        units = np.array([scale[0]] * 3 + [scale[1]])[:, None, None]
         return cls(
-            columns=np.stack(signals)[..., edge : ensemble.samples - edge] / units,
+            columns=np.stack(signals)[..., edge : ensemble.samples - edge],
             edges=(edge, edge),
             independent=independent_realizations(ensemble),
             prior_precision=np.zeros(2),
             positive=np.zeros((0, 2)),
-            scale=(scale[0], scale[1]),
         )
 
     def residual(self, coefficients: Array) -> Array:

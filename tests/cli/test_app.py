@@ -10,14 +10,17 @@ from tests.cli.conftest import IDENTIFY
 from tvsysid.cli.app import app
 
 FILES = []
+IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
+SIGNALS = "--angle angle --torque torque --rate 1000"
 
 
-def joint_file(tvsysid, folder):
-    """A simulated recording of 40 s; made once."""
+@pytest.fixture
+def joint(tvsysid, tmp_path):
+    """Put a simulated recording of 40 s, which is made once, into joint.mat."""
     if not FILES:
         tvsysid("simulate joint.mat --duration 40")
-        FILES.append((folder / "joint.mat").read_bytes())
-    return FILES[0]
+        FILES.append((tmp_path / "joint.mat").read_bytes())
+    (tmp_path / "joint.mat").write_bytes(FILES[0])
 
 
 @pytest.mark.parametrize("command", [name for name in app if not name.startswith("-")])
@@ -31,46 +34,27 @@ def test_without_a_command_the_help_is_shown(tvsysid):
     code, out, err = tvsysid()
     assert (code, err) == (0, "")
     assert "Usage: tvsysid" in out
+    assert "Compare methods on simulated data" in out
     assert tvsysid("--help")[1] == out
 
 
-def test_version(tvsysid):
-    assert tvsysid("--version")[:2] == (0, "tvsysid 0.1.0\n")
-
-
-IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
-
-
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "joint")
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (IDENTIFY_JOINT.replace("joint", "nowhere"), "nowhere.mat: no such file"),
+        (f"identify nowhere.mat {SIGNALS}", "nowhere.mat: no such file"),
+        (f"identify joint.mat {SIGNALS}", "--period is missing: the duration of one repetition"),
+        ("identify joint.mat --angle angle --period 2", "torque is missing; give it (--torque)"),
+        ("identify", "FILE requires an argument (see tvsysid identify --help)"),
         (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)"),
         (IDENTIFY_JOINT + "--decimate 300", "not a whole multiple of 300 Hz"),
         (IDENTIFY_JOINT + "--period 90", "no realization of 90 s"),
-        (IDENTIFY_JOINT + "--method arx", "unknown method 'arx'"),
         (IDENTIFY_JOINT + "--method sds:windw=1", "unknown setting 'windw'"),
-        (IDENTIFY_JOINT + "--method sds:window=9", "longer than a realization"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),
-        (IDENTIFY_JOINT + "--angle-unit grad", "grad"),
         (IDENTIFY_JOINT + "--torque angle", "angle and torque are both 'angle'; name the"),
-        (IDENTIFY_JOINT + "--rate 0", "sampling_rate must be a positive number"),
+        (IDENTIFY_JOINT + "--rate 0", "must be a positive number"),
         (IDENTIFY_JOINT + "--out joint.mat", "joint.mat: cannot write to this folder: File exists"),
         (IDENTIFY_JOINT + "--channel emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_"),
-        (IDENTIFY_JOINT + "--channel emg=EMG[0]", "no channel 'EMG[0]'; it holds"),
-        ("identify joint.mat --angle angle --period 2", "torque is missing; give it (--torque)"),
-        (
-            "identify joint.mat --angle angle --torque torque --rate 1000",
-            "--period is missing: the duration of one repetition",
-        ),
-        ("identify nowhere.mat --angle angle --torque torque --rate 9", "nowhere.mat: no such"),
-        ("simulate new.mat --participant 1 --duration 9", "only --perturbation applies to it"),
-        ("simulate new.mat --seed 1.5", "Invalid value for --seed: expected a whole number"),
-        ("experiment --virtual 1.5", 'Invalid value for --virtual: unable to convert "1.5"'),
-        ("explore joint.mat --port 80.5", "Invalid value for --port: expected a whole number"),
-        ("identify", "FILE requires an argument (see tvsysid identify --help)"),
-        ("inspect nowhere.mat", "nowhere.mat: no such file"),
         ("inspect joint.mat --diagnose --period 2", "angle is missing; give it (--angle)"),
         (
             "inspect joint.mat --diagnose --reference command",
@@ -80,24 +64,22 @@ IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
             "inspect joint.mat --plot joint.doc",
             "unknown ending '.doc'; give one of .png, .pdf, .svg",
         ),
-        ("simulate joint.mat", "joint.mat exists already; give another name, or --overwrite"),
         ("simulate joint.docx", "unknown ending '.docx'"),
-        ("simulate other.mat --duration -1", "duration must be a positive number"),
+        ("simulate new.mat --participant 1 --duration 9", "only --perturbation applies to it"),
+        ("simulate new.mat --seed 1.5", "Invalid value for --seed: expected a whole number"),
+        ("experiment --virtual 1.5", 'Invalid value for --virtual: unable to convert "1.5"'),
+        ("explore joint.mat --port 80.5", "Invalid value for --port: expected a whole number"),
         ("benchmark --duration 3", "whole realizations of 2 s"),
-        ("benchmark --trials 0", "trials"),
         ("benchmark --workers 0", "workers must be at least 1"),
-        ("benchmark --method nothing", "unknown method 'nothing'"),
         ("benchmark --method nowhere:Fit", "there is no module 'nowhere'"),
-        ("benchmark --stiffness step", "step"),
+        ("benchmark --system ankle", "unknown system 'ankle'; expected one of joint, reflex, ref"),
         ("benchmrk", 'Did you mean "benchmark"?'),
         ("benchmark --trails 3", "Unknown option: --trails. Did you mean --trials?"),
         ("check-method json:Fit", "module 'json' has no 'Fit'"),
-        ("check-method", "METHOD requires an argument (see tvsysid check-method --help)"),
         ("report nowhere", "nowhere"),
     ],
 )
-def test_errors_are_one_line(tvsysid, tmp_path, command, message):
-    (tmp_path / "joint.mat").write_bytes(joint_file(tvsysid, tmp_path))
+def test_errors_are_one_line(tvsysid, command, message):
     code, _, err = tvsysid(command)
     assert code == 2
     assert message in err
@@ -109,7 +91,7 @@ def test_errors_are_one_line(tvsysid, tmp_path, command, message):
     ("error", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "interrupted; what is finished is kept, and a study is"),
-        (KeyboardInterrupt("resumes"), 130, "resumes"),
+        (KeyboardInterrupt("closed"), 130, "closed"),
         (MemoryError(), 2, "not enough memory; give a shorter duration"),
         (OSError(28, "No space left on device", "out.csv"), 2, "out.csv: No space left on device"),
     ],
@@ -122,24 +104,26 @@ def test_what_ends_a_command_is_one_line(tvsysid, monkeypatch, error, code, mess
     assert err.count("\n") == 1
 
 
+def shown(*words, **settings):
+    return subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, check=True, **settings
+    ).stdout
+
+
 def test_start_is_light():
     program = (
         "import sys, tvsysid.cli;"
-        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', "
-        "'jinja2'} & set(sys.modules);"
+        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'jinja2'} & set(sys.modules);"
         "print(heavy or 'light')"
     )
-    shown = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout
-    assert shown == "light\n"
+    assert shown("-c", program) == "light\n"
 
 
 def test_it_is_a_module_that_can_be_run():
-    done = subprocess.run(
-        [sys.executable, "-m", "tvsysid.cli", "--version"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "tvsysid 0.1.0\n"
+    assert shown("-m", "tvsysid.cli", "--version") == "tvsysid 0.1.0\n"
+
+
+def test_a_terminal_without_unicode(monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    assert "N?m/rad" in shown("-m", "tvsysid.cli", "--help")
+    assert shown("-m", "tvsysid.cli", "methods").isascii()

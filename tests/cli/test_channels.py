@@ -8,7 +8,7 @@ from tests.cli.conftest import rows_of
 
 import tvsysid as tv
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
 
 METHODS = '''
 import numpy as np
@@ -21,15 +21,16 @@ class Scheduled(tv.Method):
     inputs = (tv.Input("emg", "scheduling", "V"),)
 
     def fit(self, ensemble):
-        emg = ensemble.signal("emg")[:, ensemble.core]
+        emg = ensemble.signal("emg")[:, ensemble.core].mean(axis=0)
         levels = np.array([0.0, 0.5, 1.0])
+        error = tv.StandardError(np.full(emg.shape, 0.1), 9)
         estimates = {
             "stiffness": tv.Estimate(50 + 100 * levels, "N m/rad", axes=("emg",)),
-            "emg_level": tv.Estimate(emg.mean(axis=0), "V", \
-error=tv.StandardError(np.full(emg.shape[1], 0.1), 9)),
+            "emg_level": tv.Estimate(emg, "V", error=error),
         }
-        return tv.Model.of(ensemble, estimates=estimates, coordinates={"emg": levels}, \
-pathways=pathways)
+        return tv.Model.of(
+            ensemble, estimates=estimates, coordinates={"emg": levels}, pathways=pathways
+        )
 
 
 def pathways(ensemble):
@@ -38,8 +39,6 @@ def pathways(ensemble):
 
 
 class Driven(Scheduled):
-    """The same with an input, which loses its mean."""
-
     inputs = (tv.Input("emg", "input", "V"),)
 
 
@@ -47,94 +46,76 @@ class Lazy(Scheduled):
     def skip(self, ensemble):
         return "it wants a [bold]holiday[/bold]"
 '''
-
-IDENTIFY = "--angle angle --torque torque --rate 100 --period 2"
+SIGNALS = "--angle angle --torque torque --rate 100 --period 2"
+EMG = "--channel emg=EMG_SIGNAL"
 
 
 @pytest.fixture
-def recording(tmp_path, monkeypatch):
-    """A joint of 100 N·m/rad at 100 Hz with EMG, in a file whose name looks like markup."""
+def identify(tvsysid, tmp_path, monkeypatch):
+    """Identify a joint of 100 N·m/rad at 100 Hz with EMG, in a file whose name looks like markup.
+
+    Returns exit code, output, errors and the table of estimates by method.
+    """
     random = np.random.default_rng(0)
-    angle = 0.02 * random.standard_normal(4000)
-    time = np.arange(4000) / 100
-    emg = 1 + np.sin(np.pi * time) + 0.1 * random.standard_normal(4000)
-    np.savez(
-        tmp_path / "[red]joint.npz",
-        angle=angle,
-        torque=100 * angle + random.standard_normal(4000),
-        EMG_SIGNAL=emg,
-    )
+    angle, emg, noise = random.standard_normal((3, 4000)) * [[0.02], [0.1], [1.0]]
+    emg += 1 + np.sin(np.pi * np.arange(4000) / 100)
+    np.savez("[red]joint.npz", angle=angle, torque=100 * angle + noise, EMG_SIGNAL=emg)
     (tmp_path / "channel_methods.py").write_text(METHODS)
     monkeypatch.syspath_prepend(tmp_path)
-    return "[red]joint.npz"
+
+    def command(options):
+        code, out, err = tvsysid(f"identify [red]joint.npz {SIGNALS} {options}")
+        table = None if code else pd.read_csv("tvsysid-identify/stiffness.csv")
+        return code, out, err, table
+
+    return command
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
-def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
-    words = "--channel emg=EMG_SIGNAL --method channel_methods:Scheduled --method birf"
-    code, out, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
+def test_a_channel_reaches_the_method_that_needs_it(identify):
+    code, out, err, table = identify(f"{EMG} --method channel_methods:Scheduled --method birf")
     assert (code, err) == (0, "")
     assert "[red]joint.npz: " in out
     # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of
     # further estimates.
-    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
-    assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
     own = table[table.method == "channel_methods:Scheduled"]
     assert own.emg_level.mean() == pytest.approx(1, abs=0.02)
     assert (own.emg_level_upper > own.emg_level).all()
     assert own.stiffness.isna().all()
     assert table[table.method == "birf"].emg_level.isna().all()
-    assert [
-        "channel_methods:Scheduled",
-        "stiffness",
-        "N·m/rad",
-        "emg",
-        "100",
-        "-",
-        "50",
-        "150",
-    ] in rows_of(out)
-    with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
+    row = ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "-", "50", "150"]
+    assert row in rows_of(out)
+    with xr.open_datatree("tvsysid-identify/models.nc", engine="h5netcdf") as tree:
         model = tree["channel_methods:Scheduled"]
         np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)
         np.testing.assert_allclose(model.emg_level_standard_error, 0.1)
         assert model.torque_reflex.sizes == {"realization": 18, "time": 200}
-        np.testing.assert_allclose(model.torque_intrinsic, 1000 * model.torque_reflex)
         assert "torque_intrinsic" in tree["birf"]
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
-def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
-    words = "--channel emg=EMG_SIGNAL --method channel_methods:Driven"
-    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
+def test_an_input_loses_its_mean(identify):
+    code, _, err, table = identify(f"{EMG} --method channel_methods:Driven")
     assert (code, err) == (0, "")
-    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
     np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
-def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(
-    tvsysid, recording, tmp_path
-):
-    words = "--channel emg=EMG_SIGNAL --method channel_methods:Lazy --method birf"
-    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} {words}")
+def test_a_method_that_cannot_serve_is_skipped_and_the_others_go_on(identify):
+    code, _, err, table = identify(f"{EMG} --method channel_methods:Lazy --method birf")
     assert code == 0
     assert err == "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]\n"
-    assert set(pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").method) == {"birf"}
+    assert set(table.method) == {"birf"}
     # One that lacks its channel is skipped too; if no method is left, that is an error.
-    code, _, err = tvsysid(f"identify {recording} {IDENTIFY} --method channel_methods:Scheduled")
+    code, _, err, _ = identify("--method channel_methods:Scheduled")
     assert code == 2
     assert "channel_methods:Scheduled: it needs the channel 'emg' (scheduling, V)" in err
     assert err.count("\n") == 1
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
-def test_a_diagnosis_takes_channels(tvsysid, recording):
-    code, out, _ = tvsysid(f"inspect {recording} --diagnose {IDENTIFY} --channel emg=EMG_SIGNAL")
+def test_a_diagnosis_takes_channels(identify, tvsysid):
+    code, out, _ = tvsysid(f"inspect [red]joint.npz --diagnose {SIGNALS} {EMG}")
     assert code == 0
     assert "[red]joint.npz (angle, torque): 18 realizations" in out
 
@@ -143,16 +124,14 @@ def test_a_diagnosis_takes_channels(tvsysid, recording):
 def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
     np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})
-    code, _, err = tvsysid(
-        f"identify degrees.npz {IDENTIFY} --angle [/bold]angle --method birf --out [b]out"
-    )
+    options = "--angle [/bold]angle --method birf --out [b]out"
+    code, _, err = tvsysid(f"identify degrees.npz {SIGNALS} {options}")
     assert code == 0
     assert "warning: " in err
     assert "[/bold]angle" in err
     assert (tmp_path / "[b]out" / "stiffness.csv").is_file()
 
 
-@pytest.mark.slow
 def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     joint = tv.simulate.ScheduledJoint(
         relation=np.polynomial.Polynomial([28.9, 155.0, 310.0]),
@@ -163,16 +142,10 @@ def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     recording = joint.simulate(
         30, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1, rate=500
     ).recording
-    np.savez(
-        "moving.npz",
-        angle=recording.angle,
-        torque=recording.torque,
-        ankle=recording.channels["ankle"],
-    )
-    signals = "moving.npz --angle angle --torque torque --rate 500 --decimate 100"
-    code, _, err = tvsysid(f"identify {signals}")
-    assert (code, "--period is missing: the duration of one repetition" in err) == (2, True)
-    code, out, err = tvsysid(f"identify {signals} --scheduling ankle --out found")
+    ankle = recording.channels["ankle"]
+    np.savez("moving.npz", angle=recording.angle, torque=recording.torque, ankle=ankle)
+    words = "moving.npz --angle angle --torque torque --rate 500 --decimate 100 --scheduling ankle"
+    code, out, err = tvsysid(f"identify {words} --out found")
     assert code == 0, err
     assert "1 realization" in out
     assert "of five folds held out" in out

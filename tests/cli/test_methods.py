@@ -9,11 +9,6 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
     code, out, _ = tvsysid("methods")
     assert code == 0
     for words in (
-        "eirf",
-        "sds",
-        "birf",
-        "esm",
-        "kbr",
         "max_lag=0.12",
         "same in all realizations",
         "nearly periodic",

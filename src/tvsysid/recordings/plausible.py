@@ -25,9 +25,14 @@ UNIT_SPELLINGS = {
 }
 
 
-def contradictions(channels: Mapping[str, Channel], reading: Reading) -> Iterator[str]:
-    """Yield sentences on rates and units that a file states otherwise than the caller."""
-    given = reading.sampling_rate or np.nan
+def doubts(
+    channels: Mapping[str, Channel], recording: Recording, reading: Reading
+) -> Iterator[str]:
+    """Yield sentences on what a file states otherwise than the caller, and on odd signals.
+
+    Channels are those that were read, by their names in the file.
+    """
+    given = recording.sampling_rate
     for rate in sorted({each.sampling_rate for each in channels.values() if each.sampling_rate}):
         if abs(rate - given) > RATE_TOLERANCE * given:
             names = ", ".join(name for name in channels if channels[name].sampling_rate == rate)
@@ -41,10 +46,6 @@ def contradictions(channels: Mapping[str, Channel], reading: Reading) -> Iterato
                 f"the file states the unit {stated!r} for {name}, and is read in {unit}; convert "
                 "it, or name its unit"
             )
-
-
-def implausible(recording: Recording, reading: Reading) -> Iterator[str]:
-    """Yield sentences on signals that look wrong, by their names in the file."""
     size = float(np.std(recording.angle))
     if size > MAX_ANGLE_RMS_RAD:
         remedy = (
@@ -96,11 +97,9 @@ def _standstills(
     return starts[is_lost], lengths[is_lost]
 
 
-def unlike_trials(recordings: Mapping[str, Recording]) -> Iterator[str]:
-    """Yield sentences on trials whose angle or torque is much larger or smaller than in most."""
-    if len(recordings) < 3:
-        return
-    for what in ("angle", "torque"):
+def unlike_trials(recordings: Mapping[str, Recording]) -> Iterator[tuple[str, str]]:
+    """Yield trials whose angle or torque is much larger or smaller than in most, and a sentence."""
+    for what in ("angle", "torque") if len(recordings) > 2 else ():
         sizes = {name: float(np.std(each.signal(what))) for name, each in recordings.items()}
         usual = float(np.median([*sizes.values()]))
         for name, size in sizes.items():
@@ -108,6 +107,9 @@ def unlike_trials(recordings: Mapping[str, Recording]) -> Iterator[str]:
             if ratio > MAX_SIZE_RATIO:
                 side = "large" if size > usual else "small"
                 yield (
-                    f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is "
-                    "it in another unit?"
+                    name,
+                    (
+                        f"the {what} is {ratio:.3g} times as {side} as in most trials; is it in "
+                        "another unit?"
+                    ),
                 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import Channel, explained
 from tvsysid.recordings.formats import describe_file
-from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
+from tvsysid.recordings.plausible import doubts, unlike_trials
 from tvsysid.recordings.reading import Reading, read_recording
 from tvsysid.signals import Array, Recording
 
@@ -45,7 +45,7 @@ def read(file: Path, reading: Reading) -> Recording:
     channels, signals, trial_starts = _read_signals(file, reading)
     with explained(file.name):
         recording = _recording(reading, signals, trial_starts)
-    _warn(file.name, reading, channels, recording)
+    _warn(file.name, doubts(channels, recording, reading))
     return recording
 
 
@@ -84,9 +84,9 @@ def read_usable_trials(
                 refused[name] = str(error)
                 continue
             usable[name] = recording
-            _warn(name, reading, channels, recording)
-    for text in unlike_trials(usable):
-        warnings.warn(text, DataQualityWarning, stacklevel=2)
+            _warn(name, doubts(channels, recording, reading))
+    for name, text in unlike_trials(usable):
+        _warn(name, [text])
     joined = join_trials([*usable.values()]) if usable else None
     return UsableTrials(joined, tuple(usable), refused)
 
@@ -225,9 +225,6 @@ def _recording(
     )
 
 
-def _warn(
-    name: str, reading: Reading, channels: Mapping[str, Channel], recording: Recording
-) -> None:
-    """Warn of all that the file states otherwise, or that looks wrong."""
-    for text in (*contradictions(channels, reading), *implausible(recording, reading)):
+def _warn(name: str, texts: Iterable[str]) -> None:
+    for text in texts:
         warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=5)

@@ -30,15 +30,13 @@ def read_text(file: Path, header: bool = True) -> Iterator[tuple[str, Channel]]:
     Semicolons may separate the columns of a CSV file; its numbers may have decimal commas then.
     """
     first, dialect = _first_row(file)
-    if header and _are_numbers(first):
+    if header == _are_numbers(first):
         raise InputError(
             "the first line is all numbers, and would be lost as names; if the file has no names, "
             "say --no-header (header=False in Python) and call its columns 1, 2, ...; if these are "
             "names, make them words"
-        )
-    if not header and not _are_numbers(first):
-        raise InputError(
-            f"the first line has names, such as {first[:1]}; read it without --no-header"
+            if header
+            else f"the first line has names, such as {first[:1]}; read it without --no-header"
         )
     for number, values in enumerate(_columns(file, len(first), header, **dialect), start=1):
         name = first[number - 1] or f"Unnamed: {number}"

@@ -199,13 +199,11 @@ class Recordings:
     def _preparation(self) -> dict[str, Any]:
         """Return the preparation of each recording as variables over recording and time."""
         counts = [
-            {} if item.account is None else dict(item.account.excluded_by.value_counts())
+            {} if item.table is None else dict(item.table.excluded_by.value_counts())
             for item in self._prepared
         ]
         values: dict[str, list[object]] = {
-            "recorded": [
-                0 if each.account is None else len(each.account) for each in self._prepared
-            ],
+            "recorded": [0 if each.table is None else len(each.table) for each in self._prepared],
             "survivors": [
                 0 if each.ensemble is None else len(each.ensemble) for each in self._prepared
             ],

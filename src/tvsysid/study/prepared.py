@@ -27,193 +27,206 @@ from tvsysid.study.experiment import Experiment, Recorded
 if TYPE_CHECKING:
     import pandas as pd
 
-NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
-EXCERPT = 10.0  # seconds of a recording that are shown
+NOTHING = "nothing"  # digest of a recording that could not be prepared
+EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
 TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 """Channels that pass through the preparation: torque before its mean is lost, and pathways."""
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Prepared:
     """One recording, ready for identification.
 
-    ``ensemble`` holds the kept realizations, mean subtracted, with the channels that methods need,
-    ``account`` the table of :class:`~tvsysid.preprocess.Preparation`. Both are None where nothing
-    could be prepared, and ``failure`` says why. The target torque and the mean torque of the kept
-    realizations are over one realization, in N·m, shape (time,); NaN if unknown. ``truth`` has
-    their means of a simulation's quantities by name; ``pathways`` the noiseless torques that the
-    experiment measures, shape (realization, time), without mean. ``trials`` is the number of usable
-    trials, ``refused`` says why others cannot be used, by file, and ``warnings`` names doubts.
-    ``alignment`` is the effect of the shifts on stiffness.
+    Parameters
+    ----------
+    recorded
+        The participant and perturbation.
+    ensemble
+        Kept realizations, mean subtracted, with the channels that methods need; None if there are
+        none.
+    table
+        Table of :class:`~tvsysid.preprocess.Preparation`; None if nothing could be prepared.
+    target_torque, mean_torque
+        Target, and mean torque of the kept realizations, in N·m, shape (time,); NaN if unknown.
+    truth
+        Quantities of a simulation: means over the kept realizations, shape (time,).
+    pathways
+        Noiseless torques of a simulation, mean subtracted, shape (realization, time).
+    trials
+        Number of usable trials.
+    refused
+        Why other trials cannot be used, by file.
+    warnings, failure
+        Doubts, and why nothing could be prepared.
+    alignment
+        Effect of the shifts on stiffness.
     """
 
     recorded: Recorded
-    ensemble: Ensemble | None
-    account: pd.DataFrame | None
+    ensemble: Ensemble | None = None
+    table: pd.DataFrame | None = None
     target_torque: Array
     mean_torque: Array
-    truth: dict[str, Array]
-    pathways: Mapping[str, Array]
-    trials: int
-    refused: dict[str, str]
-    warnings: tuple[str, ...]
+    truth: Mapping[str, Array] = attrs.field(factory=dict)
+    pathways: Mapping[str, Array] = attrs.field(factory=dict)
+    trials: int = 0
+    refused: Mapping[str, str] = attrs.field(factory=dict)
+    warnings: tuple[str, ...] = ()
     failure: str = ""
     alignment: AlignmentEffect = UNKNOWN
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """All that should be known about it, in words."""
+        """Trials that are left out, doubts and failure, in words."""
         left_out = (f"{name} is left out: {reason}" for name, reason in self.refused.items())
         return (*left_out, *self.warnings, *([self.failure] if self.failure else []))
 
     @property
     def digest(self) -> str:
-        """Digest of the ensemble; other data have another one."""
-        return NOTHING if self.ensemble is None else _digest(self.ensemble)
-
-
-def _digest(ensemble: Ensemble) -> str:
-    """Return a checksum of the data, whatever object holds them."""
-    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
-    found = hashlib.sha256(repr(cut).encode())
-    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
-        found.update(np.asarray(values).tobytes())
-    recorded = (
-        {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
-    )
-    for name, values in (dict(ensemble.channels) | recorded).items():
-        found.update(name.encode() + values.tobytes())
-    return found.hexdigest()[:16]
+        """Hash of the ensemble, whatever object holds it."""
+        ensemble = self.ensemble
+        if ensemble is None:
+            return NOTHING
+        cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context
+        digest = hashlib.sha256(repr((*cut, ensemble.mean_subtracted)).encode())
+        for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
+            digest.update(np.asarray(values).tobytes())
+        for name, values in (
+            *ensemble.channels.items(),
+            ("recorded_angle", ensemble.recorded_angle),
+        ):
+            digest.update(b"" if values is None else name.encode() + values.tobytes())
+        return digest.hexdigest()[:16]
 
 
 def prepared_recordings(
     experiment: Experiment, progress: Progress = no_progress
 ) -> tuple[Prepared, ...]:
-    """Prepare every recording of an experiment; what cannot be used spoils nothing else.
+    """Prepare every recording of an experiment. One that cannot be used does not stop the others.
 
-    ``progress`` is called with the numbers of recordings done and in all.
+    Parameters
+    ----------
+    progress
+        Called with the numbers of finished recordings and of all.
     """
-    done: list[Prepared] = []
+    prepared: list[Prepared] = []
     for recorded in experiment.recordings:
-        progress(len(done), len(experiment.recordings))
+        progress(len(prepared), len(experiment.recordings))
         with single_thread():  # so that the same recordings have the same digest everywhere
-            done.append(_prepared(experiment, recorded))
-    return tuple(done)
+            prepared.append(_prepare(experiment, recorded))
+    return tuple(prepared)
 
 
 def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
     """Return an excerpt of a recording and its preparation, for figures.
 
-    Raises if it cannot be read or prepared.
+    Raises
+    ------
+    InputError
+        If the recording cannot be read or prepared.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
-        recording, _ = _recording(experiment, recorded, _simulated(recorded))
-        return excerpt(recording, experiment.preparation.reference), _preparation(
-            experiment, recording
-        )
+        warnings.simplefilter("ignore", DataQualityWarning)  # reported when it was prepared
+        recording, _ = _read(experiment, recorded, _simulate(recorded))
+        preparation = _preparation(experiment, recording)
+    return excerpt(recording, experiment.preparation.reference), preparation
 
 
-def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
-    samples = round(experiment.preparation.period * experiment.preparation.rate)
-    unknown = np.full(samples, np.nan)
-    refused: dict[str, str] = {}
-    trials, failure, preparation = 0, "", None
+def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
+    preparing = experiment.preparation
+    unknown = np.full(round(preparing.period * preparing.rate), np.nan)
+    prepared = Prepared(recorded=recorded, target_torque=unknown, mean_torque=unknown)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            simulation = _simulated(recorded)
-            recording, refused = _recording(experiment, recorded, simulation)
-            trials = len(recording.trials)
+            simulation = _simulate(recorded)
+            recording, refused = _read(experiment, recorded, simulation)
+            prepared = attrs.evolve(prepared, trials=len(recording.trials), refused=refused)
             preparation = _preparation(experiment, recording)
+            prepared = _with_ensemble(prepared, experiment, preparation, simulation)
         except (InputError, MemoryError) as error:
             failure = str(error) or "there is not enough memory"
-    warned = tuple(dict.fromkeys(str(item.message) for item in caught))
-    if preparation is None:
-        return Prepared(
-            recorded, None, None, unknown, unknown, {}, {}, trials, refused, warned, failure
-        )
-    ensemble = preparation.ensemble
+            prepared = attrs.evolve(prepared, failure=failure)
+    texts = dict.fromkeys(str(item.message) for item in caught)
+    return attrs.evolve(prepared, warnings=tuple(texts))
 
-    def over_time(name: str | None) -> Array:
-        """Return the mean of a channel over the kept realizations."""
-        if name is None or name not in ensemble.channels:
-            return unknown
-        return np.asarray(ensemble.channels[name][:, ensemble.core].mean(axis=0))
 
+def _with_ensemble(
+    prepared: Prepared,
+    experiment: Experiment,
+    preparation: Preparation,
+    simulation: Simulation | None,
+) -> Prepared:
+    """Return a recording with its kept realizations, and what is known of them."""
+    ensemble, methods = preparation.ensemble, experiment.named_methods.values()
+    channels = dict(ensemble.channels)
+    cores = {name: np.asarray(values[:, ensemble.core]) for name, values in channels.items()}
     truth = {} if simulation is None else simulation.truth_of(ensemble)
-    truth = {name: values.mean(axis=0) for name, values in truth.items()}
-    cores = {
-        name.removeprefix(PATHWAY): np.asarray(torque[:, ensemble.core])
-        for name, torque in ensemble.channels.items()
-        if name.startswith(PATHWAY)
-    }
-    pathways = {name: torque - torque.mean(axis=0) for name, torque in cores.items()}
-    wanted = {item.name for method in experiment.named_methods.values() for item in method.inputs}
-    needed = [name for name in ensemble.channels if name in wanted]
-    rectified = any(method.uses_recorded_angle for method in experiment.named_methods.values())
-    return Prepared(
-        recorded=recorded,
+    inputs = {item.name for method in methods for item in method.inputs}
+    is_rectified = any(method.uses_recorded_angle for method in methods)
+    reference = experiment.preparation.reference
+    return attrs.evolve(
+        prepared,
         ensemble=attrs.evolve(
             ensemble,
-            channels={name: ensemble.channels[name] for name in needed},
-            recorded_angle=ensemble.recorded_angle if rectified else None,
+            channels={name: values for name, values in channels.items() if name in inputs},
+            recorded_angle=ensemble.recorded_angle if is_rectified else None,
         ),
-        account=preparation.table,
-        target_torque=over_time(experiment.preparation.reference),
-        mean_torque=over_time(TORQUE),
-        truth=truth,
-        pathways=pathways,
-        trials=trials,
-        refused=refused,
-        warnings=warned,
+        table=preparation.table,
+        target_torque=cores[reference].mean(axis=0)
+        if reference in cores
+        else prepared.target_torque,
+        mean_torque=cores[TORQUE].mean(axis=0),
+        truth={name: values.mean(axis=0) for name, values in truth.items()},
+        pathways={
+            name.removeprefix(PATHWAY): torque - torque.mean(axis=0)
+            for name, torque in cores.items()
+            if name.startswith(PATHWAY)
+        },
         alignment=effect_of_alignment(preparation),
     )
 
 
 def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
-    deviating = set(centered_channels(experiment.named_methods.values())) & set(recording.channels)
-    return prepare(recording, **attrs.asdict(experiment.preparation), channels=sorted(deviating))
+    centered = set(centered_channels(experiment.named_methods.values())) & set(recording.channels)
+    return prepare(recording, **attrs.asdict(experiment.preparation), channels=sorted(centered))
 
 
-def _simulated(recorded: Recorded) -> Simulation | None:
+def _simulate(recorded: Recorded) -> Simulation | None:
     if not recorded.is_virtual:
         return None
     return Participant(recorded.number).simulate(perturbation=PERTURBATIONS[recorded.perturbation])
 
 
-def _recording(
+def _read(
     experiment: Experiment, recorded: Recorded, simulation: Simulation | None
 ) -> tuple[Recording, dict[str, str]]:
     """Return all usable trials as one recording, and why others cannot be used.
 
-    Raises if there is none.
+    Raises an InputError if there is none.
     """
+    channels: dict[str, Array] = {}
+    refused: dict[str, str] = {}
     if simulation is not None:
-        methods = experiment.named_methods.values()
-        several = any(len(method.pathway_names) > 1 for method in methods)
-        pathways = simulation.pathways if several else {}
-        beside = {PATHWAY + name: torque for name, torque in pathways.items()}
-        return _with_torque(simulation.recording, beside), {}
-    assert experiment.reading is not None
-    preparing = experiment.preparation
-    files, missing = _files(experiment.folder, recorded.files)
-    channels = {} if preparing.reference is None else {preparing.reference: preparing.reference}
-    channels |= experiment.reading.channels
-    reading = attrs.evolve(experiment.reading, channels=channels)
-    shortest = 2 * preparing.ends + preparing.period
-    usable = read_usable_trials(files, reading, shortest)
-    refused = missing | usable.refused
-    if usable.recording is None:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
-        raise InputError(f"no trial can be used: {reasons}")
-    return _with_torque(usable.recording, {}), refused
-
-
-def _with_torque(recording: Recording, beside: dict[str, Array]) -> Recording:
-    return attrs.evolve(
-        recording, channels={**recording.channels, TORQUE: recording.torque} | beside
-    )
+        recording, methods = simulation.recording, experiment.named_methods.values()
+        if any(len(method.pathway_names) > 1 for method in methods):
+            channels = {PATHWAY + name: torque for name, torque in simulation.pathways.items()}
+    else:
+        assert experiment.reading is not None
+        preparing, reference = experiment.preparation, experiment.preparation.reference
+        files, missing = _files(experiment.folder, recorded.files)
+        target = {} if reference is None else {reference: reference}
+        reading = attrs.evolve(
+            experiment.reading, channels=target | dict(experiment.reading.channels)
+        )
+        usable = read_usable_trials(files, reading, 2 * preparing.ends + preparing.period)
+        refused = missing | usable.refused
+        if usable.recording is None:
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+            raise InputError(f"no trial can be used: {reasons}")
+        recording = usable.recording
+    channels = {**recording.channels, TORQUE: recording.torque} | channels
+    return attrs.evolve(recording, channels=channels), refused
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:
@@ -241,7 +254,7 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], di
 def excerpt(recording: Recording, reference: str | None) -> Recording:
     """Return ten seconds from the middle of the first trial, with the target torque."""
     trial = recording.trials[0]
-    count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)
+    count = min(round(EXCERPT_S * recording.sampling_rate), trial.stop - trial.start)
     first = trial.start + (trial.stop - trial.start - count) // 2
     part = slice(first, first + count)
     target = {} if reference is None else {"target": recording.channels[reference][part]}

@@ -224,9 +224,9 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     columns += ["excluded_by", "reached", "limit", "unit"]
     tables = [pd.DataFrame(columns=columns)]
     for item in prepared:
-        if item.account is not None:
+        if item.table is not None:
             recorded = item.recorded
             labels = (recorded.label, recorded.participant, recorded.perturbation)
-            own = item.account.reset_index().assign(**dict(zip(OF_RECORDING, labels, strict=True)))
+            own = item.table.reset_index().assign(**dict(zip(OF_RECORDING, labels, strict=True)))
             tables.append(own[columns])
     return pd.concat(tables[1:] or tables, ignore_index=True)

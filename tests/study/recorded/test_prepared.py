@@ -33,7 +33,7 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     by_hand = tv.preprocess.prepare(attrs.evolve(simulation.recording, channels=parts))
     prepared = small.prepared[0]
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
-    np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.table.excluded_by)
+    np.testing.assert_array_equal(prepared.table.excluded_by, by_hand.table.excluded_by)
     truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
     np.testing.assert_allclose(prepared.truth["stiffness"], truth)
     # What the survivors' torque was before its mean was taken off: the voluntary torque, but for

@@ -161,14 +161,6 @@ def test_the_score_is_a_geometric_mean_and_its_error_that_of_the_delta_method(ra
     assert paired < 0.7 * np.hypot(*delta(influence))  # the same trials
 
 
-def test_standard_errors_are_those_of_fresh_trials(random):
-    """With few trials too, of which a draw varies less than a sample."""
-    errors = 0.1 * random.lognormal(0, 0.15, (300, 13, 5, 1))
-    scores = [standing.scores_of(each)[0, 0] for each in errors]
-    told = [standing.replicates_of(each).std() for each in errors[:20]]
-    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(scores), rel=0.1)
-
-
 def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
     scores = np.array([5.0, 4.0, 4.5, 4.2, 9.0])
     noise = np.tile([-1.0, 1.0], 50)  # of one standard error

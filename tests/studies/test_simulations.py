@@ -209,23 +209,6 @@ def test_few_trials_decide_nothing(trials):
     assert set(table.verdict) == {"undecided", "not studied"}
 
 
-@pytest.mark.slow
-def test_the_quick_study_judges_what_it_can():
-    table = judge(score(run(Study(methods=FIVE, trials=12, duration_s=60.0), workers=1))).set_index(
-        "claim"
-    )
-    assert table.loc["eirf has the highest random error"].verdict == "holds"
-    assert table.loc["birf has the largest bias"].verdict == "holds"
-    assert table.loc["eirf is most sensitive to the amount of data"].verdict == "not studied"
-
-
-@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.sentence)
-def test_claims_are_said_in_full(claim):
-    assert claim.source in ("3.4", "5", "A")
-    assert claim.needs
-    assert not claim.sentence.endswith(".")
-
-
 def test_without_noise_no_scenario_is_compared_with_itself():
     found = judge(scores_of({}, study=Study(snr_db=math.inf, trials=10)))
     (row,) = found[found.claim.str.contains("10 dB less")].itertuples()

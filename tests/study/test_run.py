@@ -80,12 +80,6 @@ def test_the_number_of_workers_changes_no_number(results):
 
 
 @pytest.mark.slow
-def test_any_executor_serves_and_changes_no_number(results):
-    with ThreadPoolExecutor(2) as executor:
-        same(run(Study(**SMALL), executor=executor), results)
-
-
-@pytest.mark.slow
 def test_more_methods_trials_and_scenarios_change_no_number(results):
     more = run(
         Study(
@@ -113,24 +107,13 @@ def test_progress_is_reported():
 
 
 @pytest.mark.slow
-def test_own_method_enters(results):
-    both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=1)
-    assert list(both.method_key.values) == ["sds", "Mine(fault='')"]
-    xr.testing.assert_equal(
-        both.estimate.sel(quantity="stiffness").sel(method_key="sds"),
-        results.estimate.sel(quantity="stiffness").sel(method_key="sds"),
-    )
-    table = of_quantity(summarize(score(both)))
-    assert len(table[table.method == "Mine(fault='')"]) == len(table[table.method == "sds"])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
         ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
         ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
         ("short", r"Mine: stiffness over time must be of shape \(200,\), it is \(199,\)"),
+        ("nothing", "it found no stiffness at any time"),
     ],
 )
 def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
@@ -192,13 +175,6 @@ def test_a_system_that_kills_its_worker_is_not_blamed_on_a_method():
     assert "method sds" not in str(raised.value)
 
 
-def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
-    study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["eirf"])
-    trial = Simulations(study).tasks[0, 0]
-    first, second = run_task(trial), run_task(trial)
-    np.testing.assert_array_equal(first["estimate"], second["estimate"])
-
-
 @pytest.mark.slow
 def test_threads_keep_each_trial_s_doubts():
     study = Study(duration_s=[40, 80], trials=2, methods=["eirf", "sds"])
@@ -211,15 +187,6 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
     executor.shutdown()
     with pytest.raises(tv.InputError, match=r"the executor failed .*Run the same command again"):
         run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
-
-
-@pytest.mark.slow
-def test_a_method_that_finds_nothing_has_failed():
-    found = run(
-        Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]),
-        workers=1,
-    )
-    assert found.failure.values.ravel()[1] == "it found no stiffness at any time"
 
 
 def test_a_method_that_cannot_be_pickled_is_refused():

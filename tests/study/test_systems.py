@@ -1,6 +1,5 @@
 """A study simulates any system, profile and perturbation, at any rate and period."""
 
-import dataclasses
 import json
 import sys
 
@@ -186,18 +185,6 @@ def test_what_cannot_be_simulated_in_a_study_is_refused():
         Study(system=tv.simulate.Participant(1), **SHORT)
     with pytest.raises(tv.InputError, match="covarying follows the profile"):
         Study(system="scheduled", stiffness="sine", viscosity="covarying", **SHORT)
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Slotted:
-    stiffness: object = tv.simulate.SineWave()
-
-    def simulate(self, duration, **settings):
-        return tv.simulate.Joint(self.stiffness).simulate(duration, **settings)
-
-
-def test_a_system_with_slots():
-    assert not run(Study(system=Slotted(), duration_s=20, **SHORT), workers=1).failure.values.any()
 
 
 def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():

@@ -91,11 +91,11 @@ class Prepared:
         digest = hashlib.sha256(repr((*cut, ensemble.mean_subtracted)).encode())
         for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
             digest.update(np.asarray(values).tobytes())
-        for name, values in (
-            *ensemble.channels.items(),
-            ("recorded_angle", ensemble.recorded_angle),
-        ):
-            digest.update(b"" if values is None else name.encode() + values.tobytes())
+        channels = dict(ensemble.channels)
+        if ensemble.recorded_angle is not None:
+            channels["recorded_angle"] = ensemble.recorded_angle
+        for name, channel in channels.items():
+            digest.update(name.encode() + channel.tobytes())
         return digest.hexdigest()[:16]
 
 

@@ -2,7 +2,6 @@
 
 import os
 import re
-import warnings
 
 import attrs
 import numpy as np
@@ -139,15 +138,6 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
     assert set(table.recording) == {"P8-noise"}
 
 
-def test_preparation_that_leaves_nothing_fails_alone(tmp_path):
-    write_trials(tmp_path)
-    (prepared,) = prepared_recordings(
-        experiment_on(tmp_path, "trial*.mat", preparation=SHORT | {"period": 30.0})
-    )
-    assert prepared.ensemble is None
-    assert "lasts 24 s" in prepared.failure
-
-
 def test_the_account_of_every_realization_is_one_table(small):
     table = exclusions(small.prepared)
     assert len(table) == 600
@@ -160,16 +150,6 @@ def test_the_account_of_every_realization_is_one_table(small):
         assert (gone.reached > gone.limit).all()
 
 
-def test_data_are_told_apart_by_their_digest(tmp_path):
-    write_trials(tmp_path)
-    first = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest
-    assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest == first
-    savemat(tmp_path / "trial1.mat", trial(9))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest != first
-
-
 def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_them(tmp_path):
     folder = tmp_path / "study [2026]"
     folder.mkdir()
@@ -179,36 +159,6 @@ def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_
         experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"])
     )
     assert (prepared.trials, prepared.refused) == (4, {})
-
-
-def test_a_trial_in_another_unit_than_the_others_is_a_doubt(tmp_path):
-    write_trials(tmp_path, count=4)
-    signals = trial(2)
-    savemat(tmp_path / "trial2.mat", signals | {"torque": 1000 * signals["torque"]})
-    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
-    (remark,) = prepared.remarks
-    assert re.fullmatch(
-        r"trial2\.mat: the torque is \S+ times as large as in most trials; .* another unit\?",
-        remark,
-    )
-
-
-def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_path):
-    for number in range(2):
-        savemat(
-            tmp_path / f"trial{number}.mat",
-            trial(number) | {"goal": np.sin(np.arange(3072) * np.pi / 128)},
-        )
-    preparing = {
-        "reference": "goal",
-        "task_limit": None,
-        "residual_limit": None,
-        "ends": 1.0,
-        "context": 0.25,
-    }
-    experiment = experiment_on(tmp_path, "trial*.mat", preparation=preparing)
-    excerpt, _ = shown(experiment, experiment.recordings[0])
-    assert list(excerpt.channels) == ["target"]
 
 
 class Driven(tv.Method):

@@ -76,20 +76,6 @@ def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
         )
 
 
-def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(small):
-    experiment, item = small.experiment, small.prepared[0]
-    weights = bootstrap_weights(
-        len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20), contiguous=True
-    )
-    model = tv.KernelRegression.preset("experiment").identify(item.ensemble.select(weights[3] > 0))
-    found = (
-        small.results.estimate.sel(quantity="stiffness")
-        .sel(recording="P1-noise", analysis="kbr-20")
-        .values[3]
-    )
-    np.testing.assert_allclose(found, model.stiffness, rtol=1e-9)
-
-
 @dataclass(frozen=True)
 class Counting(tv.Method):
     """Counts how often it is asked, in a file."""
@@ -222,14 +208,6 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
         small.results,
     )
     assert seen[0] >= 3
-
-
-@pytest.mark.slow
-def test_the_recordings_are_prepared_if_they_are_not_given(small):
-    experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "prbs"})
-    results = run(experiment, workers=1)
-    np.testing.assert_array_equal(results.estimate[0, 0], small.results.estimate[1, 0])
-    assert results.sizes["recording"] == 1
 
 
 def moved(tmp_path):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from tests.independent import ensemble_of, imposed
+from tests.reflexive import reflexive
 
 import tvsysid as tv
 from tvsysid.methods.cascade import data
@@ -26,27 +27,20 @@ from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
 
 RATE, TIMES, HISTORY, LAGS = 100.0, 60, 250, 4
-GAIN = tv.simulate.SineWave(8.0, 4.0, offset=-0.5)
 FREE = ("frequency", "damping", "threshold", "delay")
 NOISE = np.array([1.0, 0.5, 0.2])  # autocorrelation
 KNOWN = Shape(0.043, 14.0, 0.7, 0.1)
 CASES = {
-    "A": (tv.simulate.SineWave(), GAIN, {}, tv.simulate.FilteredNoise()),
-    "C": (tv.simulate.Constant(100.0), 0.0, {}, tv.simulate.FilteredNoise()),
-    "E": (tv.simulate.SineWave(), GAIN, {}, tv.simulate.PRBS()),
-    "N": (tv.simulate.SineWave(), GAIN, {"direction": -1}, tv.simulate.FilteredNoise()),
-    "T": (tv.simulate.SineWave(), GAIN, {"threshold": 0.1}, tv.simulate.FilteredNoise()),
+    "A": {},
+    "C": {"stiffness": "constant", "gain": 0.0},
+    "E": {"perturbation": "prbs"},
+    "N": {"direction": -1},
+    "T": {"threshold": 0.1},
 }
 
 
-def simulated(case, duration, seed=1000):
-    stiffness, gain, reflex, perturbation = CASES[case]
-    joint = tv.simulate.ReflexJoint(
-        stiffness, reflex_gain=gain, reflex=tv.simulate.StretchReflex(**reflex)
-    )
-    simulation = joint.simulate(duration, perturbation=perturbation, snr_db=10, seed=seed)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    return ensemble, {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
+def simulated(case, duration):
+    return reflexive(duration, **CASES[case])
 
 
 @pytest.fixture
@@ -104,20 +98,16 @@ def test_a_second_order_response_is_read_from_its_weights():
 def test_fast_movement_has_its_derivatives_although_it_is_decimated_to_a_slow_one():
     # 62 Hz is 38 Hz at 100 Hz; what passes the decimation filter is known from the angle that
     # passes.
-    time = np.arange(3000) / 1000
-    derivatives = [np.sin(2 * np.pi * 62 * time), (2 * np.pi * 62) * np.cos(2 * np.pi * 62 * time)]
-    derivatives.append(-((2 * np.pi * 62) ** 2) * derivatives[0])
-    low = [keep_every(each[None], 10) for each in derivatives]
+    turns, slow_turns = 2 * np.pi * np.outer((62, 5), np.arange(3000) / 1000)
+    speed = 2 * np.pi * 62
+    fast = [np.sin(turns), speed * np.cos(turns), -(speed**2) * np.sin(turns)]
+    low = [keep_every(each[None], 10) for each in fast]
     signals = intrinsic_signals(low[0], LAGS, RATE)
-    fast = unresolved(derivatives[0].reshape(1, -1, 10), LAGS, RATE)
-    inside = slice(10, -10)
-    for order in (1, 2):
-        found = signals[order] + fast[order - 1]
-        error, without = (
-            np.abs(each - low[order])[:, inside].max() for each in (found, signals[order])
-        )
-        assert error < 5e-3 * without
-    slow = np.sin(2 * np.pi * 5 * time).reshape(1, -1, 10)
+    missing = unresolved(fast[0].reshape(1, -1, 10), LAGS, RATE)
+    for expected, without, rest in zip(low[1:], signals[1:3], missing, strict=True):
+        errors = [np.abs(each - expected)[:, 10:-10].max() for each in (without + rest, without)]
+        assert errors[0] < 5e-3 * errors[1]
+    slow = np.sin(slow_turns).reshape(1, -1, 10)
     assert np.abs(unresolved(slow, LAGS, RATE)).max() < 3e-3 * (2 * np.pi * 5) ** 2
     np.testing.assert_array_equal(unresolved(slow[..., :1], LAGS, RATE), 0)
 
@@ -172,24 +162,6 @@ def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window,
     np.testing.assert_allclose(problem.data.intrinsic(coefficients), expected, atol=1e-9)
 
 
-def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(problem):
-    reflex = problem[0].reflex
-    shape = KNOWN._replace(delay=0.04)
-    rows = reflex.drive(shape.threshold)
-    samples, late = problem[0].data.torque.shape[1], 4
-    arrival = (np.arange(-HISTORY, samples) + late) / RATE
-    response = shape._replace(delay=0.0).response(HISTORY + samples, RATE)
-    for number, column in enumerate(reflex.columns(shape)):
-        driven = rows * reflex.basis(arrival / reflex.period)[:, number]
-        out = np.stack(
-            [
-                np.convolve(row, response)[HISTORY - late : HISTORY - late + samples]
-                for row in driven
-            ]
-        )
-        np.testing.assert_allclose(column, deviations(out), rtol=1e-3, atol=1e-4)
-
-
 @pytest.fixture
 def regression(random):
     columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
@@ -232,15 +204,7 @@ def test_what_cannot_be_negative_is_not_and_the_rest_follows(regression, random)
 
 
 def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
-    joint = tv.simulate.ReflexJoint(
-        tv.simulate.SineWave(), reflex_gain=tv.simulate.SquareWave(0.0, 8.0)
-    )
-    recording = joint.simulate(
-        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
-    ).recording
-    model = tv.JointCascade().identify(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    )
+    model = tv.JointCascade().identify(reflexive(40, gain="square", seed=3)[0])
     gain = model.estimates["reflex_gain"]
     lower, upper = gain.band()
     assert gain.values.min() == lower.min() == 0
@@ -294,26 +258,20 @@ def test_slow_noise_hides_no_change_and_makes_none(wave):
 def test_both_pathways_are_found(case):
     ensemble, truth = simulated(case, 150 if case == "E" else 40)
     model = tv.JointCascade().identify(ensemble)
-    details = model.diagnostics.details
+    details, sign = model.diagnostics.details, "negative" if case == "N" else "positive"
     assert model.diagnostics.warnings == ()
-    assert details["reflex_shown"] == 1
-    assert details["direction"] == (-1 if case == "N" else 1)
-    error = model.stiffness - truth["stiffness"]
-    assert abs(error.mean()) < 4.0
-    assert np.sqrt(np.mean(error**2)) < 5.0  # by sds 55
-    error = model.over_time("reflex_gain") - truth["reflex_gain"]
-    assert abs(error.mean()) < 0.5
-    assert np.sqrt(np.mean(error**2)) < 1.0
-    for name in ("stiffness", "reflex_gain"):
+    assert (details["reflex_shown"], details["direction"]) == (1, -1 if case == "N" else 1)
+    # The error of stiffness by sds is 55.
+    for name, largest_mean, largest in (("stiffness", 4.0, 5.0), ("reflex_gain", 0.5, 1.0)):
+        error = model.over_time(name) - truth[name]
+        assert abs(error.mean()) < largest_mean
+        assert np.sqrt(np.mean(error**2)) < largest
         lower, upper = model.estimates[name].band()
         assert np.mean((lower < truth[name]) & (truth[name] < upper)) > 0.7
     assert details["frequency"] == pytest.approx(15.6, rel=0.06)
     assert details["damping"] == pytest.approx(0.62, rel=0.12)
-    assert details["threshold"] == pytest.approx(CASES[case][2].get("threshold", 0.0), abs=0.03)
-    assert (
-        details["evidence_negative" if case == "N" else "evidence_positive"]
-        > details["evidence_linear"] + 20
-    )
+    assert details["threshold"] == pytest.approx(CASES[case].get("threshold", 0.0), abs=0.03)
+    assert details[f"evidence_{sign}"] > details["evidence_linear"] + 20
     assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1.5)
     np.testing.assert_allclose(model.impulse_response.sum(axis=1) / 100, model.stiffness, rtol=1e-9)
     assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)

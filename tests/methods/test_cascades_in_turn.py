@@ -4,12 +4,12 @@ The data are simulated reflexes and real ankles.
 """
 
 import warnings
-from functools import cache
 
 import attrs
 import numpy as np
 import pytest
 from scipy.io import loadmat
+from tests.reflexive import ankle, centred, reflexive
 
 import tvsysid as tv
 
@@ -21,40 +21,10 @@ def _warnings_are_not_the_point():
         yield
 
 
-class Gain:
-    period = 2.0
-
-    def __call__(self, time):
-        return 8 + 4 * np.sin(np.pi * (np.asarray(time) + 0.5))
-
-
-@cache
-def changing(duration, seed, snr=10.0, direction=1):
-    """Simulate stiffness and reflex gain that both change.
-
-    Return the ensemble, the truth, and the noiseless torque by pathway.
-    """
-    joint = tv.simulate.ReflexJoint(
-        stiffness=tv.simulate.SineWave(),
-        reflex_gain=Gain(),
-        reflex=tv.simulate.StretchReflex(direction=direction),
-    )
-    simulation = joint.simulate(
-        duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr, seed=seed
-    )
-    recording = simulation.recording
-    recording = tv.Recording(
-        recording.angle, recording.torque, recording.sampling_rate, recording.start,
-        channels={**recording.channels, **simulation.pathways},
-    )  # fmt: skip
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    truth = {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
-    ensemble = tv.preprocess.subtract_mean(ensemble, channels=tuple(simulation.pathways))
-    return (
-        ensemble,
-        truth,
-        {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways},
-    )
+def changing(duration, **settings):
+    """Return an ensemble without its mean, and the truth."""
+    ensemble, truth = reflexive(duration, **settings)
+    return centred(ensemble), truth
 
 
 POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
@@ -70,7 +40,7 @@ POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
     ],
 )
 def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
-    ensemble, truth, torques = changing(60.0, 3, np.inf, direction)
+    ensemble, truth = changing(60.0, seed=3, snr_db=np.inf, direction=direction)
     model = method.identify(ensemble)
     assert model.diagnostics.details["direction"] == direction
     assert np.abs(model.stiffness - truth["stiffness"]).mean() < 3
@@ -78,27 +48,21 @@ def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
     gain = model.estimates["reflex_gain"].values
     assert gain.mean() == pytest.approx(8, rel=0.05)
     assert np.ptp(gain) == pytest.approx(8, rel=0.15)
-    predicted = model.pathways(ensemble)
-    for name, torque in torques.items():
-        assert tv.metrics.vaf(torque, predicted[name]).mean() > 97
+    for name, predicted in model.pathways(ensemble).items():
+        torque = ensemble.channels[name][:, ensemble.core]
+        assert tv.metrics.vaf(torque, predicted).mean() > 97
     assert model.diagnostics.details["vaf"] > 99
 
 
 def test_without_a_reflex_none_is_found():
-    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=0.0)
-    recording = joint.simulate(
-        40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4
-    ).recording
-    ensemble = tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    )
+    ensemble, truth = changing(40.0, gain=0.0, seed=4)
     model = tv.BasisCascade().identify(ensemble)
     assert np.abs(model.estimates["reflex_gain"].values).max() < 0.5
-    assert np.sqrt(np.mean(np.square(model.stiffness - tv.simulate.SineWave()(model.time)))) < 4
+    assert np.sqrt(np.mean((model.stiffness - truth["stiffness"]) ** 2)) < 4
 
 
 def test_emg_drives_the_reflex():
-    ensemble, _, _ = changing(40.0, 1000)
+    ensemble, _ = changing(40.0)
     model = tv.BasisCascade(emg="emg", memory=0.3).identify(ensemble)
     assert model.estimates["reflex_gain"].unit == "N m/V"
     assert model.reflex_lags[0] == 0
@@ -108,7 +72,7 @@ def test_emg_drives_the_reflex():
 
 @pytest.mark.slow
 def test_slow_voluntary_torque_is_taken_out():
-    ensemble, truth, _ = changing(40.0, 1000)
+    ensemble, truth = changing(40.0)
     time = np.linspace(-1, 1, ensemble.angle.shape[1])
     drift = np.random.default_rng(1).normal(size=(len(ensemble), 4)) @ np.vander(time, 4).T
     drift *= 2 * ensemble.torque.std() / drift.std()
@@ -149,14 +113,8 @@ def test_walking_is_explained_by_emg_and_slow_torque(recordings_folder):
     [("plantarflexor", 55, 70, 87), ("dorsiflexor", 70, 80, 91), ("dorsiflexor_2", 48, 54, 93)],
 )
 def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record, low, high, vaf):
-    data = loadmat(recordings_folder / "tonic_ankle.mat")
-    recording = tv.Recording(
-        data[f"{record}_angle"].ravel(), -data[f"{record}_torque"].ravel(), 1000.0
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    model = tv.BasisCascade(basis=tv.CubicBSplines(4)).identify(
-        tv.preprocess.subtract_mean(ensemble)
-    )
+    method = tv.BasisCascade(basis=tv.CubicBSplines(4))
+    model = method.identify(ankle(recordings_folder, record))
     assert low < model.stiffness.mean() < high
     assert model.diagnostics.details["vaf"] > vaf
 
@@ -174,7 +132,7 @@ def test_wrong_settings_are_refused(create, message):
 
 
 def test_few_realizations_are_warned_of_where_a_window_is_short():
-    ensemble, _, _ = changing(60.0, 3, np.inf)
+    ensemble, _ = changing(60.0, seed=3, snr_db=np.inf)
     with pytest.warns(
         tv.DataQualityWarning,
         match="30 samples of all realizations, where the literature asks for 500",
@@ -184,7 +142,7 @@ def test_few_realizations_are_warned_of_where_a_window_is_short():
 
 @pytest.mark.slow
 def test_realizations_without_their_past_are_left_out():
-    ensemble, truth, _ = changing(60.0, 3, np.inf)
+    ensemble, truth = changing(60.0, seed=3, snr_db=np.inf)
     method = tv.BasisCascade(memory=0.7)
     mixed = ensemble.select(np.r_[0:22, 23, 25, 27])
     model = method.identify(mixed)

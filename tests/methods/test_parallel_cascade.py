@@ -1,19 +1,17 @@
 """The parallel cascade against its authors' code, on simulated reflexes and on real ankles."""
 
 import warnings
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 from scipy.signal import cheby1, sosfiltfilt
+from tests.reflexive import ANKLES, ankle, centred, reflexive
 
 import tvsysid as tv
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.hammerstein import parallel_cascade
 from tvsysid.numerics.stretch import recorded_velocity
-
-RECORDS = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
 
 
 @pytest.fixture(autouse=True)
@@ -28,22 +26,14 @@ def tonic(recordings_folder):
     return loadmat(recordings_folder / "tonic_ankle.mat")
 
 
-@cache
-def reflexive(seed, perturbation, snr=10.0, gain=8.0, stiffness=100.0, **reflex):
+def constant(snr_db=10, **settings):
     """Sixty seconds of a constant joint with a reflex."""
-    joint = tv.simulate.ReflexJoint(
-        stiffness=tv.simulate.Constant(stiffness),
-        reflex_gain=gain,
-        reflex=tv.simulate.StretchReflex(**reflex),
-    )
-    recording = joint.simulate(60.0, perturbation=perturbation, snr_db=snr, seed=seed).recording
-    return tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    )
+    made = reflexive(60.0, stiffness="constant", gain=8.0, snr_db=snr_db, seed=7, **settings)
+    return centred(made[0])
 
 
 @pytest.mark.parametrize(
-    "record", [RECORDS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RECORDS[1:])]
+    "record", [ANKLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in ANKLES[1:])]
 )
 @pytest.mark.parametrize(("kind", "within"), [("rect", 0.02), ("sls", 0.08)])
 def test_stiffness_and_vaf_are_those_of_the_authors_code(
@@ -76,23 +66,16 @@ def test_stiffness_and_vaf_are_those_of_the_authors_code(
     [("plantarflexor", 61, 88), ("dorsiflexor", 76, 92), ("dorsiflexor_2", 51, 94)],
 )
 def test_real_ankles_have_the_stiffness_that_their_velocity_at_the_recorded_rate_gives(
-    tonic, record, stiffness, vaf
+    recordings_folder, record, stiffness, vaf
 ):
-    recording = tv.Recording(
-        tonic[f"{record}_angle"].ravel(), -tonic[f"{record}_torque"].ravel(), 1000.0
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    model = tv.ParallelCascade().identify(tv.preprocess.subtract_mean(ensemble))
+    model = tv.ParallelCascade().identify(ankle(recordings_folder, record))
     assert model.stiffness[0] == pytest.approx(stiffness, rel=0.05)
     assert model.diagnostics.details["vaf"] > vaf
 
 
-NOISE, PRBS = tv.simulate.FilteredNoise(), tv.simulate.PRBS()
-
-
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_reflex_is_recovered_from_noiseless_data(direction):
-    ensemble = reflexive(7, NOISE, np.inf, direction=direction)
+    ensemble = constant(np.inf, direction=direction)
     model = tv.ParallelCascade().identify(ensemble)
     assert model.stiffness[0] == pytest.approx(100, rel=0.03)
     assert model.estimates["reflex_gain"].values[0] == pytest.approx(8, rel=0.05)
@@ -102,7 +85,7 @@ def test_a_reflex_is_recovered_from_noiseless_data(direction):
 
 
 def test_polynomials_are_scaled_to_a_slope_of_one():
-    model = tv.ParallelCascade(nonlinearity="sls").identify(reflexive(7, NOISE, np.inf))
+    model = tv.ParallelCascade(nonlinearity="sls").identify(constant(np.inf))
     rising, falling = model.drive.value(np.array([0.3, -0.3]))
     assert model.drive.value(np.zeros(1)) == pytest.approx(0, abs=1e-12)
     assert 0.15 < rising < 0.4
@@ -112,7 +95,7 @@ def test_polynomials_are_scaled_to_a_slope_of_one():
 
 
 def test_it_says_where_the_past_is_not_recorded():
-    ensemble = reflexive(7, NOISE)
+    ensemble = constant()
     method = tv.ParallelCascade(memory=1.9)
     assert method.skip(ensemble) is None
     apart = ensemble.select(np.arange(0, len(ensemble), 2))
@@ -120,7 +103,7 @@ def test_it_says_where_the_past_is_not_recorded():
 
 
 def test_bands_are_not_invented():
-    model = tv.ParallelCascade().identify(reflexive(7, NOISE))
+    model = tv.ParallelCascade().identify(constant())
     for name in ("stiffness", "reflex_gain"):
         with pytest.warns(tv.DataQualityWarning, match="authors state none"):
             assert np.isnan(model.estimates[name].band()).all()

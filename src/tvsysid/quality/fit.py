@@ -78,7 +78,7 @@ class Regressors:
 
     def _moments(self, signal: Array) -> Array:
         """Return sums of motion times a signal in each bin, shape (bin, 3)."""
-        products = np.stack([np.einsum("rt,rt->t", each, signal) for each in self.motion])
+        products = np.einsum("mrt,rt->mt", self.motion, signal)
         return np.add.reduceat(products, self._edges, axis=1).T
 
     def _solve(self, moments: Array) -> Array:
@@ -91,12 +91,12 @@ class Regressors:
 
     def fit(self, torque: Array) -> SecondOrderFit:
         """Fit to a torque, shape (realization, time)."""
-        moments, total = self._moments(torque), np.sum(torque**2)
+        moments, total = self._moments(torque), np.einsum("rt,rt->", torque, torque)
         by_torque = self._solve(moments)
         common = self._unexplained(moments, by_torque)
         inertia = common / self._free if self._free > 0 else 0.0
         weights = by_torque - inertia * self._by_motion
-        weights = np.pad(weights, ((0, 0), (0, 1)), constant_values=inertia)
+        weights = np.insert(weights, 2, inertia, axis=1)
         fitted = (self._gram @ weights[..., None])[..., 0]
         explained = np.sum(weights * (2 * moments - fitted))
         return SecondOrderFit(self, torque, weights, 1 - explained / total if total > 0 else 1.0)

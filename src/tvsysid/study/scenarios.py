@@ -29,6 +29,7 @@ from tvsysid.simulate import (
 from tvsysid.study.settings import (
     Settings,
     check_distinct,
+    check_keys,
     first_repeated,
     from_table,
     labels_of,
@@ -121,50 +122,12 @@ def _check_methods(grid: object, field: attrs.Attribute[Any], values: tuple[Any,
 
 
 def _to_numbers(values: Any) -> Any:
-    values = to_tuple(values)
-    return values and tuple(map(to_float, values))
+    return tuple(map(to_float, to_tuple(values)))
 
 
-def _parts(*default: str) -> Any:
-    return attrs.field(
-        default=default or None,
-        converter=to_tuple,
-        validator=attrs.validators.optional(_check_parts),
-    )
-
-
-def _numbers(*default: float) -> Any:
-    return attrs.field(
-        default=default or None,
-        converter=_to_numbers,
-        validator=attrs.validators.optional(_check_numbers),
-    )
-
-
-def _methods(*default: str) -> Any:
-    return attrs.field(
-        default=default or None,
-        converter=to_tuple,
-        validator=attrs.validators.optional(_check_methods),
-    )
-
-
-@attrs.frozen(kw_only=True)
-class Grid:
-    """Further scenarios. What is None is as in the study."""
-
-    stiffness: tuple[Any, ...] | None = _parts()
-    perturbation: tuple[Any, ...] | None = _parts()
-    duration_s: tuple[float, ...] | None = _numbers()
-    snr_db: tuple[float, ...] | None = _numbers()
-    viscosity: tuple[str, ...] | None = _parts()
-    system: tuple[Any, ...] | None = _parts()
-    methods: tuple[Any, ...] | None = _methods()
-
-
-def _to_grids(values: Any) -> tuple[Grid, ...]:
-    """Return further grids from tables, or from names of tables."""
-    grids = []
+def _to_tables(values: Any) -> tuple[Mapping[str, Any], ...]:
+    """Return tables of further scenarios from tables, or from names of tables."""
+    tables = []
     for number, value in enumerate(to_tuple(values)):
         table = find(value, "scenario") if isinstance(value, str) else value
         if isinstance(value, str) and not isinstance(table, Mapping):
@@ -172,10 +135,17 @@ def _to_grids(values: Any) -> tuple[Grid, ...]:
                 f"also: scenario {value!r} must be a mapping of settings, such as 'duration_s', "
                 f"got {table!r}"
             )
-        grids.append(
-            table if isinstance(table, Grid) else from_table(Grid, table, f"also.{number}")
-        )
-    return tuple(grids)
+        check_keys(table, (*GRID, "methods"), f"also.{number}")
+        tables.append(table)
+    return tuple(tables)
+
+
+def _parts(*default: str) -> Any:
+    return attrs.field(default=default, converter=to_tuple, validator=_check_parts)
+
+
+def _numbers(*default: float) -> Any:
+    return attrs.field(default=default, converter=_to_numbers, validator=_check_numbers)
 
 
 @attrs.frozen(slots=False, kw_only=True)
@@ -234,11 +204,13 @@ class Study(Settings):
     snr_db: tuple[float, ...] = _numbers(10.0)
     viscosity: tuple[str, ...] = _parts("constant")
     system: tuple[Any, ...] = _parts("joint")
-    also: tuple[Grid, ...] = attrs.field(default=(), converter=_to_grids)
+    also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=_to_tables)
     rate: float = attrs.field(default=RATE, converter=to_float, validator=positive)
     period: float = attrs.field(default=PERIOD, converter=to_float, validator=positive)
     subtract_mean: bool = attrs.field(default=False, validator=boolean)
-    methods: tuple[Any, ...] = _methods(*STUDIED_METHODS)
+    methods: tuple[Any, ...] = attrs.field(
+        default=STUDIED_METHODS, converter=to_tuple, validator=_check_methods
+    )
     trials: int = attrs.field(default=20, validator=at_least(1))
     seed: int = attrs.field(default=0, validator=at_least(0))
 
@@ -276,9 +248,15 @@ class Study(Settings):
                     f"{scenario.system} does not; give constant, or another system"
                 )
 
+    @cached_property
+    def grids(self) -> tuple[Study, ...]:
+        """Grid of the settings above, and one for each table of further scenarios."""
+        plain = attrs.evolve(self, also=()) if self.also else self
+        return (plain, *(attrs.evolve(plain, **table) for table in self.also))
+
     def _every(self, name: str) -> list[Any]:
         """Return the values of a setting in all grids."""
-        return [value for grid in (self, *self.also) for value in getattr(grid, name) or ()]
+        return [value for grid in self.grids for value in getattr(grid, name)]
 
     @cached_property
     def named_methods(self) -> dict[str, Method]:
@@ -304,12 +282,9 @@ class Study(Settings):
     def methods_of(self) -> dict[Scenario, frozenset[str]]:
         """Labels of the methods that identify each scenario, from every grid that has it."""
         methods_of: dict[Scenario, frozenset[str]] = {}
-        for grid in (self, *self.also):
-            values = {
-                name: getattr(grid, name) or getattr(self, name) for name in (*GRID, "methods")
-            }
-            methods = frozenset(map(label_of, values.pop("methods")))
-            for combination in itertools.product(*values.values()):
+        for grid in self.grids:
+            methods = frozenset(map(label_of, grid.methods))
+            for combination in itertools.product(*(getattr(grid, name) for name in GRID)):
                 scenario = self._without_unused(Scenario._make(labels_of(combination)))
                 methods_of[scenario] = methods_of.get(scenario, frozenset()) | methods
         return methods_of
@@ -342,8 +317,8 @@ class Study(Settings):
         settings: dict[str, Any] = {name: labels_of(getattr(self, name)) for name in GRID}
         if self.also:
             settings["also"] = [
-                {name: labels_of(values) for name, values in items.items() if values is not None}
-                for items in (attrs.asdict(grid, recurse=False) for grid in self.also)
+                {name: labels_of(getattr(grid, name)) for name in table}
+                for grid, table in zip(self.grids[1:], self.also, strict=True)
             ]
         settings["methods"] = labels_of(self.methods)
         settings |= {name: getattr(self, name) for name in ("rate", "period", "trials", "seed")}

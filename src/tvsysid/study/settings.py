@@ -61,17 +61,22 @@ def from_table(kind: type[Item], table: Mapping[str, Any], where: str = "") -> I
     InputError
         For a value that is no table, or an unknown key.
     """
+    fields = attrs.fields(kind)  # type: ignore[arg-type]
+    check_keys(table, [field.name for field in fields], where)
+    return kind(**table)
+
+
+def check_keys(table: Any, names: Iterable[str], where: str) -> None:
+    """Raise for a value that is no table, or a key that is none of the names."""
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table of settings, got {table!r}")
-    fields = attrs.fields(kind)  # type: ignore[arg-type]
-    known = [field.name for field in fields if field.name != "folder"]
+    known = [name for name in names if name != "folder"]
     for name in table:
         if name not in known and name != "folder":
             close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             hint = f"; did you mean {close[0]}?" if close else ""
             path = f"{where}.{name}" if where else name
             raise InputError(f"{path}: unknown key{hint} (known: {', '.join(known)})")
-    return kind(**table)
 
 
 def table_converter(kind: type[Item], name: str) -> Callable[[Any], Any]:

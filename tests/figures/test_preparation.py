@@ -40,7 +40,7 @@ def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
     for axes, step, colour in zip(steps, preparation.steps.values(), COLOURS.values(), strict=True):
         drawn_lines = lines_by_colour(axes)
         np.testing.assert_array_equal(
-            [line[:, 1] for line in drawn_lines[colour]], step.judged[~step.kept]
+            [line[:, 1] for line in drawn_lines[colour]], step.torque[~step.kept]
         )
         assert f"{np.count_nonzero(~step.kept)} excluded" in axes.get_title()
 

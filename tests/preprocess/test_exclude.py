@@ -32,8 +32,8 @@ def test_the_task_component_is_the_first_harmonic():
     phase = 2 * np.pi * np.arange(256) / 256
     harmonic = 2 * np.sin(phase + np.arange(3)[:, None])
     torque = 4 + harmonic + 5 * np.cos(2 * phase) + np.sin(100 * phase)
-    judged = STEPS["task component"](tv.Ensemble(torque, torque, RATE)).judged
-    np.testing.assert_allclose(judged, harmonic, atol=1e-12)
+    found = STEPS["task component"](tv.Ensemble(torque, torque, RATE)).torque
+    np.testing.assert_allclose(found, harmonic, atol=1e-12)
 
 
 def test_lapses_and_twitches_are_excluded():
@@ -47,7 +47,7 @@ def test_lapses_and_twitches_are_excluded():
     residual = STEPS["residual"](planted)
     assert not residual.kept[[100, 200]].any()
     assert (residual.reached[[100, 200]] > 4).all()
-    outside = (np.abs(residual.judged - residual.mean) > residual.half_width).any(axis=1)
+    outside = (np.abs(residual.torque - residual.mean) > residual.half_width).any(axis=1)
     np.testing.assert_array_equal(outside, ~residual.kept)
 
 
@@ -72,7 +72,7 @@ def test_kept_realizations_are_untouched_and_limits_are_those_of_all(name, seed,
     step = STEPS[name](ensemble, limit=limit)
     np.testing.assert_array_equal(step.ensemble.torque, ensemble.torque[step.kept])
     np.testing.assert_array_equal(step.reached > limit, ~step.kept)
-    np.testing.assert_allclose(step.half_width, limit * step.judged.std(axis=0, ddof=1))
+    np.testing.assert_allclose(step.half_width, limit * step.torque.std(axis=0, ddof=1))
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     wide = 6 // max(len(steps), 1)
     for number, (name, step) in enumerate(steps.items()):
         axes = figure.add_subplot(grid[1, wide * number : wide * (number + 1)])
-        _realizations(axes, time, step.judged, np.where(step.kept, "", name))
+        _realizations(axes, time, step.torque, np.where(step.kept, "", name))
         _limits(axes, time, step)
         axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.kept)} excluded")
     for axes in figure.axes:

@@ -35,8 +35,8 @@ class Step:
     reached, limit
         Largest deviation of each realization, and the largest one allowed: shifts in s for the
         alignment, otherwise distances from the mean in standard deviations.
-    judged
-        Torque whose deviations are judged, in N·m, shape (realization given, time).
+    torque
+        Torque whose deviations count, in N·m, shape (realization given, time).
     mean
         Mean of this torque over realizations, in N·m, shape (time,). For the alignment, the mean
         target.
@@ -50,7 +50,7 @@ class Step:
     kept: NDArray[np.bool_]
     reached: Array
     limit: float
-    judged: Array
+    torque: Array
     mean: Array
     half_width: Array | None = None
     shifts: Array | float = 0.0
@@ -109,7 +109,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
         context=ensemble.context - reach,
         onsets=ensemble.onsets + shifts / rate,
     )
-    reached, judged = np.abs(shifts) / rate, aligned.torque[:, aligned.core]
+    reached, torque = np.abs(shifts) / rate, aligned.torque[:, aligned.core]
     kept = reached <= max_shift
     if not kept.any():
         raise InputError(
@@ -117,7 +117,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
             f"do torque and channel {reference!r} have the same sign and the same times?"
         )
     mean = target.mean(axis=0)
-    return Step(aligned.select(kept), kept, reached, max_shift, judged, mean, shifts=shifts / rate)
+    return Step(aligned.select(kept), kept, reached, max_shift, torque, mean, shifts=shifts / rate)
 
 
 def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
@@ -175,13 +175,13 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     return _exclude("residual", ensemble, (slow - slow.mean(axis=0))[:, ensemble.core], limit)
 
 
-def _exclude(step: str, ensemble: Ensemble, judged: Array, limit: float) -> Step:
+def _exclude(step: str, ensemble: Ensemble, torque: Array, limit: float) -> Step:
     """Exclude realizations that leave mean ± limit · SD over realizations at any time."""
     positive.check(step, "limit", limit)
-    mean, sd = judged.mean(axis=0), judged.std(axis=0, ddof=1)
-    reached = np.max(np.abs(judged - mean) / sd, axis=1)
+    mean, sd = torque.mean(axis=0), torque.std(axis=0, ddof=1)
+    reached = np.max(np.abs(torque - mean) / sd, axis=1)
     kept = reached <= limit
-    return Step(ensemble.select(kept), kept, reached, limit, judged, mean, limit * sd)
+    return Step(ensemble.select(kept), kept, reached, limit, torque, mean, limit * sd)
 
 
 @attrs.frozen(eq=False, repr=False)

@@ -57,8 +57,8 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         (IDENTIFY_JOINT + "--channel emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_"),
         ("inspect joint.mat --diagnose --period 2", "angle is missing; give it (--angle)"),
         (
-            "inspect joint.mat --diagnose --reference command",
-            "add --channel command=CHANNEL, one of angle, torque",
+            IDENTIFY_JOINT.replace("identify", "inspect --diagnose") + "--reference command",
+            "there is no 'command'; the signals are 'angle', 'torque'; read it as a channel",
         ),
         (
             "inspect joint.mat --plot joint.doc",

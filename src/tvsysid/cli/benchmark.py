@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import attrs
 
@@ -172,13 +172,12 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     literature = published(results)
     with errors.status("scoring and drawing"):
         written = write_study(results, out, command, literature)
-    scenarios = list(written.summary.groupby("scenario", sort=False))
-    for _, summary in scenarios[:MAX_TABLES]:
-        largest: Any = summary.iloc[int(summary.trials.argmax())]
-        scenario = described({**largest, "profile": largest.stiffness})
-        show_scores(f"{scenario}, {count(largest.trials, 'trial')}", summary)
+    groups = list(written.summary.groupby("scenario", sort=False))
+    for _, summary in groups[:MAX_TABLES]:
+        scenario = {**summary.iloc[0], "profile": summary.stiffness.iloc[0]}
+        show_scores(f"{described(scenario)}, {count(summary.trials.max(), 'trial')}", summary)
     say(UNITS)
-    if more := len(scenarios[MAX_TABLES:]):
+    if more := len(groups[MAX_TABLES:]):
         say(f"and {more} more scenarios in summary.csv and report.html")
     if (written.claims.verdict != "not studied").any():
         need = f"other scenarios: --preset {', '.join(literature.presets)}"

@@ -198,21 +198,13 @@ def _account(
 
     with shown_warnings(), shown_progress("predicting held-out realizations") as advance:
         held_out = found.held_out_vaf(jobs=-1, progress=advance)
-    corrections = {
-        "the torque's sign was reversed": reading.torque_sign == -1,
-        "degrees became radians": reading.angle_unit == "deg",
-        "N·mm became N·m": reading.torque_unit == "Nmm",
+    sign = ", sign reversed" if reading.torque_sign == -1 else ""
+    source = {
+        "file": file.name,
+        "angle": f"channel {reading.angle}, in {reading.angle_unit}",
+        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-    account = Account(
-        found,
-        held_out,
-        source={
-            "file": file.name,
-            "angle": f"channel {reading.angle}, in {reading.angle_unit}",
-            "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}",
-        },
-        turned=[*prepared.corrections, *(text for text, made in corrections.items() if made)],
-    )
+    account = Account(found, held_out, source=source, turned=prepared.corrections)
     repeats = prepared.diagnosed is found.ensemble
     try:
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(

@@ -81,11 +81,6 @@ def inspect(
             f"{picture}: unknown ending {picture.suffix!r}; give one of {', '.join(PICTURES)}"
         )
     channels = describe_file(file, reading.header)
-    if reference is not None and reference not in reading.channels:
-        raise InputError(
-            f"--reference {reference}: no --channel is read under this name; add --channel "
-            f"{reference}=CHANNEL, one of {', '.join(channels)}"
-        )
     records = [{"name": name, "channel": channel} for name, channel in channels.items()]
     show_table(file.name, records, {"channel": "{name}", "content": "{channel.described}"})
     try:

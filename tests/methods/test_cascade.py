@@ -363,7 +363,7 @@ def test_wrong_settings_are_refused(settings, message):
 
 def test_realizations_without_history_are_refused(random):
     angle = random.normal(size=(20, 40))
-    with pytest.raises(tv.InputError, match=r"a reflex needs to know 0.45 s of what went before"):
+    with pytest.raises(tv.InputError, match=r"the reflex needs 0.45 s of record before"):
         tv.JointCascade().identify(tv.Ensemble(angle, angle, 100.0))
 
 

@@ -205,17 +205,15 @@ class JointCascade(base.Method):
         edge = base.missing_edge(lags, ensemble)
         past = round(NEEDED_HISTORY_S * rate)
         fitted = np.isfinite(history(ensemble, ensemble.angle, past)[:, : ensemble.samples])
-        fitted &= np.arange(ensemble.samples) >= edge
-        fitted &= np.arange(ensemble.samples) < ensemble.samples - edge
+        fitted[:, [*range(edge), *range(-edge, 0)]] = False
         if not fitted.any():
             raise InputError(
-                f"JointCascade: a reflex needs to know {NEEDED_HISTORY_S:g} s of what went before, "
-                f"realizations have {ensemble.duration:g} s with {context / rate:g} s of context; "
-                "give longer ones"
+                f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
+                f"sample; realizations have {ensemble.duration:g} s with {context / rate:g} s of "
+                "context; give longer ones"
             )
         period = ensemble.duration if self.period is None else self.period
-        most = ensemble.samples // 4
-        counts = [min(self.harmonics[0], most), min(self.harmonics[1], most)]
+        counts = [min(count, ensemble.samples // 4) for count in self.harmonics[:2]]
         counts += [0] * (len(signals) - 2)
         bases = tuple(FourierSeries(count)(ensemble.time / period) for count in counts)
         data = Data.of(

@@ -96,7 +96,9 @@ def model(method: str, chosen: Chosen) -> JointCascadeModel:
         reflex_lags=reflex_lags,
         drive=chosen.search.drive(chosen.name, chosen.fit.shape.threshold),
         fast_response=over_time[:, 1:3],
-        hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
+        hyperparameters=Hyperparameters(
+            chosen.name, data.varies, data.noise, chosen.fit.shape, chosen.fit.parameters
+        ),
         diagnostics=Diagnostics(
             used.ridge.posterior.effective,
             warnings=tuple(_warnings(chosen, details, estimates)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache, partial
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -42,12 +42,6 @@ class Hyperparameters(NamedTuple):
     noise: Array
     shape: Shape
     parameters: Array
-
-    @classmethod
-    def of(cls, reflex: str, found: Solution) -> Self:
-        """Return the hyperparameters of a solution with the named reflex."""
-        data = found.problem.data
-        return cls(reflex, data.varies, data.noise, found.shape, found.parameters)
 
 
 @attrs.frozen(eq=False)

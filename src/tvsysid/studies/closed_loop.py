@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures import Illustration, coverage_over_time, error_against, method_comparison
+from tvsysid.figures import Illustration, coverage_over_time, method_comparison
 from tvsysid.figures.results import OVER_TIME, scenario_traits, unique
 from tvsysid.figures.words import count
 from tvsysid.methods import CLOSED_LOOP, from_text
@@ -32,6 +32,7 @@ from tvsysid.studies.claims import (
     log_ratio,
     within,
 )
+from tvsysid.studies.error_over import error_over
 from tvsysid.study.scenarios import Scenario
 
 if TYPE_CHECKING:
@@ -278,7 +279,11 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
         ]
         soft = usual["size"][usual["size"] < IMPOSED]
         if soft.nunique() > 1:
-            shown[f"bias-{noise:g}Hz"] = _bias(summary, soft, f"noise up to {noise:g} Hz")
+            what = f"noise up to {noise:g} Hz"
+            title = f"Stiffness on a compliant actuator, {what}"
+            text = f"Mean bias of the stiffness in N·m/rad against the {SIZE}; {what}."
+            bias = error_over(summary, "mean_bias", soft, title, text, SIZE)
+            shown[f"bias-{noise:g}Hz"] = bias
         middle = usual.index[len(usual) // 3]
         title = f"Open and closed methods: noise up to {noise:g} Hz"
         labels, mine = list(usual.index), summary[summary.scenario.isin(usual.index)]
@@ -304,21 +309,6 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
         )
         shown[f"coverage-{noise:g}Hz"] = Illustration(drawing, title, text)
     return shown
-
-
-def _bias(summary: pd.DataFrame, sizes: pd.Series, what: str) -> Illustration:
-    rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(sizes.index)].dropna(
-        subset=["value"]
-    )
-    rows = rows.assign(size=rows.scenario.map(sizes)).sort_values("size", kind="stable")
-    title = f"Stiffness on a compliant actuator, {what}"
-    said = [
-        f"{method}: "
-        f"{', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
-        for method, line in rows.groupby("method", sort=False)
-    ]
-    text = f"Mean bias of the stiffness in N·m/rad against the {SIZE}; {what}. {' '.join(said)}"
-    return Illustration(partial(error_against, SIZE, rows, title), title, text)
 
 
 LITERATURE = Published(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, error_against, method_comparison
+from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, method_comparison
 from tvsysid.figures.results import OVER_TIME, scenario_traits, unique
 from tvsysid.figures.words import TRAITS, count, perturbation_name, profile_name
 from tvsysid.numerics import Array
@@ -28,6 +28,7 @@ from tvsysid.studies.claims import (
     judge_claims,
     log_ratio,
 )
+from tvsysid.studies.error_over import error_over
 from tvsysid.studies.van_de_ruit_2021.simulations import ALIKE
 from tvsysid.study.scenarios import Scenario
 from tvsysid.study.scores import asked
@@ -279,44 +280,26 @@ def _pathways(
 
 
 def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
-    title = f"What a reflex does to the stiffness: {what}"
-    text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad."
-    rows, said = _over(summary, "mean_bias", gains)
-    return Illustration(
-        partial(error_against, "gain of the reflex (N·m·s/rad)", rows, title),
-        title,
-        f"{text} {said}",
+    return error_over(
+        summary,
+        "mean_bias",
+        gains,
+        f"What a reflex does to the stiffness: {what}",
+        "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad.",
+        "gain of the reflex (N·m·s/rad)",
     )
 
 
 def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustration:
-    title = f"How much data a reflex needs: {what}"
-    rows, said = _over(summary, "reflex_gain total_error", durations)
-    drawing = partial(
-        error_against, "data (s)", rows, title, "total error of the reflex gain (N·m·s/rad)"
+    return error_over(
+        summary,
+        "reflex_gain total_error",
+        durations,
+        f"How much data a reflex needs: {what}",
+        "Total error of the reflex gain in N·m·s/rad against seconds of data.",
+        "data (s)",
+        "total error of the reflex gain (N·m·s/rad)",
     )
-    text = "Total error of the reflex gain in N·m·s/rad against seconds of data."
-    return Illustration(drawing, title, f"{text} {said}")
-
-
-def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.DataFrame, str]:
-    """Return rows of a metric for scenarios of these sizes, of methods with several.
-
-    And them in words.
-    """
-    rows = summary[(summary.metric == metric) & summary.scenario.isin(sizes.index)]
-    rows = (
-        rows.assign(size=rows.scenario.map(sizes))
-        .dropna(subset=["value"])
-        .sort_values("size", kind="stable")
-    )
-    rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
-    said = (
-        f"{method}: "
-        f"{', '.join(f'{each.value:.3g} at {each.size:g}' for each in line.itertuples())}."
-        for method, line in rows.groupby("method", sort=False)
-    )
-    return rows, " ".join(said)
 
 
 LITERATURE = Published(

@@ -1,7 +1,4 @@
-"""Adaptive smoothing with switches.
-
-The method finds by evidence how smooth a joint's impedance is, and where it switches.
-"""
+"""Find by evidence how smooth a joint's impedance is, and where it switches."""
 
 from __future__ import annotations
 
@@ -61,9 +58,8 @@ class AdaptiveRegression(base.Method):
 
     Notes
     -----
-    Stiffness is first estimated freely at every time, which leaves a problem of one dimension. With
-    W the inverse covariance (time, time) of the noise within a realization, this estimate is the
-    solution z of
+    Stiffness is first estimated at each time by itself. With W the inverse covariance (time, time)
+    of the noise within a realization, this free estimate is the solution z of
 
     .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
               \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
@@ -71,7 +67,7 @@ class AdaptiveRegression(base.Method):
     over realizations r. The inverse of the matrix on the left is the covariance of z. W comes from
     the residual of a first fit: a prediction from the samples before, of the most probable order,
     and the strength of the prediction error over time. At least 1 % of the noise is taken as white.
-    Where the residual's scores with velocity are more than 1.5 times as strong as W predicts, the
+    Where the residual's products with velocity vary more than 1.5 times as much as W predicts, the
     residual is misfit, not noise, and whitening would amplify it. W is then the identity, and the
     covariance a sandwich.
 
@@ -79,8 +75,9 @@ class AdaptiveRegression(base.Method):
     frequency. Decimation folds acceleration back, which would make an inertia of the whole band 3 %
     too large. The error also includes the misfit of second order that all realizations share.
 
-    All further steps use small matrices. With A and b the products of switches beside the smooth
-    part, and :math:`\tau^2` the variance of the switches, the log evidence for the switches is
+    All further steps use the free estimate and small matrices. With A the products of switches with
+    each other, b those with the free estimate, both after the smooth part is regressed out, and
+    :math:`\tau^2` the prior variance of the switches, the log evidence for the switches is
 
     .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
 
@@ -93,12 +90,12 @@ class AdaptiveRegression(base.Method):
     Neither viscosity nor reflex gain is negative at any time, nor are their bands. A warning says
     so where this costs 1 % of the torque. Stiffness is estimated beside the free viscosity.
 
-    The bands are quantiles of the mixture of all plausible models, with Student's t of the
-    scatter's degrees of freedom. Near a switch whose time is undecided, the estimate lies between
+    The bands are quantiles of the mixture of all plausible models, with the degrees of freedom of
+    Student's t that the noise's estimate has. Near a switch whose time is undecided, the estimate lies between
     the levels, which has the least mean square error, and the band spans both. Bands cover noise
     only; see :class:`tvsysid.Estimate`.
 
-    Where held-out realizations show a stretch reflex, its columns stand beside stiffness, as in
+    Where held-out realizations show a stretch reflex, its columns are regressors too, as in
     :class:`tvsysid.JointCascade`. The model then has ``reflex_gain`` and two pathways.
 
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
@@ -127,16 +124,14 @@ class AdaptiveRegression(base.Method):
     assumptions = (
         "Behaviour is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
-        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the "
-        "data. Where the "
-        "functions of time that stiffness is a sum of are known, birf with these is more exact.",
+        "Stiffness and viscosity are smooth except for a few switches. How smooth they are is found "
+        "from the data; birf is more exact where the functions of time are known.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
     sometimes = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)
     differs = (
-        "How fast stiffness changes is found from the data, and the band counts how unsure that "
-        "is; where a "
-        "reflex is shown, its torque is no stiffness."
+        "How fast stiffness changes is found from the data, and the band covers how uncertain that "
+        "is; the torque of a reflex that is shown is not included in the stiffness."
     )
 
     @property

@@ -124,11 +124,6 @@ class FreeEstimate:
     size: float
 
     @cached_property
-    def weighted(self) -> Array:
-        """Precision times the values, shape (time,)."""
-        return self.precision @ self.values
-
-    @cached_property
     def features(self) -> Array:
         """Features of the smooth part, shape (time, feature)."""
         return fourier_features(self.axis)
@@ -136,11 +131,10 @@ class FreeEstimate:
     @cached_property
     def moments(self) -> Moments:
         """Moments of the features and the values, in which the noise has unit variance."""
+        weighted = self.precision @ self.features
+        square = float(self.values @ self.precision @ self.values)
         return Moments(
-            self.features.T @ (self.precision @ self.features),
-            self.features.T @ self.weighted,
-            float(self.values @ self.weighted),
-            len(self.values),
+            self.features.T @ weighted, weighted.T @ self.values, square, len(self.values)
         )
 
     def steps(self, positions: Array) -> Steps:
@@ -154,7 +148,7 @@ class FreeEstimate:
             features=self.features.T @ weighted,
             explained=np.zeros((0, len(positions))),
             power=np.einsum("tc,tc->c", recorded, weighted),
-            cross=recorded.T @ self.weighted,
+            cross=weighted.T @ self.values,
         )
 
 
@@ -270,7 +264,8 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
     steps = estimate.axis.steps(positions, recorded=True)
     columns = np.column_stack([estimate.features[:, 1 : count + 1], estimate.features[:, 0], steps])
-    gram, cross = columns.T @ estimate.precision @ columns, columns.T @ estimate.weighted
+    weighted = estimate.precision @ columns
+    gram, cross = columns.T @ weighted, weighted.T @ estimate.values
     variances = np.full(len(gram), STEP**2)
     variances[:count], variances[count] = 0.0, LEVEL**2
     sizes, log_prior = np.square(AMPLITUDES)[:, None], math.log(WAVES_PROBABILITY)

@@ -172,7 +172,7 @@ def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) 
     rows, listed = list[Switch](), np.zeros(0)
     for candidate, own in zip(posterior.candidates, posterior.over_time, strict=False):
         before, switches = listed, candidate.switches
-        for place, position in enumerate(switches.positions):
+        for place, position in enumerate(switches.positions.tolist()):
             if has_near(before, position):
                 continue
             listed = np.append(listed, position)
@@ -184,14 +184,14 @@ def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) 
             order = np.argsort(offsets)
             total = np.cumsum(switches.probabilities[place][order])
             ends = np.minimum(np.searchsorted(total, [0.025, 0.975]), len(order) - 1)
-            early, late = offsets[order][ends] / rate
+            early, late = (offsets[order][ends] / rate).tolist()
             time = (position + missing) / rate
             row = Switch(
                 quantity,
                 time,
                 earliest=time + min(early, 0.0),
                 latest=time + max(late, 0.0),
-                size=scale * own.sizes[0, place],
+                size=scale * float(own.sizes[0, place]),
                 size_error=scale * math.sqrt(own.covariance[0, place, place]),
                 probability=min(float(weights @ near), 1.0),  # rounding may exceed it
             )

@@ -167,18 +167,22 @@ class FreeCoefficient(NamedTuple):
         """Return the coefficient (time,) beside constants and the other free coefficient."""
         return np.asarray(self.solved @ np.append(-constants, 1.0) + self.moved(other))
 
-    def error(self, constants: Array, other: Array, inertia: Array) -> Array:
+    def error(self, constants: Array, variance: Array, misfit: Array, rate: float) -> Array:
         """Return the covariance (time, time) of the values.
 
-        The others are the covariances of the constants, of the other free coefficient, and of the
-        changes of inertia over time that are misfit.
+        ``constants`` is the covariance of the constants, ``variance`` (time,) that of the other
+        free coefficient. ``misfit`` (2,) are variances of misfit, which is correlated over time, of
+        the other free coefficient and of inertia.
         """
-        solved = self.solved[:, :-1]
+        solved, alike = self.solved[:, :-1], misfit_correlation(len(variance), rate)
         error = self.covariance + solved @ constants @ solved.T
-        if other.any():
+        if variance.any() or misfit[0]:
             moved = self.inverse @ self.other
-            error += moved @ other @ moved.T
-        return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
+            spread = moved * variance
+            if misfit[0]:
+                spread += misfit[0] * moved @ alike
+            error += spread @ moved.T
+        return np.asarray(error + misfit[1] * alike * np.outer(self.of_inertia, self.of_inertia))
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
@@ -251,13 +255,13 @@ def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
     penalties = np.arange(lags + 1) * np.log(samples)
     chosen = int(np.argmin(samples * np.log(variances) + penalties))
     filters = [
-        solve_triangular(factor[:stop, :stop], first[:stop], lower=True, trans=1)
+        solve_triangular(factor[:stop, :stop], first[:stop], lower=True, trans=1)[::-1]
         for stop in range(1, chosen + 2)
     ]
     out = np.zeros((times, times))
     for time in range(times):
         order = min(time, chosen)
-        out[time, time - order : time + 1] = filters[order][::-1] * np.sqrt(variances[order])
+        out[time, time - order : time + 1] = filters[order] * np.sqrt(variances[order])
     return out
 
 
@@ -320,17 +324,18 @@ class FreeEstimates:
         self._update(values)
         self.coefficients[V] += known
         self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
-        changes = self.misfit[0] * alike + np.diag(variance)
-        return self._estimate(U, values, free.error(covariance, changes, self.misfit[1] * alike))
+        error = free.error(covariance, variance, self.misfit, self.ensemble.sampling_rate)
+        return self._estimate(U, values, error)
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
-        constants = self.constants
-        alike = misfit_correlation(self.axis.times, self.ensemble.sampling_rate)
-        values = self.of_viscosity.values(constants.values[1:], stiffness.mean())
-        error = self.of_viscosity.error(
-            constants.covariance[1:, 1:], np.diag(stiffness.variance()), self.misfit[1] * alike
+        free, constants = self.of_viscosity, self.constants
+        values = free.values(constants.values[1:], stiffness.mean())
+        error = free.error(
+            constants.covariance[1:, 1:],
+            stiffness.variance(),
+            self.misfit * [0.0, 1.0],
+            self.ensemble.sampling_rate,
         )
         return self._estimate(V, values, error)
 

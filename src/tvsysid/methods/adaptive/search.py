@@ -221,14 +221,9 @@ def joint_update(estimate: FreeEstimate, positions: Array) -> Iterator[Array]:
     cut = round(positions[0]) % times if periodic and len(positions) else 0
     weights = np.roll(np.diag(estimate.precision), -cut)
     edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
-    # sums between an edge and each edge before it
-    power, cross = (
-        np.subtract.outer(sums, sums)
-        for sums in (
-            np.append(0.0, np.cumsum(each))[edges]
-            for each in (weights, weights * np.roll(estimate.values, -cut))
-        )
-    )
+    sums = np.cumsum([weights, weights * np.roll(estimate.values, -cut)], axis=1)
+    sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
+    power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.where(before, cross**2 / np.maximum(power, NEGLIGIBLE * power.max()), -np.inf)
     best, paths = gains[:, 0], [tuple[int, ...]()] * len(edges)

@@ -87,18 +87,19 @@ def signals_with_reflex(
     The columns after the acceleration are the angle's differences of higher order (the intrinsic
     response lasts 40 ms to either side), the reflex's columns, and their derivatives by its shape.
     """
-    method = JointCascade(emg=emg)
+    method, shown = JointCascade(emg=emg), None
+    if known is None and len(ensemble) < MIN_TESTED_REALIZATIONS:
+        return None
     try:
-        if known is not None:
-            chosen = method.refitted(ensemble, known.hyperparameters)
-        elif len(ensemble) < MIN_TESTED_REALIZATIONS:
-            return None
-        elif emg is not None:
-            chosen = method.solved(ensemble)
-        elif (test := reflex_test_of(ensemble)).shown:
-            chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
+        if known is None and emg is None:
+            test = reflex_test_of(ensemble)
+            if not test.shown:
+                return None
+            shown = "positive" if test.direction > 0 else "negative"
+        if known is None:
+            chosen = method.solved(ensemble, shown)
         else:
-            return None
+            chosen = method.refitted(ensemble, known.hyperparameters)
     except InputError:  # realizations are too short
         return None
     found, problem = chosen.fit, chosen.fit.problem

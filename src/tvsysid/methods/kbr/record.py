@@ -158,10 +158,11 @@ class Runs:
 
         These are exact where a run holds whole periods.
         """
-        pairs, source = np.unique(signal + 1j * kernel.slow[column], return_inverse=True)
-        products = self.signals[pairs.real.astype(int)]
+        count = int(kernel.slow.max()) + 1
+        pairs, source = np.unique(signal * count + kernel.slow[column], return_inverse=True)
+        products = self.signals[pairs // count]
         if kernel.decay is not None:
-            products *= self._slow(kernel)[pairs.imag.astype(int)]
+            products *= self._slow(kernel)[pairs % count]
         spectra = rfft(products, norm="ortho")[..., : self.bins.stop + reach]
         # from bin -reach on
         spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)

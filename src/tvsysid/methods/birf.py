@@ -125,14 +125,12 @@ class BasisIRF(shared.ByReference):
         impedance = np.stack(
             [e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1
         )
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        left = shared.residual(ensemble, impedance @ filters)
         if instrument is None:
             agreement = moments.second_order_agreement(impedance, len(ensemble))
         else:
-            agreement = shared.second_order_agreement(
-                ensemble, moved, base.padded(impedance, missing)
-            )
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-        left = shared.residual(ensemble, impedance @ filters)
+            agreement = shared.residual_agreement(ensemble, moved, left, missing)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
         coloured = products if instrument is None else None
         errors = self._errors(

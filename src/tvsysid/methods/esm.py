@@ -232,9 +232,8 @@ def _by_reference(
     fit = shared.instrumental_fit(segments, instrument.moved)
     values = base.padded(np.sqrt(fit.variances), *missing)
     errors = shared.standard_errors(values, np.full(values.shape, max(1.0, independent - 3.0)))
-    agreement = shared.second_order_agreement(
-        ensemble, instrument.moved, base.padded(fit.impedance, *missing)
-    )
+    impedance = base.padded(fit.impedance, *missing)
+    agreement = shared.second_order_agreement(ensemble, instrument.moved, impedance)
     excited = _excited(spectra) & np.isfinite(ratio)
     return Estimated(
         spectra, response, excited, fit.impedance, instrument.banded(errors), agreement

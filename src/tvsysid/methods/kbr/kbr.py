@@ -216,17 +216,27 @@ class KernelRegression(shared.ByReference):
         stiffness, viscosity, inertia = base.padded(
             impedance[missing : len(impedance) - missing], missing
         ).T
+        # What the impedance leaves of the torque, and what its mean over realizations leaves.
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        filters = filters[: self.order + 1]
+        inner = slice(edge, ensemble.samples - edge)
+        mean_left = left = shared.residual(ensemble, impedance[inner, : self.order + 1] @ filters)
+        if len(each) > 1:
+            fit = shared.second_order_torque(ensemble, each)
+            left = (ensemble.torque[:, ensemble.core] - fit)[:, inner]
         found = posterior.fit
         details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
-            details["second_order_agreement"] = shared.second_order_agreement(ensemble, moved, each)
+            details["second_order_agreement"] = shared.residual_agreement(
+                ensemble, moved, left, edge
+            )
         diagnostics = Diagnostics(found.effective, details=details)
         if instrument is not None:
             diagnostics = instrument.seen(diagnostics, banded=False)
         errors = KernelErrors(
             posterior,
             fitting.times_of(ensemble, kernel),
-            self._noise_of(ensemble, moved, impedance, found.effective, missing),
+            self._noise_of(moved, mean_left, filters, found.effective, missing),
         )
         names = shared.IMPEDANCE[: self.order + 1]
         return KernelModel(
@@ -269,23 +279,18 @@ class KernelRegression(shared.ByReference):
         return ensemble.duration if self.period is None else self.period
 
     def _noise_of(
-        self, ensemble: Ensemble, moved: Ensemble, impedance: Array, effective: float, missing: int
+        self, ensemble: Ensemble, left: Array, filters: Array, effective: float, missing: int
     ) -> partial[shared.PosteriorErrors]:
         """Return standard errors that lack only the features and covariance of the coefficients.
 
         The posterior assumes that the noise is as strong as its mean over the fitted band.
         """
-        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-        filters = filters[: self.order + 1]
-        inner = impedance[edge : len(impedance) - edge, : self.order + 1]
-        left = shared.residual(ensemble, inner @ filters)
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
         colour = None
         if self.weighting == "white":
             filters = _in_band(filters, low, high) if high - low < 0.5 else filters
-            products = shared.colour_products(moved, filters.shape[1])
-            colour = shared.Colour.of(moved, left, effective / left.size, filters, products)
+            products = shared.colour_products(ensemble, filters.shape[1])
+            colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
         return partial(
             shared.PosteriorErrors,
             colour=colour,

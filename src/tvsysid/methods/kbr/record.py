@@ -130,6 +130,11 @@ class Runs:
         """Return the frequencies in Hz of the bins."""
         return np.arange(self.bins.start, self.bins.stop) * (self.rate / self.samples)
 
+    @cached_property
+    def spectra(self) -> ComplexArray:
+        """Return the spectra of the signals at all frequencies, shape (signal, run, frequency)."""
+        return np.asarray(rfft(self.signals, norm="ortho"))
+
     @property
     def external_terms(self) -> ComplexArray:
         """Return the spectra of the external term's half-cosines, shape (term, bin)."""
@@ -160,10 +165,12 @@ class Runs:
         """
         count = int(kernel.slow.max()) + 1
         pairs, source = np.unique(signal * count + kernel.slow[column], return_inverse=True)
-        products = self.signals[pairs // count]
-        if kernel.decay is not None:
-            products *= self._slow(kernel)[pairs % count]
-        spectra = rfft(products, norm="ortho")[..., : self.bins.stop + reach]
+        if kernel.decay is None:
+            spectra = self.spectra[pairs]
+        else:
+            products = self.signals[pairs // count] * self._slow(kernel)[pairs % count]
+            spectra = rfft(products, norm="ortho")
+        spectra = spectra[..., : self.bins.stop + reach]
         # from bin -reach on
         spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)
         cosine = kernel.sine[column] == 0

@@ -26,6 +26,7 @@ from tvsysid.methods.shared.residuals import (
     independent_realizations,
     independent_share,
     residual,
+    residual_agreement,
     second_order_agreement,
     second_order_torque,
 )

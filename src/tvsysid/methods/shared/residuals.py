@@ -93,17 +93,28 @@ def second_order_torque(ensemble: Ensemble, impedance: Array) -> Array:
 def second_order_agreement(ensemble: Ensemble, moved: Ensemble, impedance: Array) -> float:
     """Return how much of the torque that depends on the angle an impedance explains, in per cent.
 
-    The angle is that of ``moved``: in closed loop, the angle predicted from a reference. The
-    measured one cannot serve there, because the part of it that noise moves is correlated with the
-    noise in the residual. ``impedance`` is as for :func:`second_order_torque`.
+    ``moved`` is as for :func:`residual_agreement`, ``impedance`` as for
+    :func:`second_order_torque`.
     """
-    fit = second_order_torque(ensemble, impedance)
-    known = np.isfinite(fit).all(axis=0)
-    if not known.any():
+    left = ensemble.torque[:, ensemble.core] - second_order_torque(ensemble, impedance)
+    known = np.flatnonzero(np.isfinite(left).all(axis=0))
+    if not known.size:
         return float("nan")
-    core, fit = ensemble.core, fit[:, known]
-    torque, angle = (x[:, core][:, known] for x in (ensemble.torque, moved.angle))
-    return agreement_of(fit, torque - fit, angle, autocovariance(angle, 2 * HALF_WIDTH))
+    return residual_agreement(ensemble, moved, left[:, known], int(known[0]))
+
+
+def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: int) -> float:
+    """Return how much of the torque that depends on the angle a fit explains, in per cent.
+
+    ``left`` (realization, time) is the residual of the torque from the time ``first`` on. The angle
+    is that of ``moved``: in closed loop, the angle predicted from a reference. The measured one
+    cannot serve there, because the part of it that noise moves is correlated with the noise in the
+    residual.
+    """
+    start = ensemble.context + first
+    known = slice(start, start + left.shape[1])
+    torque, angle = ensemble.torque[:, known], moved.angle[:, known]
+    return agreement_of(torque - left, left, angle, autocovariance(angle, 2 * HALF_WIDTH))
 
 
 def noise_correlation(covariance: Array, taken: Array) -> Array:

@@ -11,6 +11,7 @@ has no half before the priors, so that a weight has half the variance of its ker
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import attrs
 import numpy as np
@@ -25,6 +26,8 @@ from tvsysid.methods.kbr.record import (
     Sums,
     clocks_of,
 )
+from tvsysid.methods.shared.residuals import PosteriorErrors
+from tvsysid.models import StandardError
 from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, Posterior, solve
 from tvsysid.signals import Array, Ensemble
 
@@ -261,3 +264,25 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
     for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
         weights[kernel.slow, kernel.place, signal] = of_signal
     return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
+
+
+@attrs.frozen(eq=False)
+class KernelErrors:
+    """Standard errors of sums of features, averaged over realizations.
+
+    The features are calculated on request. ``times`` are those of :func:`times_of`.
+    ``of_noise`` makes the errors from expansions and covariances.
+    """
+
+    posterior: KernelPosterior
+    times: Array
+    of_noise: partial[PosteriorErrors]
+
+    def standard_errors(self) -> dict[str, StandardError]:
+        """Return the standard error of each quantity, by its name."""
+        kernel, covariance = self.posterior.kernel, self.posterior.covariance
+        features = sum(kernel(*each) for each in self.times) / len(self.times)
+        count, columns = len(self.posterior.variances), kernel.columns
+        blocks = covariance.reshape(count, columns, count, columns)
+        covariances = tuple(blocks[number, :, number] for number in range(count))
+        return self.of_noise((features,) * count, covariances).standard_errors()

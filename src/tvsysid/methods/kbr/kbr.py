@@ -233,7 +233,7 @@ class KernelRegression(shared.ByReference):
         diagnostics = Diagnostics(found.effective, details=details)
         if instrument is not None:
             diagnostics = instrument.seen(diagnostics, banded=False)
-        errors = KernelErrors(
+        errors = fitting.KernelErrors(
             posterior,
             fitting.times_of(ensemble, kernel),
             self._noise_of(moved, mean_left, filters, found.effective, missing),
@@ -373,28 +373,6 @@ class KernelModel(SecondOrderModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         return super()._pathways(lagged(ensemble, self.lag))
-
-
-@attrs.frozen(eq=False)
-class KernelErrors:
-    """Standard errors of sums of features, averaged over realizations.
-
-    The features are calculated on request. ``times`` are those of :func:`fitting.times_of`.
-    ``of_noise`` makes the errors from expansions and covariances.
-    """
-
-    posterior: fitting.KernelPosterior
-    times: Array
-    of_noise: partial[shared.PosteriorErrors]
-
-    def standard_errors(self) -> dict[str, shared.StandardError]:
-        """Return the standard error of each quantity, by its name."""
-        kernel, covariance = self.posterior.kernel, self.posterior.covariance
-        features = sum(kernel(*each) for each in self.times) / len(self.times)
-        count, columns = len(self.posterior.variances), kernel.columns
-        blocks = covariance.reshape(count, columns, count, columns)
-        covariances = tuple(blocks[number, :, number] for number in range(count))
-        return self.of_noise((features,) * count, covariances).standard_errors()
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

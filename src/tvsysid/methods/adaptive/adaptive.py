@@ -91,9 +91,9 @@ class AdaptiveRegression(base.Method):
     so where this costs 1 % of the torque. Stiffness is estimated beside the free viscosity.
 
     The bands are quantiles of the mixture of all plausible models, with the degrees of freedom of
-    Student's t that the noise's estimate has. Near a switch whose time is undecided, the estimate lies between
-    the levels, which has the least mean square error, and the band spans both. Bands cover noise
-    only; see :class:`tvsysid.Estimate`.
+    Student's t that the estimate of the noise has. Near a switch whose time is undecided, the
+    estimate lies between the levels, which has the least mean square error, and the band spans
+    both. Bands cover noise only; see :class:`tvsysid.Estimate`.
 
     Where held-out realizations show a stretch reflex, its columns are regressors too, as in
     :class:`tvsysid.JointCascade`. The model then has ``reflex_gain`` and two pathways.
@@ -124,8 +124,8 @@ class AdaptiveRegression(base.Method):
     assumptions = (
         "Behaviour is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
-        "Stiffness and viscosity are smooth except for a few switches. How smooth they are is found "
-        "from the data; birf is more exact where the functions of time are known.",
+        "Stiffness and viscosity are smooth except for a few switches. How smooth is found from "
+        "the data; birf is more exact where the functions of time are known.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
     sometimes = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tvsysid.methods import base, shared
 from tvsysid.methods.cascade.drives import Candidate, constant_cascade
-from tvsysid.methods.cascade.pathways import TwoPathwayModel, history
+from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.hammerstein import Nonlinearity
 from tvsysid.numerics.second_order import agreement, second_order_readout
@@ -83,7 +83,7 @@ class ParallelCascade(base.Method):
     )
     cites = ("kearney1997",)
     quantities = ("reflex_gain",)
-    pathway_names = ("intrinsic", "reflex")
+    pathway_names = PATHWAYS
     uses_recorded_angle = True
     time_invariant = True
 

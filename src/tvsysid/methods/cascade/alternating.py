@@ -13,7 +13,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method, whole_samples
 from tvsysid.methods.cascade.drives import Candidate, constant_cascade, past_of
-from tvsysid.methods.cascade.pathways import Measured, TwoPathwayModel, history
+from tvsysid.methods.cascade.pathways import PATHWAYS, Measured, TwoPathwayModel, history
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.hammerstein import last_better
@@ -53,7 +53,7 @@ class AlternatingCascade(Method):
     slow_order: int | None = None
 
     quantities = ("reflex_gain",)
-    pathway_names = ("intrinsic", "reflex")
+    pathway_names = PATHWAYS
     uses_recorded_angle = True
 
     @abstractmethod

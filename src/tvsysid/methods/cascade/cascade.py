@@ -13,7 +13,7 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.columns import intrinsic_signals, unresolved
 from tvsysid.methods.cascade.data import Data
-from tvsysid.methods.cascade.pathways import history
+from tvsysid.methods.cascade.pathways import PATHWAYS, history
 from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Chosen, Hyperparameters, Search, by_evidence
@@ -155,7 +155,7 @@ class JointCascade(base.Method):
     )
     cites = ("kearney1997",)
     quantities = ("reflex_gain",)
-    pathway_names = ("intrinsic", "reflex")
+    pathway_names = PATHWAYS
     uses_recorded_angle = True
 
     @property

@@ -9,7 +9,14 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.pathways import Drive, Stretch, history, velocity_of
+from tvsysid.methods.cascade.pathways import (
+    DIRECTIONS,
+    Drive,
+    Stretch,
+    history,
+    rectified_velocities,
+    velocity_of,
+)
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.hammerstein import Cascade, Nonlinearity, Rows, parallel_cascade
@@ -17,7 +24,6 @@ from tvsysid.numerics.stretch import decimated
 from tvsysid.signals import Array, Ensemble
 
 CURVE_POINTS = 101  # velocities at which the curve of a polynomial is given
-DIRECTIONS = (1, -1)
 
 
 @attrs.frozen
@@ -70,7 +76,7 @@ def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomia
     velocity, _ = velocity_of(ensemble)
     drive = VelocityPolynomial(tuple(weights), (float(velocity.min()), float(velocity.max())))
     target = drive(ensemble).ravel()
-    columns = np.stack([Stretch(direction=each)(ensemble).ravel() for each in DIRECTIONS], axis=1)
+    columns = rectified_velocities(ensemble).reshape(2, -1).T
     centred = columns - columns.mean(axis=0)
     slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
     steeper = int(np.argmax(np.abs(slopes)))

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 
-FLAT = math.log(1e4)  # log standard deviation, relative to the noise, of an uninformative prior
+FLAT_LOG_SIZE = math.log(1e4)  # relative to the noise
 LOG_SIZE_BOUNDS = (-9.0, 3.0)
 DECAY_BOUNDS = (0.6, 6.0)  # of the power with which harmonics fall
 DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
@@ -120,7 +120,9 @@ class Prior(NamedTuple):
             decay.append(np.array([False, False, True])[kept])
         order = np.concatenate([each for each, _ in families])
         first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        offset = np.concatenate([FLAT * ((order == 0) & is_flat) for order, is_flat in families])
+        offset = np.concatenate(
+            [FLAT_LOG_SIZE * ((order == 0) & is_flat) for order, is_flat in families]
+        )
         return cls(offset, block_diag(*designs), np.concatenate(decay), first)
 
     @property

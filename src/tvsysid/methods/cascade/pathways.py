@@ -18,6 +18,8 @@ from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
+DIRECTIONS = (1, -1)  # of stretch
+PATHWAYS = ("intrinsic", "reflex")
 
 
 class Drive(Hashable, Protocol):
@@ -75,7 +77,7 @@ def rectified_velocities(ensemble: Ensemble) -> Array:
 
     Its shape is (2, realization, context + time + context).
     """
-    return np.stack([Stretch(direction=direction)(ensemble) for direction in (1, -1)])
+    return np.stack([Stretch(direction=direction)(ensemble) for direction in DIRECTIONS])
 
 
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
@@ -151,15 +153,7 @@ class TwoPathwayModel(ImpulseResponseModel):
 
     def with_shares(self, ensemble: Ensemble) -> Self:
         """Return the model with the shares of the torque that it and its pathways explain, in %."""
-        torque, parts = ensemble.torque[:, ensemble.core], self.pathways(ensemble)
-        explained = {"vaf": parts["intrinsic"] + parts["reflex"]}
-        explained |= {f"vaf_{name}": part for name, part in parts.items()}
-        known = np.isfinite(explained["vaf"])
-        power = float(np.sum(torque[known] ** 2))
-        shares = {
-            name: 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
-            for name, part in explained.items()
-        }
+        shares = explained_shares(ensemble.torque[:, ensemble.core], self.pathways(ensemble))
         details = {**self.diagnostics.details, **shares}
         return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))
 
@@ -184,3 +178,15 @@ class TwoPathwayModel(ImpulseResponseModel):
                 (("velocity",), values) for values in curve
             )
         return variables, coordinates
+
+
+def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, float]:
+    """Return the shares of the torque's square that pathways explain, together and alone, in %."""
+    parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
+    parts |= {f"vaf_{name}": part for name, part in pathways.items()}
+    known = np.isfinite(parts["vaf"])
+    power = float(np.sum(torque[known] ** 2))
+    return {
+        name: 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
+        for name, part in parts.items()
+    }

@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.cascade.columns import intrinsic_filters, readout, unresolved
-from tvsysid.methods.cascade.pathways import TwoPathwayModel
+from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
 from tvsysid.methods.cascade.problem import Solution
 from tvsysid.methods.cascade.search import DIRECTIONS, Chosen, Hyperparameters
 from tvsysid.methods.cascade.shape import LOGARITHMIC, Terms
@@ -24,7 +24,7 @@ from tvsysid.signals import Array, Ensemble
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
-FADED = 3e-3  # share of a muscle's response that is cut off
+CUT_SHARE = 3e-3  # share of a muscle's response that is cut off
 MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
 
 
@@ -130,7 +130,7 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     shape = chosen.fit.shape
     max_lags = max(round(MAX_REFLEX_LAG_S * rate), ensemble.context) + 1
     muscle = shape.response(4 * max_lags, rate)
-    last = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > FADED)[-1]
+    last = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > CUT_SHARE)[-1]
     first = math.floor(shape.delay * rate + 1e-9)
     lags = np.arange(first, max(min(int(last) + 1, max_lags), first + 1)) / rate
     if not chosen.shown:
@@ -155,10 +155,7 @@ def _details(used: Solution, chosen: Chosen, covariance: Covariance) -> dict[str
         if name in errors:
             unit = value if name in LOGARITHMIC else 1.0
             details[f"{name}_error"] = float(errors[name]) * unit
-    intrinsic, reflex = used.torques()
-    explained = {"vaf": intrinsic + reflex, "vaf_intrinsic": intrinsic, "vaf_reflex": reflex}
-    for name, part in explained.items():
-        details[name] = 100 * (1 - float(np.sum((torque - part) ** 2) / np.sum(torque**2)))
+    details |= explained_shares(torque, dict(zip(PATHWAYS, used.torques(), strict=True)))
     if chosen.fits:  # else it is a part of the realizations that is fitted again
         details["vaf_held_out"] = 100 * used.share()
     fits = {**chosen.fits, **({chosen.name: chosen.fit} if chosen.shown else {})}

@@ -25,10 +25,10 @@ from tvsysid.signals import Ensemble
 
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
-CERTAIN = 10.0  # log evidence by which a reflex must be better than all else to be shown
+MIN_EVIDENCE_GAIN = 10.0  # log evidence by which a reflex must be better than all else to be shown
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
-SIGNIFICANT = 0.05  # p-value below which a change or a threshold is accepted
+MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
 CACHED_DRIVES = 4  # of a threshold, of those of its slopes, and of one that is tried
 
 DIRECTIONS = {"positive": 1, "negative": -1}
@@ -118,7 +118,9 @@ class Search:
         shapes = {name: each.shape for name, each in begun.items()}
         varying = self.data.varies and not constant
         data = self.data if varying else still
-        likely = max(begun, key=lambda name: begun[name].objective + CERTAIN * (name == "none"))
+        likely = max(
+            begun, key=lambda name: begun[name].objective + MIN_EVIDENCE_GAIN * (name == "none")
+        )
         left = self.problem(likely, data).at(shapes[likely]).left
         weighted = data.weighted(autocorrelation(left))
         found = self._solved(weighted, shapes)
@@ -205,7 +207,9 @@ def by_evidence(fits: Mapping[str, Solution]) -> tuple[str, bool]:
     evidence = {name: fit.objective for name, fit in fits.items()}
     best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
     return best, all(
-        evidence[best] - other > CERTAIN for name, other in evidence.items() if name != best
+        evidence[best] - other > MIN_EVIDENCE_GAIN
+        for name, other in evidence.items()
+        if name != best
     )
 
 
@@ -217,4 +221,4 @@ def _is_better(best: Solution, rest: Solution) -> bool:
     """Return whether a solution predicts better; of few realizations, has more evidence."""
     if len(best.problem.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective
-    return best.better_than(rest) < SIGNIFICANT
+    return best.better_than(rest) < MAX_CHANGE_P_VALUE

@@ -134,12 +134,9 @@ def channel_of(
 
 def stated(*attributes: Mapping[Any, object]) -> tuple[object, object]:
     """Return the unit that the first attributes state, and the first sampling rate of all."""
-    own, *_ = pairs = [
-        [(_text(name).lower(), value) for name, value in each.items()] for each in attributes
-    ]
-    units = [value for name, value in own if name in ("unit", "units")]
-    rates = [value for each in pairs for name, value in each if name in RATE_NAMES]
-    return (units or [""])[0], (rates or [None])[0]
+    plain = [{_text(name).lower(): each[name] for name in each} for each in attributes]
+    rates = [each[name] for each in plain for name in each if name in RATE_NAMES]
+    return plain[0].get("units", plain[0].get("unit", "")), (rates or [None])[0]
 
 
 def even_rate(times: NDArray[Any]) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import posixpath
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,19 +54,18 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     of the file.
     """
     with h5py.File(file, "r") as root:
-
-        @cache
-        def attributes(group: str) -> tuple[dict[str, object], ...]:
-            above = () if group == "/" else attributes(posixpath.dirname(group))
-            return dict(root[group].attrs), *above
-
+        groups: dict[str, Any] = {
+            "": (dict(root.attrs),)
+        }  # attributes of a group, and of those around it
         for path, item in items_of(root).items():
-            if isinstance(item, str):
+            around = groups.get(posixpath.dirname(path), groups[""])
+            if isinstance(item, h5py.Group):
+                groups[path] = (dict(item.attrs), *around)
+            elif isinstance(item, str):
                 yield path, Channel((), item)
             elif isinstance(item, h5py.Dataset):
-                above = attributes(posixpath.dirname(item.name))
                 shape = (0,) if item.shape is None else item.shape
-                about = stated(dict(item.attrs), *above)
+                about = stated(item.attrs, *around)
                 yield path, channel_of(partial(np.asarray, item), *about, shape, item.dtype)
 
 

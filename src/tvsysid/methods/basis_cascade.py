@@ -52,29 +52,30 @@ class BasisCascade(alternating.AlternatingCascade):
     Notes
     -----
     The direction of stretch is the one that explains more of the torque. f is scaled to a mean
-    slope of 1 for stretch. ``reflex_gain``, the area under the reflex's response at a time, is
-    therefore slope times area, in N·m·s/rad (with EMG, torque by the unit of EMG). A response is
-    that of the torque at a time. Its gain comes later than that of the stretch, by the mean lag of
-    the muscle.
+    slope of 1 for stretch. ``reflex_gain`` is the area under the reflex's response at a time, in
+    N·m·s/rad (with EMG, torque by the unit of EMG). It belongs to the time of the torque, which
+    follows the stretch by the mean lag of the muscle.
 
-    Slow torque is no answer and not predicted; with it, the fit explains ``vaf_with_slow`` per cent
-    in the diagnostics. Of three simulated records of 150 s at 10 dB whose stiffness (100 N·m/rad)
-    and gain (8) follow sines, with a drift of twice the torque's RMS, the total error of stiffness
-    in N·m/rad and the mean error of the gain in N·m·s/rad are 30 and -4.2 with no polynomial, 6.0
-    and -1.5 with order 3 (4.3 and -0.5 with ``prior="none"``), 10, -3.3 with 6. Without a drift
-    they are 1.9 and -0.2, 4.6 and -1.1 (3.6 and -0.3), 8.6 and -2.7: use it where torque drifts.
+    Slow torque is not part of the prediction. With it, the fit explains ``vaf_with_slow`` per cent
+    in the diagnostics. The table shows the total error of stiffness in N·m/rad and, behind it, the
+    mean error of the gain in N·m·s/rad. It is from three simulated records of 150 s at 10 dB, whose
+    stiffness (100 N·m/rad) and gain (8) follow sines; the drift has twice the torque's RMS.
 
-    One part of the papers' algorithm is not here. With the velocity, they take a muscle of second
-    order whose coefficients change, by refined instrumental variables; the response of :math:`\mu`
-    is theirs with EMG, and assumes less. Tried in its place on three records without a drift, such
-    a muscle found the gain without visible bias (rather than 0.75 N·m·s/rad, for it is then that of
-    the stretch) but with a random error of 0.7 (0.13), and the stiffness with a total error of 2.8
-    N·m/rad rather than 1.7; with the polynomial of order 3, of 12 rather than 5. On a real ankle in
-    walking it explained 95.1 % of the torque rather than 95.8, by a gain that was negative on
-    average.
+    ============  ===========  ============================  ===========
+    Drift         No order     Order 3 (``prior="none"``)    Order 6
+    ============  ===========  ============================  ===========
+    With          30, -4.2     6.0, -1.5 (4.3, -0.5)         10, -3.3
+    Without       1.9, -0.2    4.6, -1.1 (3.6, -0.3)         8.6, -2.7
+    ============  ===========  ============================  ===========
 
-    Realizations that do not have the memory recorded before them are left out. No bands are stated:
-    the bands of one pathway would not count the error of the other.
+    With the velocity, the papers identify a muscle of second order whose coefficients change, by
+    refined instrumental variables. Here the reflex has a free response, as theirs with EMG. In
+    simulations, their muscle showed no bias of the gain (here 0.75 N·m·s/rad), but five times the
+    random error of the gain and 1.6 times the error of the stiffness. It explained less torque of a
+    walking ankle.
+
+    Realizations whose memory is not recorded are left out. No bands are stated: the bands of one
+    pathway would not count the error of the other.
 
     References
     ----------

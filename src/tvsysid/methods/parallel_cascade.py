@@ -49,12 +49,11 @@ class ParallelCascade(base.Method):
     N·m·s/rad. Polynomials are 0 where the velocity is 0.
 
     Both responses are truncated by description length, the directions that explain most first.
-    Everything is constant over time in the model: where the joint changes, this is an average.
-    Velocity and rectifier are those of the angle as it was recorded; the authors take the decimated
-    velocity, which gives up to 15 % more stiffness where the perturbation is made of pulses. Taking
-    turns leaves stiffness too high, by 2 to 3 % of a joint with a strong reflex, since the first
-    turn gives the intrinsic pathway all that it can explain. No bands are stated;
-    :func:`tvsysid.uncertainty.bootstrap` gives them.
+    The model is constant. Where the joint changes, it is an average. The velocity is that of the
+    angle as it was recorded. The authors take the decimated velocity, which gives up to 15 % more
+    stiffness where the perturbation is made of pulses. The first turn gives the intrinsic pathway
+    all that it can explain. Stiffness is therefore 2 to 3 % too high if the reflex is strong. No
+    bands are stated; :func:`tvsysid.uncertainty.bootstrap` gives them.
 
     The authors' code has a third way, the iteration of Hunter & Korenberg (1986). It minimises
     nothing, so that its stiffness depends on when it stops, by up to 13 % on real ankles.

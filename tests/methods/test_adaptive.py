@@ -47,8 +47,10 @@ def dense_posterior(estimate, covariance, candidate):
     features, count = prior.fourier_features(axis), len(positions)
     smooth = features * candidate.smooth.prior.variances @ features.T
     sharp, seen = axis.steps(positions), axis.steps(positions, recorded=True)
-    balance = np.eye(count) - candidate.prior.balanced * np.full((count, count), 1 / max(count, 1))
-    spread = candidate.prior.size**2 * balance
+    balance = np.eye(count) - candidate.size_prior.balanced * np.full(
+        (count, count), 1 / max(count, 1)
+    )
+    spread = candidate.size_prior.spread**2 * balance
     total = covariance + smooth + seen @ spread @ seen.T
     density, noise = (
         stats.multivariate_normal.logpdf(estimate.values, cov=each) for each in (total, covariance)
@@ -61,7 +63,7 @@ def dense_posterior(estimate, covariance, candidate):
 @pytest.mark.parametrize("periodic", [True, False])
 def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, periodic):
     estimate, covariance = estimate_of(random, periodic)
-    priors = prior.switch_priors(periodic)
+    priors = prior.size_priors(periodic)
     for each in [prior.smooth_priors(estimate.axis)[index] for index in (0, 3, -1)]:
         # A constant of less variance: with the usual one, rounding tells in the dense matrices.
         smooth = evidence.SmoothFit(

@@ -29,8 +29,8 @@ from tvsysid.methods.adaptive.prior import (
     LEVEL,
     SWITCH_SIZES,
     Axis,
+    SizePrior,
     SmoothPrior,
-    SwitchPrior,
     fourier_features,
 )
 from tvsysid.numerics import Array
@@ -95,7 +95,7 @@ class Steps(NamedTuple):
         return log_evidence(self.products(self)[None], self.cross[None], periodic)[:, 0]
 
     def log_evidence_with(
-        self, further: Steps, axis: Axis, prior: SwitchPrior | None = None
+        self, further: Steps, axis: Axis, prior: SizePrior | None = None
     ) -> Array:
         """Return the log evidence for the steps and each further one, shape (further,).
 
@@ -106,7 +106,7 @@ class Steps(NamedTuple):
         if prior is None:
             evidence = log_evidence(*products, axis.periodic, further=more).max(axis=0)
         else:
-            evidence = log_evidence(*products, prior.balanced, (prior.size,), more)[-1]
+            evidence = log_evidence(*products, prior.balanced, (prior.spread,), more)[-1]
         near = axis.distances(further.positions, self.positions) < MIN_DISTANCE
         return np.where(near.any(axis=1), -np.inf, evidence)
 
@@ -246,9 +246,9 @@ def log_evidence(
     return np.concatenate([free, free - 0.5 * condition])
 
 
-def size_covariance(gram: Array, prior: SwitchPrior) -> Array:
+def size_covariance(gram: Array, prior: SizePrior) -> Array:
     """Return the posterior covariance (..., switch, switch) of the sizes of switches."""
-    inverse = np.linalg.inv(gram + np.eye(gram.shape[-1]) / prior.size**2)
+    inverse = np.linalg.inv(gram + np.eye(gram.shape[-1]) / prior.spread**2)
     if prior.balanced:
         ones = inverse.sum(axis=-1, keepdims=True)
         inverse = inverse - ones @ ones.swapaxes(-1, -2) / ones.sum(axis=-2, keepdims=True)

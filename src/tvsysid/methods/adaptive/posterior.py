@@ -21,10 +21,10 @@ from tvsysid.methods.adaptive.evidence import (
 from tvsysid.methods.adaptive.prior import (
     JITTERS,
     Axis,
+    SizePrior,
     SmoothPrior,
-    SwitchPrior,
+    size_priors,
     smooth_priors,
-    switch_priors,
 )
 from tvsysid.methods.adaptive.search import (
     Grid,
@@ -88,7 +88,7 @@ class Candidate(NamedTuple):
 
     smooth: SmoothFit
     switches: Switches
-    prior: SwitchPrior
+    size_prior: SizePrior
     evidence: float
 
     def is_constant(self) -> bool:
@@ -99,16 +99,17 @@ class Candidate(NamedTuple):
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
         smooth, sets = self.smooth, positions.shape
         steps = smooth.steps(positions.ravel())
-        true_steps = smooth.estimate.axis.steps(positions.ravel())
-        recorded, weighted, explained, shapes = (
-            each.reshape(len(each), *sets).swapaxes(0, 1)
-            for each in (
-                *(steps.recorded, steps.weighted, steps.explained),
-                true_steps - smooth.features @ steps.explained,
-            )
+
+        def by_set(columns: Array) -> Array:
+            return columns.reshape(len(columns), *sets).swapaxes(0, 1)
+
+        recorded, weighted, explained = map(
+            by_set, (steps.recorded, steps.weighted, steps.explained)
         )
+        true_steps = smooth.estimate.axis.steps(positions.ravel())
+        shapes = by_set(true_steps - smooth.features @ steps.explained)
         gram = recorded.swapaxes(1, 2) @ weighted - explained.swapaxes(1, 2) @ explained
-        covariance = size_covariance(gram, self.prior)
+        covariance = size_covariance(gram, self.size_prior)
         sizes = covariance @ steps.cross.reshape(*sets, 1)
         means = smooth.features @ smooth.mean + (shapes @ sizes)[..., 0]
         variances = np.einsum("tc,tc->t", smooth.features, smooth.features) + np.einsum(
@@ -355,7 +356,7 @@ def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Switches]) -> list[Cand
         count = len(switches.positions)
         own, priors = (
             slice(end - count, end),
-            switch_priors(axis.periodic) if count else switch_priors(False)[:1],
+            size_priors(axis.periodic) if count else size_priors(False)[:1],
         )
         evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
         log_prior = switches.log_volume - count * math.log(axis.times) - math.log(len(priors))

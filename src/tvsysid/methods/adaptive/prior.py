@@ -45,20 +45,20 @@ class SmoothPrior(NamedTuple):
     variances: Array
 
 
-class SwitchPrior(NamedTuple):
-    """Prior of the sizes of switches: their standard deviation.
+class SizePrior(NamedTuple):
+    """Prior of the sizes of switches, with their standard deviation.
 
     If they are ``balanced``, the sizes within a period add up to zero.
     """
 
-    size: float
+    spread: float
     balanced: bool
 
 
-def switch_priors(periodic: bool) -> list[SwitchPrior]:
-    """Return the priors of switches, which are equally likely."""
+def size_priors(periodic: bool) -> list[SizePrior]:
+    """Return the priors of the sizes of switches, which are equally likely."""
     kinds = (False, True) if periodic else (False,)
-    return [SwitchPrior(size, balanced) for balanced in kinds for size in SWITCH_SIZES]
+    return [SizePrior(spread, balanced) for balanced in kinds for spread in SWITCH_SIZES]
 
 
 class Axis(NamedTuple):

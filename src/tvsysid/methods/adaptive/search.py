@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps
-from tvsysid.methods.adaptive.prior import switch_priors
+from tvsysid.methods.adaptive.prior import size_priors
 from tvsysid.numerics import Array
 
 # positions that are tried at most
@@ -89,7 +89,7 @@ class Switches(NamedTuple):
         """Move switches to their most probable positions, each beside the others, in turn."""
         smooth, count = self.smooth, len(self.positions)
         axis, own = smooth.estimate.axis, smooth.steps(self.positions)
-        prior = switch_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
+        prior = size_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
         around, weights = list(own.positions[:, None]), [np.ones(1)] * count
         for _ in range(SWEEPS if count > 1 else count):
             before = own.positions

@@ -71,8 +71,5 @@ def explore(
 
 def _has_screen() -> bool:
     """Return whether a browser has a screen; a text browser would take over the terminal."""
-    if "SSH_CONNECTION" in os.environ:
-        return False
-    return sys.platform in ("win32", "darwin") or bool(
-        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
-    )
+    displays = {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    return sys.platform in ("win32", "darwin") or bool(displays)

@@ -25,6 +25,7 @@ from tvsysid.recordings.reading import Reading, Segmentation
 if TYPE_CHECKING:
     from tvsysid.comparison import Comparison, PreparedRecording
     from tvsysid.report import Account
+    from tvsysid.signals import Recording
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
@@ -176,10 +177,7 @@ def identify(
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
     write_estimates(out, found)  # kept if what follows is interrupted
-    account = attrs.evolve(
-        _account(found, prepared, file, reading),
-        unnamed_references=tuple(unnamed_references(found, recording, file, reading)),
-    )
+    account = _account(found, prepared, recording, file, reading)
     written = write_folder(out, account, command_line(), sheet)
     _show_impedance(account)
     _show_further(found)
@@ -190,7 +188,11 @@ def identify(
 
 
 def _account(
-    found: Comparison, prepared: PreparedRecording, file: Path, reading: Reading
+    found: Comparison,
+    prepared: PreparedRecording,
+    recording: Recording,
+    file: Path,
+    reading: Reading,
 ) -> Account:
     """Predict held-out realizations and diagnose the data; return all that is known."""
     from tvsysid.quality import diagnose
@@ -204,7 +206,13 @@ def _account(
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-    account = Account(found, held_out, source=source, turned=prepared.corrections)
+    account = Account(
+        found,
+        held_out,
+        source=source,
+        turned=prepared.corrections,
+        unnamed_references=tuple(unnamed_references(found, recording, file, reading)),
+    )
     repeats = prepared.diagnosed is found.ensemble
     try:
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(

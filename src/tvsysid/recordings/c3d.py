@@ -30,12 +30,13 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
         raise InputError(
             f"the C3D file ends after {points.shape[2]} of {expected} frames; copy it again"
         )
-    about, rate = content["parameters"]["ANALOG"], content["header"]["analogs"]["frame_rate"]
+    parameters, header = content["parameters"], content["header"]
+    about, rate = parameters.get("ANALOG", {}), header["analogs"]["frame_rate"]
     units = padded(_texts(about, "UNITS"), len(analogs))
     names = numbered(padded(_texts(about, "LABELS"), len(analogs)))
     for name, values, unit in zip(names, analogs, units, strict=True):
         yield name, channel_of(values, unit, rate)
-    about, rate = content["parameters"]["POINT"], content["header"]["points"]["frame_rate"]
+    about, rate = parameters.get("POINT", {}), header["points"]["frame_rate"]
     model_units = {
         label: "".join(_texts(about, f"{kind}_UNITS"))
         for kind in MODEL_OUTPUTS

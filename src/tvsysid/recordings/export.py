@@ -100,20 +100,21 @@ def write_nwb(
         root["identifier"], root["session_description"] = file.stem, description
         root["session_start_time"] = root["timestamps_reference_time"] = began
         root.create_dataset("file_create_date", data=[began], maxshape=(None,))
-        _set_type(root, "NWBFile", began)
+        identity = f"{file.stem} {began}"
+        _set_type(root, "NWBFile", identity)
         root.attrs["nwb_version"] = NWB_VERSION
         for name, values in signals.items():
             series = root.create_group(f"acquisition/{name}")
-            _set_type(series, "TimeSeries", began)
+            _set_type(series, "TimeSeries", identity)
             data = series.create_dataset("data", data=values, compression="gzip", shuffle=True)
             data.attrs["unit"] = units.get(name, "unknown")
             start = series.create_dataset("starting_time", data=float(recording.start))
             start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
 
 
-def _set_type(group: h5py.Group, kind: str, began: str) -> None:
+def _set_type(group: h5py.Group, kind: str, identity: str) -> None:
     """State the type of a group, and an identifier that is the same whenever it is written."""
-    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, f"{began} {group.name}"))
+    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, f"{identity} {group.name}"))
     group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier})
 
 

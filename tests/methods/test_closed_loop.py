@@ -12,7 +12,6 @@ from scipy.linalg import toeplitz
 
 import tvsysid as tv
 from tvsysid.methods.birf import _noise_through
-from tvsysid.methods.kbr.fitting import smoothed
 from tvsysid.methods.shared import instrument, lagged_reference
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.differentiation import differentiate
@@ -206,15 +205,6 @@ def test_short_segments_are_two_stage_least_squares(time):
         np.sqrt(variance), rel=1e-6
     )
     assert lagged_reference(ensemble, D, 3, 2).more == 27
-
-
-def test_smoothed_power_is_a_mirrored_mean():
-    frequency, power = np.arange(0, 5, 0.25), np.arange(20.0) ** 2
-    both = np.concatenate([power[::-1], power, power[::-1]])  # the ends themselves twice
-    found = smoothed(frequency, power, np.ones(20), frequency)
-    place = np.concatenate([-frequency[::-1], frequency, 9.5 - frequency[::-1]])
-    expected = [both[np.abs(place - f) <= 0.5].mean() for f in frequency]
-    np.testing.assert_allclose(found, expected)
 
 
 @pytest.mark.slow

@@ -32,15 +32,6 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
         np.testing.assert_allclose(fast.inertia, slow.inertia, rtol=1e-4)
 
 
-def test_block_size_changes_nothing(ensemble_of, monkeypatch):
-    ensemble = ensemble_of(40.0, "sine", "noise")
-    whole = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(record, "BLOCK", 97)
-    np.testing.assert_allclose(
-        tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7
-    )
-
-
 @pytest.mark.slow
 def test_gaps_are_gaps(ensemble_of):
     ensemble = ensemble_of(60.0, "sine", "noise", 30.0)

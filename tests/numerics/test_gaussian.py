@@ -97,7 +97,6 @@ def test_parts_of_the_moments(random):
     for whole in (
         Moments.of(both.T @ both, len(output)),
         moments.times(3.0).without(moments.times(2.0)),
-        moments.scaled(np.full(7, 2.0)).scaled(np.full(7, 0.5)),
         moments.take(np.ones(7, dtype=bool)),
     ):
         for own, expected in zip(whole, moments, strict=True):

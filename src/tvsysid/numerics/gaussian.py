@@ -50,10 +50,6 @@ class Moments(NamedTuple):
         """Return the moments of some columns."""
         return self._replace(gram=self.gram[np.ix_(columns, columns)], cross=self.cross[columns])
 
-    def scaled(self, scale: Array) -> Moments:
-        """Return the moments of columns divided by ``scale``."""
-        return self._replace(gram=self.gram / np.outer(scale, scale), cross=self.cross / scale)
-
     def times(self, share: float) -> Moments:
         """Return the moments of samples that count only as this share of independent ones."""
         gram, cross, square, number = self

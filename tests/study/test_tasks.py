@@ -89,6 +89,16 @@ def test_a_folder_can_hold_several_studies(tmp_path):
     assert list(again.method_key.values) == ["sds"]
 
 
+class Plain(tv.Method):
+    """A method whose repr does not show its settings."""
+
+    def __init__(self, size):
+        self.size = size
+
+    def fit(self, ensemble):
+        return tv.Model.of(ensemble, 100.0 * self.size)
+
+
 def names_of(source):
     return {task.file_name for task in source.tasks.values()}
 
@@ -107,3 +117,5 @@ def test_all_that_scores_depend_on_is_in_the_name():
         {"system": "reflex"},
     ):
         assert not names & names_of(Simulations(Study(**SETTINGS | change))), change
+    one, other = (names_of(Simulations(Study(**SETTINGS | {"methods": Plain(n)}))) for n in (1, 2))
+    assert not one & other

@@ -18,7 +18,7 @@ from tvsysid.study.dataset import EXPERIMENT, complete, dataset_of
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import STATISTICS, Scores, Truth, no_scores, stack
 from tvsysid.study.prepared import Prepared, prepared_recordings
-from tvsysid.study.tasks import Task, pickled, source_digests
+from tvsysid.study.tasks import Task, digests_of, pickled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,7 +117,7 @@ class Recordings:
             name: pickled(f"method {name}", method)
             for name, method in experiment.named_methods.items()
         }
-        self._sources = source_digests(experiment.named_methods)
+        self._digests = digests_of(experiment.named_methods)
         self._experiment = experiment
         self._prepared = prepared_recordings(experiment) if prepared is None else prepared
         if [item.recorded for item in self._prepared] != list(experiment.recordings):
@@ -153,7 +153,7 @@ class Recordings:
                 "recording": item.recorded.label,
                 "data": item.digest,
                 "method": label_of(analysis.method),
-                "source": self._sources.get(analysis.name),
+                "digest": self._digests.get(analysis.name),
                 **draws,
             },
             ensemble=item.ensemble,

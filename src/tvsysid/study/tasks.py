@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import re
 import sys
 import threading
 from abc import ABC, abstractmethod
@@ -134,13 +135,21 @@ def _note(text: str) -> None:
         _note_file.write_text(text, encoding="utf-8")
 
 
-def source_digests(items: Mapping[str, object]) -> dict[str, str]:
-    """Return a digest of the source file of each object from outside the package."""
+def digests_of(items: Mapping[str, object]) -> dict[str, str]:
+    """Return a digest of the attributes and the source file of each object of a user's class.
+
+    The labels of objects of the package say all of them.
+    """
     digests = {}
     for label, item in items.items():
+        if _module_name(item).startswith("tvsysid."):
+            continue
+        state = re.sub(" at 0x[0-9a-f]+", "", repr(getattr(item, "__dict__", "")))
+        digest = hashlib.sha256(state.encode())
         file = getattr(_module_of(item), "__file__", None)
-        if file and not _module_name(item).startswith("tvsysid.") and Path(file).is_file():
-            digests[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
+        if file and Path(file).is_file():
+            digest.update(Path(file).read_bytes())
+        digests[label] = digest.hexdigest()[:12]
     return digests
 
 

@@ -18,7 +18,7 @@ from tvsysid.simulate.simulation import checked_simulation
 from tvsysid.study.dataset import SIMULATIONS, complete, dataset_of
 from tvsysid.study.measure import STATISTICS, Scores, Truth, stack
 from tvsysid.study.scenarios import Scenario, Study
-from tvsysid.study.tasks import Task, pickled, source_digests
+from tvsysid.study.tasks import Task, digests_of, pickled
 from tvsysid.validators import settings_of
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class Simulations:
             label: pickled(f"method {label}", method)
             for label, method in study.named_methods.items()
         }
-        self._sources = source_digests(study.named_methods | study.parts)
+        self._digests = digests_of(study.named_methods | study.parts)
         self._simulated: dict[Scenario, bytes] = {}
 
     @property
@@ -179,7 +179,7 @@ class Simulations:
                 "setting": setting,
                 "seed": [seed.entropy, seed.spawn_key],
                 "methods": [(label, label in asked) for label in self._methods],
-                "sources": self._sources,
+                "digests": self._digests,
             },
             setting=setting,
             simulated=self._simulated[scenario],

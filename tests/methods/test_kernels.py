@@ -14,7 +14,7 @@ def test_harmonics_make_the_periodic_kernel(l1):
     time = np.linspace(0, 5, 80)
     variances = kernels.harmonic_variances(l1)
     assert variances.sum() == pytest.approx(1.0, abs=1e-7)
-    features = kernels.harmonic_features(time, 1.7, len(variances) - 1)
+    features = kernels.Kernel.of(1.7, l1, np.inf, 0.0, 5.0, 1e3).periodic_features(time)
     each = np.concatenate([variances[:1], np.repeat(variances[1:], 2)])
     dense = locally_periodic(time, time, 1.7, l1, 1e12)
     np.testing.assert_allclose(features * each @ features.T, dense, atol=1e-7)

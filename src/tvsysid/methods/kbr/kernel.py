@@ -103,7 +103,10 @@ class Kernel:
 
     def periodic_features(self, phase: Array) -> Array:
         """Return a constant, and cosine and sine of each harmonic, shape (*phase, function)."""
-        return harmonic_features(phase, self.period, self.highest)
+        turn = np.exp(2j * np.pi / self.period * phase)[..., None]
+        # Powers of one turn, whose parts are the cosines and sines.
+        powers = np.cumprod(np.broadcast_to(turn, (*phase.shape, self.highest)), axis=-1)
+        return np.concatenate([np.ones((*phase.shape, 1)), powers.view(np.float64)], axis=-1)
 
     def slow_features(self, clock: Array) -> Array:
         """Return a constant and the slow functions at times in s, shape (*clock, function)."""
@@ -148,14 +151,6 @@ def harmonic_variances(l1: float) -> Array:
     most = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), MAX_FEATURES)
     variances = np.exp(log_harmonic_variances(l1, most)[0])
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
-
-
-def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
-    """Return a constant, and cosine and sine of each harmonic; shape (*time, 2 x harmonics + 1)."""
-    turn = np.exp(2j * np.pi / period * time)[..., None]
-    # Powers of one turn, whose parts are the cosines and sines.
-    powers = np.cumprod(np.broadcast_to(turn, (*time.shape, harmonics)), axis=-1).view(np.float64)
-    return np.concatenate([np.ones((*time.shape, 1)), powers], axis=-1)
 
 
 class DecayFeatures:

@@ -8,7 +8,7 @@ from tvsysid.methods.shared.correlations import (
     solve_windows,
     window_model,
 )
-from tvsysid.methods.shared.estimates import impedance_estimates, no_errors, standard_errors
+from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import (
     LEAST,
     ByReference,
@@ -18,9 +18,6 @@ from tvsysid.methods.shared.instrument import (
 from tvsysid.methods.shared.residuals import (
     Colour,
     PosteriorErrors,
-    agreement_of,
-    angle_covariance,
-    colour_lags,
     colour_products,
     counted,
     independent_realizations,
@@ -32,10 +29,10 @@ from tvsysid.methods.shared.residuals import (
 )
 from tvsysid.methods.shared.segments import SegmentFit, Segments, instrumental_fit
 from tvsysid.models import IMPEDANCE, StandardError
-from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import PRIORS, Moments, Regression
 from tvsysid.numerics.instrument import HARDLY_MOVED
-from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
+from tvsysid.numerics.moments import convolve_lags, lagged_moments
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.second_order import (
     DerivativeMoments,

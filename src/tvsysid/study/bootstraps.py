@@ -13,7 +13,6 @@ from tvsysid.errors import InputError, printable
 from tvsysid.methods import label_of
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.signals import Array, Ensemble
-from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.dataset import EXPERIMENT, complete, dataset_of
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import STATISTICS, Scores, Truth, no_scores, stack
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
 
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude realizations, by the ending of the variable that counts them."""
+UNITS = {"target": "N m", "mean": "N m", "alignment": "N m/rad"}
+"""Units of variables on the preparation, by the beginnings of their names."""
 
 
 @attrs.frozen(kw_only=True)
@@ -185,7 +186,12 @@ class Recordings:
             realizations=("analysis", [each.realizations for each in analyses]),
         )
         results = results.assign(truth=results.truth.isel(analysis=0, drop=True))
-        results = results.assign(self._preparation())
+        rows = [_preparation_of(prepared) for prepared in self._prepared]
+        for name in rows[0]:
+            values = np.array([row[name] for row in rows])
+            unit = UNITS.get(name.partition("_")[0])
+            attributes = {"units": unit} if unit else {}
+            results[name] = (("recording", "time")[: values.ndim], values, attributes)
         return complete(results, EXPERIMENT, experiment=experiment.to_json())
 
     def _truth(self, recording: int) -> Scores:
@@ -196,31 +202,21 @@ class Recordings:
             "truth": np.array(list(prepared.truth.values())) if prepared.truth else truth,
         }
 
-    def _preparation(self) -> dict[str, Any]:
-        """Return the preparation of each recording as variables over recording and time."""
-        counts = [
-            {} if item.table is None else dict(item.table.excluded_by.value_counts())
-            for item in self._prepared
-        ]
-        values: dict[str, list[object]] = {
-            "recorded": [0 if each.table is None else len(each.table) for each in self._prepared],
-            "survivors": [
-                0 if each.ensemble is None else len(each.ensemble) for each in self._prepared
-            ],
-            **{
-                f"excluded_{name}": [count.get(step, 0) for count in counts]
-                for name, step in STEPS.items()
-            },
-            "trials": [each.trials for each in self._prepared],
-            "trials_left_out": [len(each.refused) for each in self._prepared],
-            "remarks": ["\n".join(each.remarks) for each in self._prepared],
-            "digest": [each.digest for each in self._prepared],
-        }
-        variables: dict[str, Any] = {name: ("recording", each) for name, each in values.items()}
-        for name in ("target_torque", "mean_torque"):
-            torques = np.stack([getattr(each, name) for each in self._prepared])
-            variables[name] = (("recording", "time"), torques, {"units": "N m"})
-        for name in AlignmentEffect._fields:
-            effects = [getattr(each.alignment, name) for each in self._prepared]
-            variables[f"alignment_{name}"] = ("recording", effects, {"units": "N m/rad"})
-        return variables
+
+def _preparation_of(prepared: Prepared) -> dict[str, Any]:
+    """Return what became of a recording, by the names of variables."""
+    table, ensemble = prepared.table, prepared.ensemble
+    excluded = {} if table is None else dict(table.excluded_by.value_counts())
+    effects = prepared.alignment._asdict()
+    return {
+        "recorded": 0 if table is None else len(table),
+        "survivors": 0 if ensemble is None else len(ensemble),
+        **{f"excluded_{name}": excluded.get(step, 0) for name, step in STEPS.items()},
+        "trials": prepared.trials,
+        "trials_left_out": len(prepared.refused),
+        "remarks": "\n".join(prepared.remarks),
+        "digest": prepared.digest,
+        "target_torque": prepared.target_torque,
+        "mean_torque": prepared.mean_torque,
+        **{f"alignment_{name}": effect for name, effect in effects.items()},
+    }

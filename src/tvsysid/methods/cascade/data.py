@@ -55,10 +55,11 @@ class Factor(NamedTuple):
         Sums over many realizations come first: one matrix (time, time) for each pair of signals
         serves all functions of time. Few columns are multiplied by the weights themselves.
         """
-        are_few = self.functions.shape[1] * len(self.signal) < 3 * len(weights)
+        columns, rows = self.functions.shape[1], len(self.signal)
+        are_few = columns * rows < len(others) * (columns + rows)
         if are_few:
-            columns = self.signal * self.functions.T[:, None]
-            left = (columns if self.muscle is None else columns @ self.muscle.T) @ weights
+            values = self.signal * self.functions.T[:, None]
+            left = (values if self.muscle is None else values @ self.muscle.T) @ weights
         else:
             left = weights if self.muscle is None else self.muscle.T @ weights
         parts = []

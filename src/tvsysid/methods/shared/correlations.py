@@ -20,7 +20,7 @@ from tvsysid.methods.shared.estimates import (
 )
 from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
-from tvsysid.methods.shared.two_stage import LaggedReference, truncated_at_threshold
+from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, LaggedReference
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.instrument import lag_samples
 from tvsysid.numerics.moments import (
@@ -32,7 +32,7 @@ from tvsysid.numerics.moments import (
     window_matrices,
 )
 from tvsysid.numerics.noise import autocovariance
-from tvsysid.numerics.pseudoinverse import Solution, truncated
+from tvsysid.numerics.pseudoinverse import Solution, full, truncated
 from tvsysid.numerics.second_order import agreement, second_order_readout, static_stiffness
 from tvsysid.signals import Array, Ensemble
 
@@ -120,7 +120,7 @@ def solve_windows(
         projection = np.empty((len(count), 2 * lags + 1, 0))
         if instruments is not None:
             phi_uu, phi_uy, projection = instruments.projected(begin, end, half, centres)
-            solution = truncated_at_threshold(phi_uu, phi_uy)
+            solution = full(phi_uu, phi_uy, UNIDENTIFIABLE)
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
             correlations = phi_uu, phi_uy, variance, count

@@ -13,13 +13,14 @@ from tvsysid.methods.shared.estimates import standard_errors
 from tvsysid.models import StandardError
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, sliding_sum, window_moments
-from tvsysid.numerics.pseudoinverse import Solution
 
 if TYPE_CHECKING:
     from tvsysid.methods.shared.correlations import Windows
 
-ALIKE = 1e-3  # share of the largest eigenvalue below which lags of the reference are alike
-UNTOLD = 1e-2  # share of the largest below which directions of the lagged angles are not told
+# share of the largest eigenvalue below which lags of the reference are collinear
+COLLINEAR = 1e-3
+# share of the largest eigenvalue below which directions of the lagged angles are not identifiable
+UNIDENTIFIABLE = 1e-2
 
 
 class LaggedReference(NamedTuple):
@@ -65,7 +66,7 @@ class LaggedReference(NamedTuple):
             sliding_sum(each, half, half)[centres] / samples[:, None, None] for each in moments
         )
         values, vectors = np.linalg.eigh(of_z)
-        kept = values > ALIKE * values[:, -1:]
+        kept = values > COLLINEAR * values[:, -1:]
         whitened = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
         of_u = whitened.transpose(0, 2, 1) @ with_u
         projection = of_u.transpose(0, 2, 1) @ whitened.transpose(0, 2, 1)
@@ -101,18 +102,6 @@ class LaggedReference(NamedTuple):
         missing = (times - len(samples)) // 2
         freedom = np.full((times, 3), max(1.0, independent - 1.0))
         return standard_errors(padded(values.T, missing), freedom)
-
-
-def truncated_at_threshold(phi_uu: Array, phi_uy: Array) -> Solution:
-    """Solve least squares in the directions of lagged angles that the instruments identify."""
-    values, vectors = np.linalg.eigh(phi_uu)
-    kept = values > UNTOLD * values[:, -1:]
-    inverse = (
-        vectors * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, None]
-    ) @ vectors.transpose(0, 2, 1)
-    weights = (inverse @ phi_uy[..., None])[..., 0]
-    rank = kept.sum(axis=1)
-    return Solution(weights, rank, inverse, rank, np.einsum("tk,tk->t", weights, phi_uy))
 
 
 def _sums(values: Array, weights: Array, first: NDArray[np.int64]) -> Array:

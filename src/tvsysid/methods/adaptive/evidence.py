@@ -162,9 +162,10 @@ class SmoothFit:
 
     def __init__(self, estimate: FreeEstimate, prior: SmoothPrior) -> None:
         self.estimate, self.prior = estimate, prior
-        self._kept = np.flatnonzero(prior.variances)
-        moments = estimate.moments.take(self._kept)
-        self._posterior = solve(moments, 1 / prior.variances[self._kept])
+        kept = np.flatnonzero(prior.variances)
+        self._posterior = solve(estimate.moments.take(kept), 1 / prior.variances[kept])
+        # The first harmonics are a slice, which copies nothing.
+        self._kept = slice(len(kept)) if kept[-1] < len(kept) else kept
         self.mean = self.whitened(estimate.moments.cross)
         self.residual = self._posterior.left
         explained = float(self.mean @ self.mean)

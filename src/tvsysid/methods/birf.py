@@ -139,7 +139,7 @@ class BasisIRF(shared.ByReference):
         diagnostics = _diagnostics(posterior, agreement)
         banded: shared.PosteriorErrors | shared.WhereStrong = errors
         if instrument is not None:
-            banded, diagnostics = instrument.banded(errors), instrument.seen(diagnostics)
+            banded, diagnostics = instrument.banded(errors), instrument.annotate(diagnostics)
         stiffness, viscosity, inertia = base.padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(

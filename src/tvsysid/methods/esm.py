@@ -145,7 +145,7 @@ class EnsembleSpectral(shared.ByReference):
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
-            diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics),
+            diagnostics=diagnostics if instrument is None else instrument.annotate(diagnostics),
         )
 
     def _by_angle(self, segments: shared.Segments, missing: tuple[int, int]) -> Estimated:

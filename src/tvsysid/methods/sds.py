@@ -94,7 +94,7 @@ class ShortDataSegments(shared.ByReference):
             windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
             banded = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
             model = shared.window_model(repr(self), ensemble, windows, banded)
-            return attrs.evolve(model, diagnostics=instrument.seen(model.diagnostics))
+            return attrs.evolve(model, diagnostics=instrument.annotate(model.diagnostics))
         windows, unknowns = shared.solve_windows(ensemble, lags, half), 2 * lags + 1
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
         enough &= windows.realizations >= MIN_REALIZATIONS

@@ -232,7 +232,7 @@ class KernelRegression(shared.ByReference):
             )
         diagnostics = Diagnostics(found.effective, details=details)
         if instrument is not None:
-            diagnostics = instrument.seen(diagnostics, banded=False)
+            diagnostics = instrument.annotate(diagnostics, banded=False)
         errors = fitting.KernelErrors(
             posterior,
             fitting.times_of(ensemble, kernel),

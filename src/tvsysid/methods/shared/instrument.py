@@ -44,15 +44,15 @@ class Instrument(NamedTuple):
     (time,) is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
     product of instrument and angle in a realization about a time, without the parts of viscosity
     and inertia. Where the strength is less than ``needed``, the data set no limit to the stiffness
-    (Anderson & Rubin 1949). ``drowned`` is the range of frequencies in Hz in which noise moves the
-    angle more than the reference does; None if there is no such frequency.
+    (Anderson & Rubin 1949). In the ``noisy_band``, in Hz, noise moves the angle more than the
+    reference does; None if there is no such frequency.
     """
 
     moved: Ensemble
     explained: float
     strength: Array
     needed: float
-    drowned: tuple[float, float] | None
+    noisy_band: tuple[float, float] | None
     reference: str
 
     @classmethod
@@ -85,11 +85,11 @@ class Instrument(NamedTuple):
             explained,
             strength,
             _needed(independent),
-            _drowned(left, angle[:, core], ensemble),
+            _noisy_band(left, angle[:, core], ensemble),
             reference,
         )
 
-    def seen(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
+    def annotate(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
         """Add the details and warnings of the instrument to the diagnostics.
 
         ``banded`` says that the method's bands need a strong instrument at each time.
@@ -119,9 +119,9 @@ class Instrument(NamedTuple):
         found = []
         if self.explained < WEAK:
             where = ""
-            if self.drowned is not None:
+            if self.noisy_band is not None:
                 where = " from {:.2g} to {:.2g} Hz, where noise moves the angle more".format(
-                    *self.drowned
+                    *self.noisy_band
                 )
             found.append(
                 f"the reference {self.reference!r} predicts only {_percent(self.explained)} of "
@@ -257,7 +257,7 @@ def _needed(independent: int) -> float:
     return float(stdtrit(freedom, 0.975) ** 2 * independent / freedom) if freedom > 0 else np.inf
 
 
-def _drowned(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:
+def _noisy_band(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:
     """Return the first and last frequency in Hz at which noise moves the angle more.
 
     At these frequencies the residual of the angle is larger than the predicted angle. Only the

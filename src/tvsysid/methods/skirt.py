@@ -14,7 +14,6 @@ from scipy.special import chdtrc, gammaincc
 from tvsysid.methods import base, shared
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics
-from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, at_least, optional, positive
@@ -30,6 +29,7 @@ NOISELESS = 1e-5  # share of the torque's variance below which what is left is r
 # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 ON_GRID = 0.02
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
+DISAGREEMENT = "lines that do not agree with each other"
 
 
 FREQUENCIES = Validator("positive numbers", lambda several: all(map(positive.is_valid, several)))
@@ -124,52 +124,52 @@ class SkirtDecomposition(base.Method):
         while True:
             features = evaluate(FourierSeries(chosen), ensemble.samples)
             skirts = _skirts(ensemble, waves, features, lines)
-            chances = {
-                each: _chance(each, chosen, lines, skirts, waves, ensemble)
+            p_values = {
+                each: _p_value(each, chosen, lines, skirts, waves, ensemble)
                 for each in range(chosen + 1, most + BEYOND + 1)
             }
-            likely = [each for each, chance in chances.items() if each <= most and chance < LIKELY]
+            likely = [each for each, p in p_values.items() if each <= most and p < LIKELY]
             if self.harmonics is not None or not likely:
                 break
             chosen = max(likely)
-        posterior, labels, agreeing = _second_order(skirts, lines, features.shape[1])
-        left, warned = (
-            [str(each) for each, chance in chances.items() if chance < SURE],
-            tuple[str, ...](),
-        )
-        share = np.var(skirts.left) / np.var(ensemble.torque[:, ensemble.core])
-        if share > NOISELESS and (left or agreeing < SURE):
-            found = (
-                f"skirts of harmonic {', '.join(left)}"
-                if left
-                else "lines that do not agree with each other"
-            )
+        posterior, agreement = _second_order(skirts, lines, features.shape[1])
+        left = [str(each) for each, p in p_values.items() if p < SURE]
+        share, warned = np.var(skirts.left) / np.var(ensemble.torque[:, ensemble.core]), ""
+        if share > NOISELESS and (left or agreement < SURE):
+            found = f"skirts of harmonic {', '.join(left)}" if left else DISAGREEMENT
             warned = (
                 f"the torque has {found}, where the impedance that is fitted changes by {chosen} "
                 "harmonics, which no band counts: it changes faster, or is not of second order; "
-                "give more harmonics, or use kbr",
+                "give more harmonics, or use kbr"
             )
-        count, covariance = features.shape[1], posterior.covariance
+        count = features.shape[1]
         expansions = (features, features, np.ones((ensemble.samples, 1)))
-        places = np.split(np.arange(len(posterior.mean)), (count, 2 * count))
-        values, errors = [], {}
-        for name, expansion, place in zip(shared.IMPEDANCE, expansions, places, strict=True):
-            own = covariance[np.ix_(place, place)]
-            values.append(expansion @ posterior.mean[place])
-            variance = np.einsum("tj,jk,tk->t", expansion, own, expansion)
-            errors[name] = shared.StandardError(
-                np.sqrt(variance), skirts.freedom, arc_length(expansion, own)
-            )
+        ends = (slice(count), slice(count, 2 * count), slice(2 * count, None))
+        errors = shared.PosteriorErrors(
+            expansions,
+            tuple(posterior.covariance[part, part] for part in ends),
+            colour=None,
+            band=(0.0, 0.5),
+            stronger=1.0,
+            freedom=skirts.freedom,
+            times=ensemble.samples,
+            missing=0,
+        )
+        stiffness, viscosity, inertia = (
+            functions @ posterior.mean[part]
+            for functions, part in zip(expansions, ends, strict=True)
+        )
+        names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(values[0], values[1], values[2], errors),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             posterior=posterior,
-            labels=labels,
+            labels=(*names, "inertia"),
             diagnostics=Diagnostics(
                 posterior.effective,
-                warnings=warned,
+                warnings=(warned,) if warned else (),
                 details={"lines": float(len(lines)), "harmonics": float(chosen)},
             ),
         )
@@ -219,7 +219,7 @@ class Skirts(NamedTuple):
     mean: Array
     covariance: Array
     density: Array
-    freedom: Array
+    freedom: float
     left: Array
 
 
@@ -244,7 +244,7 @@ def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Arr
         density[place] = power[near].mean() * 2 * near.sum() * len(ensemble) / freedom[place]
     each = np.repeat(np.sqrt(density), 2 * features.shape[1])
     covariance = inverse @ (gram * np.outer(each, each)) @ inverse
-    return Skirts(mean, covariance, density, np.array(freedom.min()), left)
+    return Skirts(mean, covariance, density, float(freedom.min()), left)
 
 
 def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
@@ -252,7 +252,7 @@ def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
     return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2 - ON_GRID) - 1
 
 
-def _chance(
+def _p_value(
     harmonic: int,
     chosen: int,
     lines: Array,
@@ -275,9 +275,7 @@ def _chance(
     return float(gammaincc(seen.sum(), ratio[seen].sum())) if seen.any() else 1.0
 
 
-def _second_order(
-    skirts: Skirts, lines: Array, count: int
-) -> tuple[shared.Regression, tuple[str, ...], float]:
+def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Regression, float]:
     """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
 
     Return also the probability that noise alone makes the lines differ as much from the fit.
@@ -292,13 +290,12 @@ def _second_order(
     weighted = np.linalg.solve(skirts.covariance, flat)
     covariance = np.linalg.inv(flat.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
-    names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
     posterior = shared.Regression(
         mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True
     )
     rest = skirts.mean - flat @ mean
     misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
-    return posterior, (*names, "inertia"), float(chdtrc(len(rest) - len(mean), misfit))
+    return posterior, float(chdtrc(len(rest) - len(mean), misfit))
 
 
 def _found(angle: Array, rate: float) -> Array:

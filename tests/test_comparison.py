@@ -144,7 +144,7 @@ def test_a_method_that_cannot_identify_without_a_fold_has_no_held_out_vaf():
         held_out = found.held_out_vaf()
     assert np.isnan(held_out["adaptive"]).all()
     assert np.isfinite(held_out["kbr"]).all()
-    with pytest.raises(tv.InputError, match="folds must be a whole number from 2 on, got 1"):
+    with pytest.raises(tv.InputError, match="folds must be a whole number of 2 or more, got 1"):
         found.held_out_vaf(1)
     for count in (1, 2):
         few = attrs.evolve(found, ensemble=ensemble.select(range(count)))

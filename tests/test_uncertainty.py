@@ -107,7 +107,7 @@ def test_simultaneous_band_holds_all_times_together(random):
     ("realizations", "count", "seed", "message"),
     [
         (1, 5, 1, "at least 2 realizations to draw from, got 1"),
-        (20, 1, 1, "count must be a whole number from 2 on, got 1"),
+        (20, 1, 1, "count must be a whole number of 2 or more, got 1"),
         (20, 5, "x", "seed must be"),
     ],
 )

@@ -23,8 +23,8 @@ class Settings:
             ({"window": wrong}, f"Settings: window must be a positive number, got {wrong!r}")
             for wrong in (0, np.nan, np.inf, True, "wide", None)
         ),
-        ({"order": 1.5}, "order must be a whole number from 0 on, or None, got 1.5"),
-        ({"order": -1}, "order must be a whole number from 0 on, or None, got -1"),
+        ({"order": 1.5}, "order must be a whole number of 0 or more, or None, got 1.5"),
+        ({"order": -1}, "order must be a whole number of 0 or more, or None, got -1"),
         ({"level": 95}, "level must be a number from 0 to 1, got 95"),
         ({"kind": "c"}, "kind must be one of 'a', 'b', got 'c'"),
     ],

@@ -1,4 +1,4 @@
-"""Check a method of your own: try on simulated joints what every method must do."""
+"""Check your own method on simulated joints of known stiffness."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Check:
 def check_method(method: Method) -> list[Check]:
     """Check a method on simulated joints of known stiffness, which have the channels of its inputs.
 
-    Nothing is raised, whatever the method does. If the method does not identify the first joint,
-    no other check is run.
+    An exception of the method makes a check fail, and is not raised. If the method does not
+    identify the first joint, no other check is run.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Trial:
         self.method = method
         simulated = simulated_case(case, tuple(method.inputs), method.perturbation, method.system)
         self.ensemble, self.truth, self.torques = simulated
-        self.on = cache(partial(Trial, method))  # the method on the joint of another case
+        self.on = cache(partial(Trial, method))  # the same method on the joint of another case
 
     @cached_property
     def model(self) -> Model:
@@ -106,7 +106,7 @@ class Trial:
         return mean_of(self.stiffness)
 
     def explained(self, model: Model | None = None, times: Any = slice(None)) -> float:
-        """Return the VAF of the noiseless torque by a model, by default that of this ensemble."""
+        """Return the VAF of the noiseless torque by ``model``, or by the model of this ensemble."""
         predicted = _mostly_known((model or self.model).predict(self.ensemble))
         torque = np.asarray(sum(self.torques.values()))
         return mean_of(vaf(torque[:, times], predicted[:, times]))
@@ -145,7 +145,7 @@ def _recovers_a_constant_stiffness(trial: Trial) -> str:
     mean = trial.mean
     return _expect(
         90 <= mean <= 110,
-        f"{mean:.3g} N·m/rad in the mean, where 100 is true",
+        f"mean {mean:.3g} N·m/rad, true 100",
         "expected at most 10 % off. Are the units rad and N·m? Does a positive torque resist a "
         "positive angle?",
     )
@@ -156,13 +156,13 @@ def _predicts_the_torque(trial: Trial) -> str:
     return _expect(
         min(known, unseen) > MIN_VAF,
         f"VAF {known:.1f} % of the noiseless torque, {unseen:.1f} % in other data",
-        "expected more than 80 %. Does it count viscosity and inertia? Is it aligned in time?",
+        "expected more than 80 %. Does it include viscosity and inertia? Is it aligned in time?",
     )
 
 
 def _follows_a_changing_stiffness(trial: Trial) -> str:
     if trial.method.time_invariant:
-        return "it takes the joint as constant, and says so (time_invariant)"
+        return "it assumes a constant joint (time_invariant = True)"
     trial = trial.on("changing")
     known = np.isfinite(trial.stiffness)
     found, truth = trial.stiffness[known], trial.truth[known]
@@ -171,8 +171,8 @@ def _follows_a_changing_stiffness(trial: Trial) -> str:
     return _expect(
         correlation > 0.8 and error < spread,
         f"correlation {correlation:.2f} with a sine of ±50 N·m/rad, error {error:.1f} N·m/rad RMS",
-        f"expected more than 0.8, and less than the {spread:.1f} of a constant guess. A method "
-        "that takes stiffness as constant should say so: time_invariant = True",
+        f"expected a correlation above 0.8, and an error below {spread:.1f}, that of a constant "
+        "guess. A method that assumes a constant joint should have time_invariant = True",
     )
 
 
@@ -180,7 +180,7 @@ def _gives_the_same_numbers_again(trial: Trial) -> str:
     _ = trial.model, trial.on("changing").model
     same = trial.is_repeated(trial.method)
     advice = "give random numbers a fixed seed, and keep nothing from one call to the next"
-    return _expect(same, "twice the same stiffness" if same else "another stiffness", advice)
+    return _expect(same, f"{'the same' if same else 'another'} stiffness the second time", advice)
 
 
 def _can_be_sent_to_a_worker(trial: Trial) -> str:
@@ -201,7 +201,7 @@ def _works_at_another_rate_and_length(trial: Trial) -> str:
     mean, share = trial.on("other rate").mean, trial.on("other rate").explained()
     return _expect(
         85 <= mean <= 115 and share > MIN_VAF,
-        f"at 128 Hz and 1.5 s: mean {mean:.3g} N·m/rad, where 100 is true, VAF {share:.1f} %",
+        f"at 128 Hz and 1.5 s: mean {mean:.3g} N·m/rad, true 100, VAF {share:.1f} %",
         "expected at most 15 % off, and a VAF above 80 %. Use ensemble.sampling_rate and "
         "ensemble.samples instead of numbers that hold at 100 Hz and 2 s",
     )
@@ -217,7 +217,7 @@ def _works_without_context(trial: Trial) -> str:
     edges, error = np.r_[:edge, -edge:0], np.abs(trial.stiffness - trial.truth)
     largest, share = np.nanmax(error[:, edges], initial=0.0), trial.explained(times=edges)
     return _expect(
-        largest <= 50 and not share <= 50,  # NaN is no error
+        largest <= 50 and not share <= 50,  # a VAF of NaN passes
         f"NaN at {unknown:.0f} % of the times; within 0.1 s of the ends, stiffness is up to "
         f"{largest:.0f} N·m/rad off{'' if np.isnan(share) else f', VAF {share:.0f} %'}",
         "give NaN where lags, windows or derivatives reach beyond the samples",
@@ -254,7 +254,7 @@ RECOMMENDED = (_separates_intrinsic_and_reflex_torque, _follows_a_changing_stiff
 
 
 def _expect(holds: bool, happened: str, advice: str) -> str:
-    """Return what happened, or raise with advice if it is not as expected."""
+    """Return the message ``happened``. If the check does not hold, raise with it and advice."""
     if not holds:
         raise InputError(f"{happened}; {advice}")
     return happened
@@ -271,7 +271,7 @@ def _mostly_known(values: Array) -> Array:
 def simulated_case(
     name: str, inputs: tuple[Input, ...], perturbation: str, system: str
 ) -> tuple[Ensemble, Array, dict[str, Array]]:
-    """Return an ensemble with the channels of inputs, its true stiffness, its noiseless torques.
+    """Simulate a case: an ensemble with channels for inputs, true stiffness, noiseless torques.
 
     The stiffness and the torque of each pathway have the shape (realization, time).
     """
@@ -287,8 +287,8 @@ def simulated_case(
     )
     if len(channels) < len(inputs):
         raise InputError(
-            f"no simulated joint has all of {', '.join(item.name for item in inputs)}; a method "
-            "that is checked can have one reference, scheduling variable or input"
+            f"no simulated joint has all of {', '.join(item.name for item in inputs)}; only a "
+            "method with one reference, scheduling variable or input can be checked"
         )
 
     def cut(channels: dict[str, Array]) -> Ensemble:

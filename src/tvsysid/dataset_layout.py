@@ -30,8 +30,9 @@ UNITS = {
 }
 """Units of the quantities that the package estimates or simulates."""
 
-Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # axes and values, by name
-Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]  # and attributes
+# By name: axes and values, or axes, values and attributes.
+Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
+Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
 
 
 class Content(NamedTuple):

@@ -46,7 +46,7 @@ class StandardError:
         Arc length of the normalised estimate over time, for simultaneous bands (see
         :func:`tvsysid.numerics.bands.simultaneous_value`).
     absent
-        Why there is no standard error, if there is none at any time.
+        Reason why there is no standard error at any time. Empty if there is one.
     """
 
     values: Array = attrs.field(converter=to_array)
@@ -62,13 +62,13 @@ class StandardError:
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
-        """Return the lower and upper limit of the band about estimates with these ``values``."""
+        """Return the lower and upper limit of the band around the estimates ``values``."""
         known, width = np.isfinite(self.values), np.full(self.values.shape, np.nan)
         width[known] = self.multiple(level, simultaneous) * self.values[known]
         return values - width, values + width
 
     def multiple(self, level: float, simultaneous: bool = False) -> Array:
-        """Return half the width of a band in standard errors, for each one that is known."""
+        """Return the half width of a band in standard errors, where the standard error is known."""
         freedom = self.freedom[np.isfinite(self.values)]
         if simultaneous:
             return simultaneous_value(level, freedom, self.arc)
@@ -76,7 +76,7 @@ class StandardError:
 
     @classmethod
     def none(cls, shape: int | tuple[int, ...], why: str) -> StandardError:
-        """Return a standard error that is unknown everywhere, and the reason."""
+        """Return a standard error that is NaN everywhere, with the reason ``why``."""
         return cls(np.full(shape, np.nan), np.inf, absent=why)
 
 
@@ -95,9 +95,9 @@ class Estimate:
     unit
         SI unit, such as ``"N m/rad"``.
     axes
-        Names of the axes of ``values``: ``("time",)``; ``("realization", "time")`` if the
-        realizations have estimates of their own; or the name of a measured variable, whose values
-        are among the model's coordinates.
+        Names of the axes of ``values``: ``("time",)``, or ``("realization", "time")`` if each
+        realization has its own estimate, or the name of a measured variable. The model's
+        ``coordinates`` hold the values of such a variable.
     error
         Standard error, or a function that computes it; None if the method states none.
 
@@ -125,7 +125,7 @@ class Estimate:
         is_real = values.dtype.kind == "f"
         if not is_real or np.isinf(values).any():
             raise InputError(
-                "estimate: expected real numbers, NaN where there is none, got values of type "
+                "estimate: expected real numbers, NaN where not identified, got values of type "
                 f"{values.dtype}{', some of them infinite' * is_real}"
             )
         if values.ndim != len(self.axes):
@@ -150,15 +150,15 @@ class Estimate:
         return self.error() if callable(self.error) else self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        """Return the lower and upper limit of the band about the estimate, NaN where unknown.
+        """Return the lower and upper limit of the band around the estimate, NaN where unknown.
 
         Parameters
         ----------
         level
             Probability, between 0 and 1, with which the band contains the true value.
         simultaneous
-            Whether the band contains the truth at all times together with this probability, rather
-            than at each time; see :func:`tvsysid.numerics.bands.simultaneous_value`.
+            Whether the band contains the true curve at all times at once with this probability, or
+            at each single time. See :func:`tvsysid.numerics.bands.simultaneous_value`.
 
         Warns
         -----
@@ -190,14 +190,17 @@ class Diagnostics:
     Parameters
     ----------
     parameters
-        Effective number of parameters; the mean over time if each time has parameters of its own.
-    rank, strength
-        Number of singular values kept, if the method truncates, and strength of the reference as an
-        instrument, if it has one, shape (time,).
-    warnings, seconds
-        Reasons to doubt the result, and duration of the identification in s.
+        Effective number of parameters. It is the mean over time if each time has its own.
+    rank
+        Number of singular values kept, shape (time,). None if the method does not truncate.
+    strength
+        Strength of the reference as an instrument, shape (time,). None without a reference.
+    warnings
+        Reasons to doubt the result.
+    seconds
+        Duration of the identification in s.
     details
-        Further numbers by name.
+        Other numbers by name.
     """
 
     parameters: float = np.nan
@@ -236,7 +239,7 @@ class Model:
     diagnostics
         Diagnostics of the identification.
     coordinates
-        Values along the axes of the estimates other than time and realization, by axis.
+        Values along each axis of the estimates, except time and realization.
     torques
         Function that returns the torque of each pathway. By default, there is one pathway.
     """
@@ -262,18 +265,18 @@ class Model:
         pathways: Callable[[Ensemble], Mapping[str, Array]] | None = None,
         parameters: float = np.nan,
     ) -> Model:
-        """Return the model that a method of your own identified from an ensemble.
+        """Build the model from the results of your own method.
 
         Parameters
         ----------
         ensemble
-            Realizations that it was identified from.
+            Realizations from which the model was identified.
         stiffness, viscosity, inertia
             Shape (time,), or one number; NaN where not identified.
         estimates
-            Further estimates by quantity, or those with standard errors or other axes.
+            Estimates of other quantities, or with standard errors, or with axes other than time.
         coordinates
-            Values along further axes of the estimates, by axis.
+            Values along each axis of the estimates, except time and realization.
         pathways
             Function that returns the torque of each pathway for an ensemble, each of shape
             (realization, time). Without it, the torque is that of stiffness, viscosity and inertia.
@@ -313,9 +316,9 @@ class Model:
         return self.over_time("inertia")
 
     def over_time(self, quantity: str) -> Array:
-        """Return an estimate over time (time,), the mean over realizations if they differ.
+        """Return an estimate over time, shape (time,), NaN if there is none over time.
 
-        It is NaN if the quantity was not estimated over time.
+        If each realization has its own estimate, return their mean.
         """
         estimate = self.estimates.get(quantity)
         if estimate is None or estimate.axes not in {("time",), ("realization", "time")}:
@@ -325,9 +328,9 @@ class Model:
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         """Return the torque of each pathway for the signals of an ensemble, by pathway.
 
-        A model with one pathway calls it ``"intrinsic"``. The torque is in N·m, of shape
-        (realization, time), without context. It is NaN where the model is, and where lags reach
-        beyond the samples.
+        A single pathway has the name ``"intrinsic"``. The torque is in N·m, of shape
+        (realization, time), without context. It is NaN where the estimates are NaN, and where lags
+        reach beyond the samples.
         """
         if not isinstance(ensemble, Ensemble):
             raise InputError(
@@ -380,12 +383,13 @@ class Model:
         return plot(self, title)
 
     def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
-        """Return all that was identified as an xarray.Dataset, with units as attributes.
+        """Return all results as an xarray.Dataset, with units as attributes.
 
-        Beside each estimate with a standard error stand its ``_standard_error``, degrees of
-        ``_freedom``, and the ``_lower`` and ``_upper`` limit of its 95 % band. With an ensemble,
-        the dataset has its predicted torque too, as ``torque_`` and the pathway's name. A
-        frequency response is complex; :func:`tvsysid.recordings.write_models` splits it.
+        The names of an estimate's standard error and degrees of freedom end with
+        ``_standard_error`` and ``_freedom``. Those of the limits of its 95 % band end with
+        ``_lower`` and ``_upper``. If an ensemble is given, the dataset also holds its predicted
+        torque, named ``torque_`` plus the pathway. A frequency response is complex;
+        :func:`tvsysid.recordings.write_models` splits it.
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
@@ -396,5 +400,5 @@ class Model:
         return content_of(self, ensemble)
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        """Return further results of a subclass for the dataset: variables and coordinates."""
+        """Return the variables and coordinates that a subclass adds to the dataset."""
         return {}, {}

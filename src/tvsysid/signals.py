@@ -88,9 +88,10 @@ class Signals:
 
     @property
     def angle_as_recorded(self) -> Array:
-        """Recorded angle: the last axis holds the samples that became one sample of the angle.
+        """Angle at the recorded rate.
 
-        It has one sample if the angle was not decimated.
+        The last axis holds the recorded samples from each sample of the angle up to the next. It
+        has length 1 if the angle was not decimated.
         """
         return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
 
@@ -100,7 +101,7 @@ class Signals:
         Raises
         ------
         InputError
-            For any other name.
+            If no signal has this name.
         """
         signals = {"angle": self.angle, "torque": self.torque, **self.channels}
         if name not in signals:
@@ -111,7 +112,7 @@ class Signals:
         return signals[name]
 
     def mapped(self, change: Callable[[Array], Array]) -> dict[str, Any]:
-        """Return all signals by field after the same change."""
+        """Return the result of ``change`` for each signal, by field name."""
         recorded = self.recorded_angle
         return {
             "angle": change(self.angle),
@@ -159,8 +160,8 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Time in the recorded trial, in s, at which time 0 lies now: more than 0 if the beginning of
-        the trial was removed.
+        Time of the original trial, in s, that is now time 0. It is above 0 if the beginning of the
+        trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle
@@ -217,7 +218,7 @@ def _onsets(onsets: ArrayLike | None, ensemble: Any) -> Array:
 
 
 def _trials(trials: ArrayLike | None, ensemble: Any) -> NDArray[np.int64]:
-    if trials is None:  # without onsets no realization follows another
+    if trials is None:  # without onsets, each realization is a trial of its own
         trials = np.arange(len(ensemble)) * (not ensemble.onsets.any())
     return read_only(np.asarray(trials).astype(np.int64))
 
@@ -251,8 +252,8 @@ class Ensemble(Signals):
     sampling_rate
         In Hz.
     context
-        Recorded samples before and after each realization, so that lags and windows at its edges
-        use measured data. Estimates that need more context are NaN.
+        Number of samples recorded before and after each realization. Lags and windows at the edges
+        use these samples. Estimates that need more context are NaN.
     onsets
         Time in s of each realization's first sample after the context, shape (realization,).
         Methods that need a continuous record join realizations of one trial that follow each other
@@ -263,11 +264,11 @@ class Ensemble(Signals):
         Number of realizations that lacked context when the record was cut.
     mean_subtracted
         Whether :func:`tvsysid.preprocess.subtract_mean` subtracted the mean over realizations. The
-        noise of R realizations then counts as that of R - 1.
+        noise of R realizations then has R - 1 degrees of freedom.
     channels
         Further signals by name, each of the angle's shape.
     origin, delay_removed, recorded_angle
-        As of the recording that the ensemble was cut from. The recorded angle has the shape
+        Values of the recording from which the ensemble was cut. The recorded angle has the shape
         (realization, context + time + context, sample) and keeps its mean.
 
     Raises
@@ -368,7 +369,8 @@ class Ensemble(Signals):
             raise InputError(f"select: these realizations do not exist: {error}") from error
         if index.ndim != 1 or not index.size:
             raise InputError(
-                f"select: expected the indices of some realizations, got shape {index.shape}"
+                "select: expected a list of at least one index, or a boolean mask, got shape "
+                f"{index.shape}"
             )
         fields = self.mapped(lambda values: values[index])
         return attrs.evolve(self, **fields, onsets=self.onsets[index], trials=self.trials[index])

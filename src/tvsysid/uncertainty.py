@@ -1,4 +1,4 @@
-"""Bands without assumptions on the noise: identify realizations drawn with replacement."""
+"""Compute bands by the bootstrap, without assumptions on the colour of the noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tvsysid.validators import at_least
 
 __all__ = ["Bootstrap", "bootstrap"]
 
-MIN_DRAWS = 2  # and realizations: fewer have no spread
+MIN_DRAWS = 2  # also of realizations: fewer have no standard deviation
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -36,10 +36,12 @@ class Bootstrap:
     draws
         Estimates of each draw by quantity, shape (draw, time) or (draw, value of a measured
         variable). NaN where not identified. Means over realizations where the method has an
-        estimate for each of them. A quantity is left out if a draw has it at other values of the
-        variable.
-    failed, count
-        Number of draws that failed, and of all draws. ``draws`` of the former are NaN.
+        estimate for each of them. A quantity is left out if its variable has other values in some
+        draw.
+    failed
+        Number of draws that failed. Their ``draws`` are NaN.
+    count
+        Number of draws, failed ones included.
     """
 
     model: Model
@@ -59,11 +61,11 @@ class Bootstrap:
     def band(
         self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False
     ) -> tuple[Array, Array]:
-        r"""Return lower and upper limit of the band about the model's estimate of a quantity.
+        r"""Return the lower and upper limit of the band around the model's estimate of a quantity.
 
-        The band holds the true value with the probability ``level``, between 0 and 1: at each
-        time by itself or, if it is ``simultaneous``, at all times together. NaN where fewer than
-        two draws have an estimate.
+        The band contains the true value with the probability ``level``, between 0 and 1, at each
+        single time. If it is ``simultaneous``, it contains the true curve at all times at once with
+        this probability. It is NaN where fewer than two draws have an estimate.
 
         Raises
         ------
@@ -72,15 +74,13 @@ class Bootstrap:
 
         Notes
         -----
-        For the simultaneous band, the largest distance of each draw from the draws' mean, in
-        standard deviations at its time, stands for the largest error of the estimate. The band is
-        wider than that of single times by the quantile of this distance over theirs, and never
-        narrower:
+        The simultaneous band is that of single times, widened by the factor
 
-        .. math:: \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}
+        .. math:: \max\left(1, \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}\right)
 
-        with z the quantile of the normal distribution. The quantile of few draws is coarse: of a
-        hundred, 95 % is the fifth largest.
+        with q the quantile over draws, and z that of the normal distribution. The largest distance
+        of a draw from the mean of the draws stands for the largest error of the estimate. The
+        quantile of few draws is coarse: of a hundred, 95 % is the fifth largest.
 
         References
         ----------
@@ -110,7 +110,7 @@ class Bootstrap:
 def bootstrap(
     method: Method, ensemble: Ensemble, count: int, seed: int, progress: Progress = no_progress
 ) -> Bootstrap:
-    r"""Identify again and again from realizations drawn with replacement.
+    r"""Estimate bands from realizations drawn with replacement.
 
     .. math:: \hat k(t) \pm t_{R - 1}\, \sqrt{\frac{R}{R - 1}}\, s(t), \qquad
               s^2(t) = \frac{1}{B - 1} \sum_b \left(k_b(t) - \bar k(t)\right)^2
@@ -118,15 +118,15 @@ def bootstrap(
     with the quantile of Student's t for R - 1 degrees of freedom, which is exact for a mean of R
     realizations.
 
-    The only assumption on the noise is that realizations do not depend on each other. The band
-    covers its colour, a strength that changes over time, and behaviour that differs between
-    realizations. It serves for any method, your own included. It does not show a bias, and is of
-    no use with a handful of realizations.
+    The only assumption is that realizations are independent. The band is valid for coloured noise,
+    for noise whose strength changes over time, and for behaviour that differs between realizations.
+    It works with any method, your own included. It does not cover bias, and needs more than a
+    handful of realizations.
 
-    The band is built on the standard deviation, about the estimate from all realizations. That
-    needs some hundred draws where percentiles need a thousand, and covers better: bands of
-    percentiles are too narrow with few realizations, and move with the bias of a draw against
-    the whole (docs/uncertainty.md has figures).
+    The band is the estimate from all realizations plus and minus a multiple of the standard
+    deviation over draws. This needs some 100 draws, where percentiles need 1000. It also covers
+    better: bands of percentiles are too narrow with few realizations, and shift with the bias of
+    the draws (docs/uncertainty.md has figures).
 
     Parameters
     ----------
@@ -150,8 +150,9 @@ def bootstrap(
     Warns
     -----
     DataQualityWarning
-        For warnings of the method about the whole; those about draws are ignored. If the method
-        cannot identify some draws: how many, and why the first. They are left out.
+        If the method warns about the ensemble; its warnings about draws are ignored. If the method
+        cannot identify some draws, which are left out; the warning gives their number and the
+        first reason.
 
     References
     ----------
@@ -201,7 +202,7 @@ def bootstrap(
 
 
 def _values(model: Model, whole: Model) -> dict[str, Array]:
-    """Return estimates over time, and those over variables with the same values as the whole's."""
+    """Return estimates over time, and those over variables with the same values in ``whole``."""
     return {
         name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values
         for name, estimate in whole.estimates.items()

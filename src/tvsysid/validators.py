@@ -74,7 +74,7 @@ def between(low: float, high: float) -> Validator:
 def at_least(least: int) -> Validator:
     """Return a validator for whole numbers of ``least`` or more."""
     return Validator(
-        f"a whole number from {least} on", lambda value: is_whole(value) and value >= least
+        f"a whole number of {least} or more", lambda value: is_whole(value) and value >= least
     )
 
 
@@ -85,7 +85,7 @@ def one_of(literal: object) -> Validator:
 
 
 def optional(validator: Validator) -> Validator:
-    """Return a validator that accepts None beside the values of another."""
+    """Return a validator that accepts None in addition to the values of ``validator``."""
     return Validator(
         f"{validator.expected}, or None", lambda value: value is None or validator.is_valid(value)
     )
@@ -100,12 +100,12 @@ text = Validator("a text", lambda value: isinstance(value, str))
 
 
 def to_float(value: Any) -> float:
-    """Convert a number to float. The validator checks other values."""
+    """Convert a number to float. Return other values unchanged, for the validator to reject."""
     return float(value) if is_number(value) else value
 
 
 def settings_of(item: object) -> dict[str, Any]:
-    """Return an object's settings by name: the arguments of its class that it has as attributes."""
+    """Return an object's settings by name: constructor arguments that are also attributes."""
     names = inspect.signature(type(item)).parameters
     return {name: getattr(item, name) for name in names if hasattr(item, name)}
 

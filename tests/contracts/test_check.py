@@ -126,8 +126,8 @@ def test_good_methods_pass(method):
             "estimates what it declares",
             "the method declares reflex_gain, reflexx too",
         ),
-        (spoiled(np.negative), "recovers a constant stiffness", "-100 N·m/rad in the mean"),
-        (spoiled(np.radians), "recovers a constant stiffness", "1.75 N·m/rad in the mean"),
+        (spoiled(np.negative), "recovers a constant stiffness", "mean -100 N·m/rad"),
+        (spoiled(np.radians), "recovers a constant stiffness", "mean 1.75 N·m/rad"),
         (
             spoiled(torque=lambda model, other: 50 * other.angle[:, other.core]),
             "predicts the torque",

@@ -321,9 +321,9 @@ def test_models_travel_and_are_told_whole(noisy, found):
     [
         (
             lambda: tv.ScheduledIRF(order=-1),
-            "order must be a whole number from 0 on, or None, got -1",
+            "order must be a whole number of 0 or more, or None, got -1",
         ),
-        (lambda: tv.ScheduledIRF(filters=0), "filters must be a whole number from 1 on"),
+        (lambda: tv.ScheduledIRF(filters=0), "filters must be a whole number of 1 or more"),
         (lambda: tv.ScheduledIRF(delay=-0.1), "delay must be a number of zero or more"),
         (lambda: tv.ScheduledIRF(variable=3), "variable must be a text"),
         (lambda: tv.ScheduledIRF(max_lag=0.0), "max_lag must be a positive number"),

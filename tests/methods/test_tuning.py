@@ -241,7 +241,7 @@ def test_what_cannot_be_tuned_is_refused(method, message):
         method.tuned(ensemble_of(40.0).select(np.arange(5)))
     with pytest.raises(tv.InputError, match="tuned: expected an Ensemble, got ndarray"):
         method.tuned(np.zeros((10, 200)))
-    with pytest.raises(tv.InputError, match="seed must be a whole number from 0 on, got -1"):
+    with pytest.raises(tv.InputError, match="seed must be a whole number of 0 or more, got -1"):
         method.tuned(ensemble_of(40.0), seed=-1)
 
 

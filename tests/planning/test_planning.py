@@ -212,7 +212,7 @@ def test_verified():
     [
         ({"precision": -1}, "precision must be a positive number, got -1"),
         ({"resolution": 0}, "resolution must be a positive number, or None, got 0"),
-        ({"draws": 2}, "draws must be a whole number from 6 on, got 2"),
+        ({"draws": 2}, "draws must be a whole number of 6 or more, got 2"),
         ({"methods": []}, "expected at least one method"),
         ({"setup": [Protocol(), Protocol()]}, "setups that differ"),
         ({"setup": "joint"}, "expected a pilot's Ensemble, a Protocol or a Pilot, got str"),

@@ -49,7 +49,7 @@ def test_inertia_is_recovered_and_the_model_states_the_correction():
     [
         (np.nan, "a finite number"),
         ("late", "got 'late'"),
-        (9.0, "nothing is left of a trial of 5 s"),
+        (9.0, "no sample is left of a trial of 5 s"),
     ],
 )
 def test_impossible_delays_are_refused(delay, message):

@@ -143,7 +143,7 @@ def test_trimmed_ends_can_serve_as_context():
     ("ends", "margin", "message"),
     [
         (1.0, 1.5, "margin must be a number from 0 to 1, got 1.5"),
-        (3.5, 0.0, "nothing is left of a trial of 7 s"),
+        (3.5, 0.0, "no sample is left of a trial of 7 s"),
         (-1.0, 0.0, "ends must be a number of zero or more"),
     ],
 )

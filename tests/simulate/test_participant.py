@@ -76,5 +76,5 @@ def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
 
 @pytest.mark.parametrize("number", [-1, "one", 1.5])
 def test_numbers_that_are_none_are_refused(number):
-    with pytest.raises(tv.InputError, match="number must be a whole number from 0 on"):
+    with pytest.raises(tv.InputError, match="number must be a whole number of 0 or more"):
         Participant(number)

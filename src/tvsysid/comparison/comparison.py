@@ -44,9 +44,11 @@ class Comparison:
     predicted
         Torque that each model predicts in N·m, shape (realization, time).
     evidence
-        Reasons for settings that were chosen from the data.
-    skipped, failed
-        Why a method cannot serve the ensemble, and why one failed.
+        Evidence for settings that were chosen from the data.
+    skipped
+        Reason why a method cannot identify the ensemble, for each method that was not run.
+    failed
+        Error message of each method that failed.
     """
 
     ensemble: Ensemble
@@ -61,7 +63,7 @@ class Comparison:
     def bands(self) -> dict[str, dict[str, Array]]:
         """95 % bands by label and quantity: lower and upper limit, shape (2, time).
 
-        NaN where there is none.
+        NaN where a method states none.
         """
         return {label: _bands(model) for label, model in self.models.items()}
 
@@ -69,8 +71,8 @@ class Comparison:
     def vaf(self) -> dict[str, Array]:
         """Variance accounted for in each realization in %, by label, shape (realization,).
 
-        The torque is that of the data that were identified. A method with many parameters has a
-        high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
+        It is computed on the realizations that the model was fitted to. A method with many
+        parameters has a high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
         """
         return self._explained(vaf)
 
@@ -78,7 +80,7 @@ class Comparison:
     def time_varying_vaf(self) -> dict[str, Array]:
         """Variance accounted for at each time over realizations in %, by label, shape (time,).
 
-        A single realization has none.
+        Empty for a single realization.
         """
         return self._explained(time_varying_vaf) if len(self.ensemble) > 1 else {}
 
@@ -101,19 +103,19 @@ class Comparison:
 
     @cached_property
     def suited(self) -> list[str]:
-        """Labels of the methods that suit the data, the best first."""
+        """Labels of the methods that suit the data, best first."""
         methods = {label: self.methods[label] for label in self.models}
         return self.recommendation.select(methods, self.evidence)
 
     @property
     def leading(self) -> str:
-        """Label of the recommended method; if that was not used, of ``adaptive`` or the first."""
+        """Label of the best method that suits the data, or else of ``adaptive``, or the first."""
         suited = self.suited if len(self.models) > 1 else []
         return [*suited, *self._adaptive, *self.models][0]
 
     @property
     def is_recommended(self) -> bool:
-        """Whether the ``leading`` method is ``adaptive``, or the one of several that suits."""
+        """Whether the ``leading`` method is ``adaptive``, or suits the data best of several."""
         label = self.leading
         return label in self._adaptive or (len(self.models) > 1 and label in self.suited)
 
@@ -134,7 +136,7 @@ class Comparison:
         Parameters
         ----------
         diagnosis
-            Diagnosis of the data, if there is a better one than that of ``recommendation``.
+            Diagnosis of the data, in place of that of ``recommendation``.
         held_out_vaf
             Result of :meth:`held_out_vaf`, if it was computed.
         unnamed_references
@@ -170,8 +172,8 @@ class Comparison:
     def summary(self) -> pd.DataFrame:
         """Return a table with a row for each method.
 
-        It has means over time, extremes of the stiffness with their times, and the VAF. Units are
-        in the names. ``half_band`` is the mean half width of the stiffness's 95 % band.
+        It has means over time, extremes of the stiffness with their times, and the VAF. The column
+        names hold the units. ``half_band`` is the mean half width of the stiffness's 95 % band.
         """
         rows = []
         for label, model in self.models.items():
@@ -212,7 +214,7 @@ class Comparison:
     def over_variables(self) -> pd.DataFrame:
         """Return a table with a row for each method, quantity and value of a measured variable.
 
-        It has the estimates over such variables with their 95 % bands.
+        It has the estimates with their 95 % bands.
         """
         return _joined(
             {
@@ -233,36 +235,36 @@ class Comparison:
     def held_out_vaf(
         self, folds: int = FOLDS, *, jobs: int = 1, progress: Progress = no_progress
     ) -> dict[str, Array]:
-        r"""Return the VAF of realizations that were held out in %, by label, shape (realization,).
+        r"""Return the VAF of held-out realizations in %, by label, shape (realization,).
 
-        Realizations are dealt, in the order of the record, into folds of consecutive ones. Slow
-        changes so count as they would in a new experiment. Each method, with its settings in
-        ``methods``, is identified from all folds but one, and predicts the torque of that one:
+        Each fold holds consecutive realizations of the record. Slow changes thus lower the VAF as
+        they would in a new experiment. Each method, with its settings in ``methods``, is fitted to
+        all folds but one, and predicts the torque of the remaining fold:
 
         .. math:: \hat y_r(t) = \bar y(t) + \hat m(\theta_r - \bar\theta)(t) - \overline{\hat m}(t)
 
-        Where the ensemble's mean was subtracted, the means (bars) are those of the realizations
-        kept, subtracted anew from all: a prediction uses nothing of the realization's torque. The
-        VAF is that of the deviation from that mean, :func:`tvsysid.metrics.vaf` of :math:`y_r -
-        \bar y` and :math:`\hat y_r - \bar y`.
+        If the ensemble's mean was subtracted, the means (bars) are computed again, without the
+        held-out realizations. A prediction therefore uses no torque of its realization. The VAF is
+        that of the deviation from the mean, :func:`tvsysid.metrics.vaf` of :math:`y_r - \bar y` and
+        :math:`\hat y_r - \bar y`.
 
         Parameters
         ----------
         folds
-            Number of folds, at least two; at most one for each realization. Each method is
-            identified as many times.
+            Number of folds, from two to the number of realizations. Each method is fitted once for
+            each fold.
         jobs
-            Number of processes that identify folds; -1 for one per core. They are copies of this
-            process, which only Linux makes safely: elsewhere folds are identified in turn. Use 1
-            if this process has threads of its own.
+            Number of worker processes; -1 for one per core. Workers are forked, which is safe on
+            Linux only. On other systems, folds are fitted one after the other. Use 1 if this
+            process has threads.
         progress
-            As of :func:`compare`.
+            As for :func:`compare`.
 
         Returns
         -------
         dict
-            NaN where a method cannot identify without the fold, for a single realization, and for
-            two whose mean was subtracted.
+            NaN where a method cannot be fitted without the fold, for a single realization, and for
+            two realizations whose mean was subtracted.
 
         Raises
         ------
@@ -272,7 +274,7 @@ class Comparison:
         Warns
         -----
         DataQualityWarning
-            If a method cannot identify the realizations kept; says why.
+            If a method cannot be fitted without a fold, with the reason.
 
         Notes
         -----
@@ -298,7 +300,7 @@ class Comparison:
 
 
 def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
-    """Return a table of these tables, each given by its columns, one below the other."""
+    """Concatenate tables, each given by its columns."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
     return pd.concat([*map(pd.DataFrame, tables)] or [pd.DataFrame()], ignore_index=True)

@@ -1,4 +1,4 @@
-"""Predict realizations that a method was not fitted to."""
+"""Predict held-out realizations."""
 
 from __future__ import annotations
 
@@ -38,68 +38,69 @@ def held_out_vaf(
     at_least(2).check("held_out_vaf", "folds", folds)
     vafs = {label: np.full(len(ensemble), np.nan) for label in models}
     if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
-        return vafs  # one realization less its mean is nothing
+        return vafs  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
-    places = [(label, part) for part in parts for label in models]
-    left_out = [Fold(ensemble, part, methods[label], models[label]) for label, part in places]
+    pairs = [(label, part) for part in parts for label in models]
+    tasks = [Fold(ensemble, part, methods[label], models[label]) for label, part in pairs]
     failed: dict[str, str] = {}
     with single_thread():
-        for number, result in enumerate(_results(left_out, jobs)):
-            progress(number, len(places))
-            label, part = places[number]
+        for number, result in enumerate(_results(tasks, jobs)):
+            progress(number, len(pairs))
+            label, part = pairs[number]
             if isinstance(result, str):
                 failed.setdefault(label, result)
             else:
                 vafs[label][part] = result
     for label, reason in failed.items():
-        text = f"{label}: no held-out VAF where a fold of the realizations cannot be left out"
+        text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
     return vafs
 
 
 class Fold(NamedTuple):
-    """Realizations to leave out (``left``), and a method with its model of all realizations."""
+    """Realizations to hold out, and a method with its model of all realizations."""
 
     ensemble: Ensemble
-    left: NDArray[np.int64]
+    held_out: NDArray[np.int64]
     method: Method
     model: Model
 
     def result(self) -> Array | str:
-        """Return the VAF of the realizations left out, or why there is none."""
+        """Return the VAF of the held-out realizations, or why there is none."""
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataQualityWarning)  # the fit to all has warned
+                # The fit to all realizations has warned already.
+                warnings.simplefilter("ignore", DataQualityWarning)
                 return self._vaf()
         except Exception as error:  # a user's method may raise anything; the others go on
             return describe_error(error)
 
     def _vaf(self) -> Array:
-        ensemble, left = self.ensemble, self.left
-        kept = np.setdiff1d(np.arange(len(ensemble)), left)
+        ensemble, held_out = self.ensemble, self.held_out
+        kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
         def deviation(values: Array) -> Array:
             return values - values[kept].mean(axis=0) if ensemble.mean_subtracted else values
 
         torque = deviation(ensemble.torque)
-        unseen = np.array(torque)
-        unseen[left] = 0.0  # a method that predicts cannot look at it
+        blanked = np.array(torque)
+        blanked[held_out] = 0.0  # hide it from a method that reads the torque to predict it
         names = centered_channels([self.method])
         channels = {name: deviation(ensemble.channels[name]) for name in names}
         given = attrs.evolve(
             ensemble,
             angle=deviation(ensemble.angle),
-            torque=unseen,
+            torque=blanked,
             channels={**ensemble.channels, **channels},
         )
         predicted = self.method.refit(given.select(kept), self.model).predict(given)
         if ensemble.mean_subtracted:
             predicted = predicted - mean_known(predicted[kept])
-        return vaf(torque[left, ensemble.core], predicted[left])
+        return vaf(torque[held_out, ensemble.core], predicted[held_out])
 
 
 def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
-    """Compute results in copies of this process. Only Linux copies processes safely."""
+    """Compute the results, on Linux in forked workers. Other systems cannot fork safely."""
     if jobs == 1 or sys.platform != "linux":
         yield from map(Fold.result, folds)
         return
@@ -108,7 +109,7 @@ def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
         yield from pool.map(_result_of, range(len(folds)))
 
 
-_inherited: list[Fold] = []  # folds in a worker; they need not be pickled
+_inherited: list[Fold] = []  # folds that a worker inherits, without pickling
 
 
 def _start_worker(folds: Sequence[Fold]) -> None:

@@ -1,4 +1,4 @@
-"""Align realizations to a target torque, exclude outliers, and do the paper's whole sequence."""
+"""Align realizations to a target torque, exclude outliers, and run all steps of preparation."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Step:
     ensemble
         Realizations that were kept.
     kept
-        Whether each realization given was kept, shape (realization given,).
+        Whether each input realization was kept, shape (input realization,).
     reached, limit
-        Largest deviation of each realization, and the largest one allowed: shifts in s for the
-        alignment, otherwise distances from the mean in standard deviations.
+        Largest deviation of each realization, and the largest allowed deviation: shifts in s for
+        the alignment, otherwise distances from the mean in standard deviations.
     torque
-        Torque whose deviations count, in N·m, shape (realization given, time).
+        Torque that is compared with the mean, in N·m, shape (input realization, time).
     mean
         Mean of this torque over realizations, in N·m, shape (time,). For the alignment, the mean
         target.
     half_width
-        Largest distance from the mean allowed, in N·m, shape (time,). None for the alignment.
+        Largest allowed distance from the mean, in N·m, shape (time,). None for the alignment.
     shifts
         Shift of each realization in s, positive where the torque came late.
     """
@@ -82,8 +82,8 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     -----
     The response to the perturbation also moves the best fit, by some 7 ms (SD). Such a shift adds
     voluntary torque that cancels part of the response at the task's frequency. This lowers the
-    identified stiffness, by 15 % for a virtual participant who follows the target perfectly. Where
-    that matters, exclude by the shift but do not shift:
+    identified stiffness, by 15 % for a virtual participant who follows the target perfectly. To
+    exclude large shifts without shifting the others, identify
     ``preparation.recorded.select(preparation.kept)``.
     """
     positive.check("align", "search", search)
@@ -148,8 +148,8 @@ def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
 def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: float = 3.0) -> Step:
     """Exclude realizations whose slow torque is an outlier at any time.
 
-    The torque passes a third-order low-pass Butterworth filter forwards and backwards, which delays
-    nothing. The filter begins and ends in the context.
+    The torque passes a third-order low-pass Butterworth filter forwards and backwards, without a
+    delay. The filter begins and ends in the context.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     -----
     Two seconds of torque below 5 Hz hold some 20 independent values. Therefore 10 % of Gaussian
     realizations reach 3 SD somewhere though none is an outlier: 30 of 300, where van de Ruit et al.
-    2021 excluded 15 to 29. A limit of 4 SD takes 0.4 % of them.
+    2021 excluded 15 to 29. A limit of 4 SD excludes 0.4 % of them.
     """
     rate = ensemble.sampling_rate
     between(0.1, 0.49 * rate).check("exclude_residual_outliers", "cutoff", cutoff)
@@ -205,12 +205,12 @@ class Preparation:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for each recorded realization.
+        """Table with a row for each recorded realization.
 
         ``trial``; ``onset_s``, the time of its first sample within the trial before any shift;
         ``shift_s``, positive where the torque came late; ``excluded_by``, the name of a step, or
-        empty where the realization was kept. For those excluded, ``reached`` is the value beyond
-        the ``limit``, both in ``unit``.
+        empty where the realization was kept. For excluded realizations, ``reached`` is the value
+        beyond the ``limit``, both in ``unit``.
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -277,18 +277,17 @@ def prepare(
     recording
         Trials in which one behaviour was repeated, with the target as a channel.
     reference
-        Name of the channel with the target torque in N·m. None if there was none: then nothing is
-        aligned.
+        Name of the channel with the target torque in N·m. With None, nothing is aligned.
     rate
         Sampling rate to decimate to, in Hz.
     ends
-        Seconds taken off both ends of each trial. The first and last realization of a trial take
-        their context from them (``context + search``, or ``context`` if nothing is aligned), and
-        are left out if the ends are shorter.
+        Seconds removed at both ends of each trial. The first and last realization of a trial take
+        their context from these seconds (``context + search``, or ``context`` if nothing is
+        aligned). They are left out if ``ends`` is shorter.
     period
         Duration of a realization in s: one cycle of the task.
     context
-        Seconds of the record that each realization has on either side in the end.
+        Seconds of context on either side of each prepared realization.
     search, max_shift
         See :func:`align`.
     task_limit, cutoff, residual_limit
@@ -299,8 +298,9 @@ def prepare(
 
     References
     ----------
-    van de Ruit et al. 2021, sections 4.1.4 and 4.1.5; the defaults are theirs. They took off the
-    ends before they cut. Here a margin of them stays as context, so that no realization is lost.
+    van de Ruit et al. 2021, sections 4.1.4 and 4.1.5; the defaults are theirs. They removed the
+    ends before they cut the trials into realizations. Here, a part of the ends stays as context, so
+    that no realization is lost.
 
     Examples
     --------

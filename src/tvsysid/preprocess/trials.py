@@ -1,4 +1,4 @@
-"""Shift the torque of a recording, decimate and trim its trials, and cut these."""
+"""Align, decimate and trim the trials of a recording, and cut them into realizations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.validators import between, finite, not_negative, positive
 
 MIN_RATE_HZ = 40.0  # below, stiffness and inertia can hardly be separated
-SMEARED_S = 0.015  # to either side of a gap, by the filter of decimation
+SMEARED_S = 0.015  # time on either side of a gap over which the decimation filter smears it
 
 
 class Gap(NamedTuple):
@@ -32,14 +32,14 @@ class Gap(NamedTuple):
 def map_trials(
     recording: Recording, change: Callable[[Array], Array], **attributes: Any
 ) -> Recording:
-    """Return a recording after the same change to every signal of each trial.
+    """Apply a function to every signal of each trial. Return the new recording.
 
     Parameters
     ----------
     change
         Function of the samples of one trial. It may change their number.
     attributes
-        Further attributes of the new recording.
+        Other attributes of the new recording.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def map_trials(
     signals = recording.mapped(change_all)
     if min(lengths) < 1:
         shortest = shortest_trial(recording) / recording.sampling_rate
-        raise InputError(f"nothing is left of a trial of {shortest:g} s; take off less of it")
+        raise InputError(f"no sample is left of a trial of {shortest:g} s; remove less of it")
     starts = (0, *np.cumsum(lengths[:-1]).tolist())
     return attrs.evolve(recording, **signals | {"trial_starts": starts} | attributes)
 
@@ -67,9 +67,9 @@ def shortest_trial(recording: Recording) -> int:
 
 
 def nearest_rate(recorded: float, rate: float) -> float:
-    """Return the rate in Hz nearest to ``rate`` to which one can decimate.
+    """Return the rate in Hz nearest to ``rate`` among those that decimation can give.
 
-    A whole number of Hz, if there is any.
+    Rates of a whole number of Hz are preferred.
     """
     rates = (recorded / factor for factor in range(1, int(recorded) + 2))
     return min(rates, key=lambda fit: (fit % 1 > 0, abs(fit - rate)))
@@ -83,8 +83,8 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     reflection. A sudden change is smeared over :math:`\pm 15` samples of the old rate.
 
     All signals pass the same filter, which therefore cancels in the identification of a joint that
-    does not vary. Take the envelope of an EMG before, if you need it. The original angle is kept as
-    ``recorded_angle``, for methods that rectify its velocity.
+    does not vary. If you need the envelope of an EMG, compute it before. The original angle is kept
+    as ``recorded_angle``, for methods that rectify its velocity.
 
     Parameters
     ----------
@@ -93,10 +93,9 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     rate
         New sampling rate in Hz. It must divide the old one.
     sharp
-        Use a filter of 20 r + 1 taps, for angle and torque that reach beyond the new Nyquist
-        frequency. The short filter lets these pass as slower movements (aliases), which no method
-        can explain. The sharp one smears a sudden change over :math:`\pm 10` samples of the new
-        rate.
+        Use a filter of 20 r + 1 taps, for angle and torque with power above the new Nyquist
+        frequency. The 31-tap filter lets this power pass as aliases, which no method can explain.
+        The sharp filter smears a sudden change over :math:`\pm 10` samples of the new rate.
 
     Warns
     -----
@@ -134,7 +133,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         )
 
     def group(angle: Array) -> Array:
-        """Return the samples recorded for each one kept. The last sample fills the last group."""
+        """Group the recorded samples by the sample kept. Repeat the last one to fill its group."""
         size = factor * angle.shape[1]
         return np.pad(angle.ravel(), (0, -angle.size % size), "edge").reshape(-1, size)
 
@@ -151,8 +150,8 @@ def align_channels(recording: Recording, delay: float) -> Recording:
     """Shift the torque to an earlier time, to correct a delay of its filter or clock.
 
     Between samples, the torque is interpolated (windowed sinc). Samples without a torque are cut
-    off one end of each trial. Further channels stay with the angle. ``delay_removed`` states the
-    correction in the recording, in ensembles cut from it, and in the diagnostics of models.
+    off one end of each trial. Other channels stay aligned with the angle. ``delay_removed`` states
+    the correction in the recording, in ensembles cut from it, and in the diagnostics of models.
 
     Parameters
     ----------
@@ -194,14 +193,14 @@ def align_channels(recording: Recording, delay: float) -> Recording:
 
 
 def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
-    """Remove the first and last seconds of each trial. Time 0 is where the rest begins.
+    """Remove the first and last seconds of each trial. Time 0 moves to the end of the first ones.
 
     Parameters
     ----------
     ends
         Seconds to remove at both ends of each trial.
     margin
-        Seconds of the ends that are kept for context. The recording then begins ``margin`` seconds
+        Seconds of these that are kept for context. The recording then begins ``margin`` seconds
         before time 0.
     """
     not_negative.check("trim", "ends", ends)
@@ -220,7 +219,7 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
 def segment(
     recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()
 ) -> Ensemble:
-    """Cut each trial into realizations, which begin at multiples of the period from time 0.
+    """Cut each trial into realizations, which begin at time 0 and at multiples of the period.
 
     Parameters
     ----------
@@ -229,8 +228,8 @@ def segment(
         repeated, makes one realization of each trial. All are as long as the shortest trial without
         its context.
     context
-        Seconds of the record that each realization keeps on either side. Realizations too near the
-        ends for it are left out, and counted in ``left_out``. With 0 all are kept.
+        Seconds of the record that each realization keeps on either side. Realizations without this
+        much context are left out, and counted in ``left_out``. With 0 all are kept.
     gaps
         Gaps that :func:`tvsysid.preprocess.find_gaps` found before the recording was decimated.
         Realizations with a gap, also in their context, are left out. Ignored without a period.
@@ -282,7 +281,7 @@ def segment(
 
 
 def _samples_of(period: float, rate: float) -> int:
-    """Return the samples of a period, which must be a whole number."""
+    """Return the number of samples in a period. Raise if it is not whole."""
     positive.check("segment", "period", period)
     samples = round(period * rate)
     if not math.isclose(samples, period * rate, rel_tol=1e-6):

@@ -1,4 +1,4 @@
-"""Judge how far an identified stiffness can be trusted, and why not further."""
+"""Judge how far an identified stiffness can be trusted, and give reasons for doubt."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
 from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 from tvsysid.signals import Array
 
-MAX_NEGATIVE = 2.5  # % of the time: a 95 % band lies below its truth so often by chance
+MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this often by chance
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -46,7 +46,7 @@ SWAPPED = (
     "way round (--angle, --torque). If they are right, the angle may be in degrees: --angle-unit "
     "deg."
 )
-WRONG = {  # faults that make every method's stiffness wrong, the cause of others first
+WRONG = {  # faults that make every method's stiffness wrong, causes before their consequences
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
     "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
     "deg.",
@@ -56,7 +56,7 @@ WRONG = {  # faults that make every method's stiffness wrong, the cause of other
     "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes "
     "of stiffness cancel out. Check --period and --rate.",
 }
-LOOP = {  # faults that make it wrong unless the method has a reference
+LOOP = {  # faults that make the stiffness wrong unless the method has a reference
     "loop-bias": "The torque moves the angle (a closed loop): {what}.",
     "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, "
     "or one channel was filtered alone. Record the actuator's command, and identify with it: "
@@ -92,12 +92,12 @@ def trust_in(
     model, method
         Model, and the method that identified it.
     recommendation
-        Recommended methods, with all that is known of the data.
+        Recommended methods, with measures and diagnosis of the data.
     is_suited
-        Whether the method is one of these.
+        Whether the method is a recommended one.
     held_out_vaf
         VAF of held-out realizations by the method in %, shape (realization,). If it is empty, the
-        VAF of fifths of the record counts, where the method held out such.
+        VAF of held-out folds in the model's diagnostics is used, if there is one.
     """
     known = held_out_vaf[np.isfinite(held_out_vaf)]
     folds = model.diagnostics.details.get("vaf_folds", math.nan)
@@ -110,8 +110,8 @@ def trust_in(
     wrong = [*_errors(model, faults, unnamed)]
     if not is_suited and not recommendation.unnamed_references:
         wrong += loop
-    # In a closed loop, the right impedance may predict none of the torque. A weak torque is weak
-    # with a reference too.
+    # In a closed loop, the right impedance may predict none of the torque. A method with a
+    # reference is therefore judged only where the data hold too little information for any method.
     if not wrong and (not has_reference or holds("information < 2", measured)):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
@@ -132,7 +132,7 @@ def trust_in(
 def _errors(
     model: Model, faults: Mapping[str, Finding], unnamed_references: tuple[str, ...]
 ) -> Iterator[str]:
-    """Yield what makes every method's stiffness wrong, and what to do."""
+    """Yield a text for each fault that makes every method's stiffness wrong, with its remedy."""
     if {"angle-unit", "torque-unit"} <= faults.keys():
         yield SWAPPED.format(angle=faults["angle-unit"].what, stiffness=faults["torque-unit"].what)
         return
@@ -149,11 +149,11 @@ def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[
 
 
 def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
-    """Yield what may make the stiffness wrong, and what to do."""
+    """Yield a text for each fault that may make the stiffness wrong, with its remedy."""
     if share := negative_reflex(model):
         yield (
-            f"The reflex gain is negative over {share}, as no stretch reflex's is. The difference "
-            "from a method with one pathway (as kbr) is an uncertainty of this stiffness."
+            f"The reflex gain is negative over {share}. No stretch reflex has a negative gain. The "
+            "difference from a method with one pathway (kbr) is an uncertainty of this stiffness."
         )
     if "reflex" in faults and has_one_pathway(method, model):
         reflex = faults["reflex"]
@@ -170,20 +170,24 @@ def sentence(text: str) -> str:
 
 
 def has_one_pathway(method: Method, model: Model) -> bool:
-    """Return whether a model's stiffness includes a reflex, if there is one."""
+    """Return whether a model has no reflex pathway, so that its stiffness includes a reflex."""
     return "reflex" not in method.pathway_names and "reflex_gain" not in model.estimates
 
 
 def reflex_shown(model: Model) -> bool:
-    """Return whether the data show the reflex that a model has beside its stiffness."""
+    """Return whether the data support the reflex pathway of a model."""
     return bool(model.diagnostics.details.get("reflex_shown", True))
 
 
 def negative_reflex(model: Model) -> str:
-    """Return over how much of the time a model's reflex gain is negative. Empty if it is not."""
+    """Return the share of the time with a negative reflex gain, in words. Empty if none."""
     gain = model.estimates.get("reflex_gain")
     if gain is None or gain.unit != UNITS["reflex_gain"] or not reflex_shown(model):
         return ""
     upper = gain.limits()[1]
     share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
-    return f"{share:.0f} % of the time, with its whole 95 % band" if share > MAX_NEGATIVE else ""
+    return (
+        f"{share:.0f} % of the time, with its whole 95 % band"
+        if share > MAX_NEGATIVE_PERCENT
+        else ""
+    )

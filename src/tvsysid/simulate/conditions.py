@@ -44,10 +44,11 @@ RULES = {
 
 @attrs.frozen(eq=False)
 class Conditions:
-    """Conditions under which a system is simulated. Its name is for error messages.
+    """Conditions under which a system is simulated. ``system`` is its name in error messages.
 
-    A second before time 0 and after the duration is recorded too, as context. Before, another
-    second is simulated as run-in, so that the filters' start from rest is forgotten.
+    One second before time 0 and one second after the duration are recorded as context. One more
+    second is simulated before these but not recorded: the run-in, in which the transients of the
+    filters decay.
     """
 
     system: str
@@ -62,7 +63,7 @@ class Conditions:
         """Random generators of perturbation, noise and the system's own channel."""
         seed = self.seed
         if isinstance(seed, np.random.SeedSequence):
-            # Spawning counts in the sequence. A copy gives the same numbers each time.
+            # Spawning changes a SeedSequence. A copy gives the same numbers each time.
             seed = np.random.SeedSequence(**seed.state | {"n_children_spawned": 0})
         return np.random.default_rng(seed).spawn(3)
 
@@ -72,7 +73,7 @@ class Conditions:
 
     @property
     def second(self) -> int:
-        """Number of samples of the run-in, which is not recorded, and of either margin."""
+        """Number of samples in one second: the run-in, or the context on either side."""
         return round(self.rate)
 
     @property
@@ -96,7 +97,7 @@ class Conditions:
         return round(self.duration * self.rate)
 
     def _inner(self, values: Array) -> Array:
-        """Return recorded values from time 0 to the duration, over which sizes are measured."""
+        """Return recorded values from time 0 to the duration, from which scales are computed."""
         return values[self.second : self.second + self._duration]
 
     def drive(self) -> Array:
@@ -109,15 +110,15 @@ class Conditions:
         return low_passed_noise(self.generators[1], bandwidth, self.rate, samples, state)
 
     def angle_scale(self, angle: Array) -> float:
-        """Return the factor that gives an angle the usual RMS."""
+        """Return the factor that scales an angle to an RMS of 0.5 degrees."""
         inner = self._inner(angle)
         size = float(np.dot(inner, inner))
         if size == 0:
-            raise InputError(f"{self.system}: {self.perturbation!r} gave a signal without movement")
+            raise InputError(f"{self.system}: {self.perturbation!r} gave an angle of 0 only")
         return RMS_ANGLE / math.sqrt(size / self._duration)
 
     def noise_scale(self, torque: Array, noise: Array) -> float:
-        """Return the factor that gives noise its signal-to-noise ratio to a torque."""
+        """Return the factor that scales noise to the signal-to-noise ratio for a torque."""
         ratio = float(np.std(self._inner(torque)) / np.std(self._inner(noise)))
         return ratio * 10 ** (-self.snr_db / 20)
 
@@ -130,9 +131,9 @@ class Conditions:
         channels: Mapping[str, Array] | None = None,
         imposed: Array | None = None,
     ) -> Simulation:
-        """Return the simulation of these signals.
+        """Scale the noise, add it to the torque, and return the simulation.
 
-        The noise is scaled to the torque ``imposed``, by default the sum of the pathways.
+        The noise is scaled relative to the torque ``imposed``, by default the sum of the pathways.
         """
         torque = reduce(np.add, pathways.values())
         noise = noise * self.noise_scale(torque if imposed is None else imposed, noise)

@@ -27,9 +27,9 @@ from tvsysid.simulate.reflex import StretchReflex, is_reflex
 from tvsysid.simulate.simulation import Seed, Simulation
 from tvsysid.validators import Validator, not_negative, optional, positive
 
-Relation = Callable[[Array], Array]  # of a variable's values, to one number for each
+Relation = Callable[[Array], Array]  # from values of a variable to one number for each
 
-EMG_LEAD_S = 0.010  # from EMG to force
+EMG_LEAD_S = 0.010  # delay from EMG to force
 
 is_relation = Validator("a callable of the variable", callable)
 
@@ -45,9 +45,9 @@ class Joint:
     Parameters
     ----------
     stiffness
-        Callable of time in s, to N·m/rad.
+        Callable of time in s, which returns N·m/rad.
     viscosity
-        In N·m·s/rad, or such a callable.
+        Number in N·m·s/rad, or a callable of time in s.
     inertia
         In kg·m².
     noise_bandwidth
@@ -80,24 +80,24 @@ class Joint:
         seed: Seed,
         rate: float = 1000.0,
     ) -> Simulation:
-        """Record so many seconds.
+        """Simulate a recording.
 
         The perturbation passes a 40-Hz second-order Bessel filter (the actuator), which gives
-        angle, velocity and acceleration without differences. The angle is scaled to an RMS of
-        0.5 degrees. The noise is white noise through a second-order Butterworth filter, scaled to
-        the signal-to-noise ratio. Both scales are those of the samples from time 0 to the duration.
+        angle, velocity and acceleration without numerical differentiation. The angle is scaled to
+        an RMS of 0.5 degrees. The noise is white noise through a second-order Butterworth filter,
+        scaled to the signal-to-noise ratio. Both scales are computed from time 0 to the duration.
 
         Parameters
         ----------
         duration
             In s, counted from time 0. The recording has one second more on both sides.
         perturbation
-            :class:`FilteredNoise`, :class:`PRBS`, or anything with their ``generate``.
+            :class:`FilteredNoise`, :class:`PRBS`, or any object with such a ``generate`` method.
         snr_db
             Ratio of the variances of noiseless torque and noise in dB; ``inf`` for no noise.
         seed
-            Integer, SeedSequence or generator. The same one gives the same numbers. Perturbation
-            and noise have random numbers of their own.
+            Random seed: an integer, SeedSequence or Generator. The same integer or SeedSequence
+            gives the same simulation. Perturbation and noise use independent random numbers.
         rate
             Sampling rate in Hz, above twice the 40 Hz of the filters.
 
@@ -123,7 +123,7 @@ class Joint:
         return {name: self._over_time(name, time, rate) for name in names}
 
     def _over_time(self, name: str, time: Array, rate: float) -> Array:
-        """Return the values of a field that is a number or profile."""
+        """Evaluate a field that is a number or a profile."""
         return over_time(f"{type(self).__name__}: {name}", getattr(self, name), time, rate)
 
 
@@ -185,14 +185,15 @@ class ReflexJoint(Joint):
 
 @attrs.frozen
 class ScheduledJoint(Joint):
-    r"""A joint whose stiffness follows a measured variable, such as EMG, that is never twice alike.
+    r"""A joint whose stiffness depends on a measured variable, such as EMG.
 
     .. math:: y(t) = I\,\ddot\theta(t) + b\,\dot\theta(t) + k(\rho(t))\,\theta(t) + r(t) + n(t),
               \qquad \rho(t) = (1 + \sigma\, g(t))\, k^{-1}(k_0(t))
 
-    The variable ρ would give the stiffness profile k₀, but it is stronger or weaker each time. Its
-    strength g is Gaussian with unit variance, drawn anew after each ``interval`` and linear in
-    between. The factor is never negative. All else is as for :class:`Joint`.
+    With σ = 0, the stiffness follows the profile k₀. Otherwise, the variable ρ is randomly stronger
+    or weaker. Its deviation g is Gaussian with unit variance, drawn anew after each ``interval``
+    and interpolated linearly. The factor 1 + σ g is never negative. All else is as for
+    :class:`Joint`.
 
     Truth: ``stiffness``, ``viscosity``, ``inertia``, and ``reflex_gain`` if there is a reflex.
     Pathways: ``intrinsic``, and ``reflex``. Channel: the variable, by its name.
@@ -202,22 +203,22 @@ class ScheduledJoint(Joint):
     stiffness
         Profile k₀.
     relation
-        Callable k of the variable, to N·m/rad. Without a schedule it must rise from 0 to 1 and
-        cover the profile there.
+        Callable k of the variable, which returns N·m/rad. Without a schedule, it must increase from
+        0 to 1 and reach all values of the profile there.
     variation
-        Standard deviation σ of the variable's strength relative to its mean.
+        Standard deviation σ of the factor.
     interval
-        Seconds after which the strength is drawn anew.
+        Seconds after which g is drawn anew.
     variable
         Name of the channel.
     schedule
         Variable over time, in place of :math:`k^{-1}(k_0(t))`, for instance if a joint is moved
         slowly.
     viscosity_relation
-        Callable of the variable, to N·m·s/rad, in place of ``viscosity``.
+        Callable of the variable, which returns N·m·s/rad, in place of ``viscosity``.
     gain_relation
-        Callable of the variable at the time of the stretch, to the gain of the ``reflex`` in
-        N·m·s/rad.
+        Callable of the variable at the time of the stretch, which returns the gain of the
+        ``reflex`` in N·m·s/rad.
 
     References
     ----------
@@ -232,7 +233,7 @@ class ScheduledJoint(Joint):
     ['emg']
     """
 
-    # A field that is declared again comes after the others, unless these are too.
+    # attrs moves a redeclared field behind the inherited ones. Redeclaring all keeps their order.
     stiffness: Profile = attrs.field(factory=SineWave, validator=is_profile)
     viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
     inertia: float = attrs.field(default=0.02, validator=positive)
@@ -262,7 +263,7 @@ class ScheduledJoint(Joint):
         pathways = {"intrinsic": imposed.torque}
         if self.gain_relation is not None:
             gain = impedance["reflex_gain"] = self._related("gain_relation", variable)
-            # The gain is that at the time of the stretch; before the record, its first value.
+            # The gain at the time of the stretch counts. Before the record, it is the first value.
             delay, whole = round(self.reflex.delay * conditions.rate), len(imposed.velocity)
             late = np.pad(gain, (conditions.second + delay, 0), "edge")[:whole]
             torque = self.reflex.torque(
@@ -274,7 +275,7 @@ class ScheduledJoint(Joint):
         )
 
     def _related(self, name: str, variable: Array) -> Array:
-        """Return the values of a relation for a variable."""
+        """Evaluate a relation at the values of a variable."""
         return evaluate(f"ScheduledJoint: {name}", getattr(self, name), variable)
 
     def _inverse_relation(self, stiffness: Array) -> Array:

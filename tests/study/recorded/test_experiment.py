@@ -104,7 +104,7 @@ def test_a_toml_file_says_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"bootstraps": 1}, r"bootstraps must be a whole number from 2 on, got 1"),
+        ({"bootstraps": 1}, r"bootstraps must be a whole number of 2 or more, got 1"),
         ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
         (
             {"methods": ["sds", "sds"]},
@@ -145,8 +145,8 @@ def test_a_toml_file_says_the_same(tmp_path):
         ),
         ({"reading": READING | {"strat": 1}}, r"reading.strat: unknown key; did you mean start\?"),
         ({"virtual": []}, r"virtual: 0 participants; give at least 1"),
-        ({"virtual": -1}, r"virtual must be a whole number from 0 on, got -1"),
-        ({"realizations": 1}, r"realizations must be a whole number from 2 on, got 1"),
+        ({"virtual": -1}, r"virtual must be a whole number of 0 or more, got -1"),
+        ({"realizations": 1}, r"realizations must be a whole number of 2 or more, got 1"),
         (
             {"methods": [3]},
             r"expected the key of a method, or a tvsysid.Method; got 3",

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from tvsysid.cli.console import remark, say_written, show_table, shown_progress
 from tvsysid.cli.options import Workers
@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
 SCHEDULER_TIMEOUT = "10s"
+PROBLEMS: dict[str, tuple[Literal["error", "warning"], str]] = {  # kinds of remarks, and words
+    "failed": ("error", "failed in"),
+    "skipped": ("warning", "skipped in"),
+    "warning": ("warning", "in"),
+}
 SCORES = {  # formats, by heading
     "method": "{method}",
     "drawn": "{realizations}",
@@ -115,7 +120,8 @@ def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
 def show_end(out: Path, files: Iterable[str], problems: Sequence[Problem]) -> bool:
     """Print failures, warnings and files; return whether no method failed."""
     for each in problems:
-        text = "{method}: {kind} in {count} of {trials}; the first: {first}"
-        remark("error" if each["kind"] == "failed" else "warning", text.format(**each))
+        kind, words = PROBLEMS[each["kind"]]
+        text = "{method}: {words} {count} of {trials}; the first: {first}"
+        remark(kind, text.format(words=words, **each))
     say_written(out, [*files, RESULTS])
     return not any(each["kind"] == "failed" for each in problems)

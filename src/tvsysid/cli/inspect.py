@@ -36,8 +36,9 @@ def inspect(
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
     Prints each channel's name and shape, and its unit and sampling rate if the file states them,
-    and draws the signals: against time if the file states the rate, else against sample numbers. The names are those that the options `--angle`, `--torque` and `--channel` of `tvsysid
-    identify` expect.
+    and draws the signals: against time if the file states the rate, else against sample numbers.
+    The names are those that the options `--angle`, `--torque` and `--channel` of `tvsysid identify`
+    expect.
 
     With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or
     clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what

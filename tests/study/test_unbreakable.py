@@ -270,7 +270,7 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
         resumed_to_the_last_bit(small, uninterrupted)
     finally:
         monkeypatch.chdir(tmp_path)
-        subprocess.run(["umount", small], check=True)
+        subprocess.run(["umount", "--lazy", small], check=True)
 
 
 def test_a_folder_that_cannot_be_written_to(tvsysid, tmp_path, monkeypatch):
@@ -289,4 +289,4 @@ def test_a_folder_that_cannot_be_written_to(tvsysid, tmp_path, monkeypatch):
         assert "Traceback" not in errors
     finally:
         monkeypatch.chdir(tmp_path)
-        subprocess.run(["umount", shut], check=True)
+        subprocess.run(["umount", "--lazy", shut], check=True)

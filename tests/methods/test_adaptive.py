@@ -375,7 +375,7 @@ def test_nothing_is_concluded_from_an_angle_that_is_still(random):
 def test_what_it_cannot_serve_it_says():
     nothing = np.eye(9, 60)
     with pytest.raises(
-        tv.InputError, match="the torque is 0 in all realizations, their context aside"
+        tv.InputError, match="the torque is 0 in all realizations without their context"
     ):
         METHOD.identify(tv.Ensemble(nothing.cumsum(axis=1), nothing, 100.0, context=12))
     usual = ensemble_of(40.0)

@@ -120,7 +120,7 @@ def test_the_comb_shows_reflex_and_feedback():
         ("one", "at least two realizations to compare, got one", "shorter period"),
         (
             "short",
-            "derivatives are known at 16 samples of a realization at 100 Hz, it takes 30",
+            "derivatives are known at 16 samples of a realization at 100 Hz, but 30 are needed",
             "0.12 s of context",
         ),
     ],

@@ -1,4 +1,4 @@
-"""Define the base class of methods, and fit windows into realizations."""
+"""Define the base class of methods, and check that windows fit into realizations."""
 
 from __future__ import annotations
 
@@ -37,10 +37,8 @@ AnyMethod = TypeVar("AnyMethod", bound="Method")
 ROUNDING = 1e-12  # share of the largest value
 Kind = Literal["input", "reference", "scheduling"]
 
-MIN_AGREEMENT = (
-    95.0  # second-order agreement in % of a joint of second order; simulated ones have 99
-)
-CERTAIN = 2.0  # standard errors by which it must lie lower
+MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %
+AGREEMENT_MARGIN = 2.0  # standard errors below MIN_AGREEMENT_PERCENT at which a method warns
 
 
 @attrs.frozen
@@ -52,12 +50,12 @@ class Input:
     name
         Name of the channel.
     kind
-        ``"input"`` acts on the joint, as EMG that drives a reflex. ``"reference"`` is the
+        ``"input"`` acts on the joint, such as EMG that drives a reflex. ``"reference"`` is the
         disturbance that the experimenter applied, in closed loop. Both lose their mean with the
         angle. ``"scheduling"`` is a measured variable on which the joint's properties depend; it
         keeps its mean.
     unit
-        Unit in which the method takes it.
+        Unit in which the method expects the channel.
     """
 
     name: str
@@ -82,7 +80,7 @@ class SkippedError(InputError):
 
 
 class Method(ABC):
-    """Base class of methods. A subclass has settings as fields, and one function: :meth:`fit`.
+    """Base class of methods. A subclass has settings as fields, and implements :meth:`fit`.
 
     Every attribute of the class has a default.
 
@@ -91,33 +89,33 @@ class Method(ABC):
     key, title
         Names on the command line and on pages. By default, the name of the class.
     assumptions
-        Sentences about joint and data.
+        Assumptions about joint and data, in sentences.
     differs
-        Why its stiffness differs from the true one and from that of other methods, in a sentence.
+        Reason, in a sentence, why its stiffness differs from the true one and between methods.
     cites
         Keys of ``references.bib``.
     inputs
-        Channels that it reads beside angle and torque.
+        Channels that the method reads in addition to angle and torque.
     quantities
-        Quantities that it estimates over time beside stiffness, viscosity and inertia: names, or
+        Quantities estimated over time in addition to stiffness, viscosity and inertia: names, or
         units by name.
     sometimes
-        Quantities that it estimates in some data only, in words.
+        Quantities estimated in some data only, in words.
     scheduled_quantities
-        Quantities that it estimates over a variable of its own, with the largest number of values.
+        Quantities estimated over a measured variable, with the maximum number of values of each.
     pathway_names
         Pathways of its models, if there are several.
     contiguous
         Whether realizations must follow each other in the recording.
     time_invariant
-        Whether it takes the joint as constant.
+        Whether the method assumes a constant joint.
     uses_recorded_angle
-        Whether it uses the angle at the rate at which it was recorded.
+        Whether the method uses the angle at the rate at which it was recorded.
     perturbation, system
-        The only perturbation and simulated joint that it serves, as a study names them. If empty,
-        it serves any.
+        The only perturbation and simulated joint that the method supports, by their names in a
+        study. Empty if it supports all.
     can_be_tuned
-        Whether settings can be chosen from data. It is set for each subclass.
+        Whether settings can be chosen from data. Each subclass gets it automatically.
 
     Examples
     --------
@@ -159,10 +157,10 @@ class Method(ABC):
 
     @abstractmethod
     def fit(self, ensemble: Ensemble) -> Model:
-        """Return the model of an ensemble whose arrays are read-only, mean subtracted."""
+        """Return the model of an ensemble. Its arrays are read-only, their mean is subtracted."""
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return why the method cannot identify an ensemble, in words; None if it can."""
+        """Return the reason why the method cannot identify an ensemble, or None if it can."""
         return None
 
     def identify(self, ensemble: Ensemble) -> Model:
@@ -180,8 +178,8 @@ class Method(ABC):
         Warns
         -----
         DataQualityWarning
-            If the method's model does not fit the joint; kept in the model's diagnostics.
-            Faults of the data are found by :func:`tvsysid.diagnose`.
+            If the joint violates an assumption of the method. The model's diagnostics hold the
+            texts too. :func:`tvsysid.diagnose` finds faults of the data.
         """
         started = perf_counter()
         with single_thread():
@@ -204,17 +202,17 @@ class Method(ABC):
         return attrs.evolve(model, method=model.method or repr(self), diagnostics=diagnostics)
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Identify some of the realizations that a model was identified from.
+        """Identify some of the realizations from which ``model`` was identified.
 
-        A method that searches starts from the model's results. Others ignore the model.
+        A method that searches starts from the model's results. Other methods ignore the model.
         """
         return self.identify(ensemble)
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
-        """Choose settings from the realizations, mean subtracted.
+        """Choose settings from the realizations, whose mean is subtracted.
 
-        Return the method with these settings, and the evidence: the settings that were tried, and
-        how good each is. The same seed gives the same settings.
+        Return the method with these settings, and the evidence: the settings that were tried, with
+        the score of each. The same seed gives the same settings.
 
         Raises
         ------
@@ -238,7 +236,7 @@ class Method(ABC):
 
 
 def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
-    """Return why a method cannot identify an ensemble: a missing channel, or its own reason."""
+    """Return why a method cannot identify an ensemble: a missing channel, or ``method.skip``."""
     missing = [item for item in method.inputs if item.name not in ensemble.channels]
     if missing:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
@@ -274,8 +272,8 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
         values = np.abs(ensemble.signal(name))
         if values[:, ensemble.core].max() <= ROUNDING * values.max():
             raise InputError(
-                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, or "
-                "is this the right channel?"
+                f"{verb}: the {name} is 0 in all realizations without their context; cut other "
+                "realizations, or name another channel"
             )
     if reason := reason_to_skip(method, ensemble):
         raise SkippedError(f"{type(method).__name__}: {reason}")
@@ -306,12 +304,12 @@ def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:
-    """Return the nearest number of samples."""
+    """Return the nearest number of samples to a duration in s."""
     return round(seconds * ensemble.sampling_rate)
 
 
 def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
-    """Return lags to either side in samples. Raise if a realization is too short for them."""
+    """Return the number of lags on either side. Raise if a realization is too short for them."""
     lags = whole_samples(max_lag, ensemble)
     if lags < 1:
         raise InputError(
@@ -350,19 +348,19 @@ def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDAr
 
 
 def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    """Yield why the method's model of a joint does not fit this one."""
+    """Yield a warning for each assumption of the method that the joint violates."""
     details = model.diagnostics.details
     agreement = details.get("second_order_agreement", math.nan)
     error = details.get("second_order_agreement_error", 0.0)
-    if agreement + CERTAIN * error < MIN_AGREEMENT:
+    if agreement + AGREEMENT_MARGIN * error < MIN_AGREEMENT_PERCENT:
         yield (
             f"inertia, viscosity and stiffness explain only {agreement:.0f} % of the torque that "
-            "depends on the angle: the joint is not of second order, so viscosity and inertia mean "
-            "nothing; look at the impulse response (eirf, sds; in models.nc, in Python "
+            "depends on the angle: the joint is not of second order, so viscosity and inertia have "
+            "no meaning; look at the impulse response (eirf, sds; in models.nc, in Python "
             "model.impulse_response)"
         )
     if method.time_invariant and changes(ensemble):
         yield (
-            "stiffness or viscosity change over a realization (p < 0.0001), but this method takes "
-            "the joint as constant and finds a mean; use a method that follows changes"
+            "stiffness or viscosity change over a realization (p < 0.0001), but this method "
+            "assumes a constant joint and estimates a mean; use a method that follows changes"
         )

@@ -1,6 +1,6 @@
 """Find methods by name: the package's own, those of installed packages, and ``module:Class``.
 
-Systems, profiles, perturbations and scenarios of a user's own are found in the same way.
+User-defined systems, profiles, perturbations and scenarios are found in the same way.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ METHODS: dict[str, type[Method]] = {
 }
 
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # compared by van de Ruit et al. 2021
-DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # of `identify`; the first one gives the answer
-STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study
-CLOSED_LOOP = (  # for a joint in closed loop, whose disturbance is the channel of this name
+DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # of `identify`
+STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study, by default
+CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds the reference
     "sds:reference=disturbance",
     "esm:stiffness=fit,reference=disturbance",
     "birf:reference=disturbance",
@@ -91,7 +91,7 @@ def installed(kind: str = "method") -> dict[str, EntryPoint]:
 
 
 def origin_of(text: str) -> str:
-    """Return the package and version, or the module, of a method as typed.
+    """Return the package and version, or the module, that defines a method.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def origin_of(text: str) -> str:
 
 
 def parse(text: str) -> Method:
-    """Return the method of a text: ``key`` or ``key:setting=value,setting=value``.
+    """Create a method from a text: ``key`` or ``key:setting=value,setting=value``.
 
     A method of your own is ``"mymodule:MyMethod"`` or ``"mymodule:MyMethod:order=3"``. Settings
     that are left out have their defaults. With ``tuned=true``, the method chooses its settings
@@ -135,16 +135,16 @@ def parse(text: str) -> Method:
 
 
 def from_text(text: str, kind: str, default: object = None) -> Any:
-    """Return the object of a text: ``key``, ``module:object``, or either with ``:setting=value``.
+    """Create an object from a text: ``key`` or ``module:object``, perhaps with ``:setting=value``.
 
     Parameters
     ----------
     text
-        As for :func:`parse`, which says what is raised.
+        As for :func:`parse`, which raises the same errors.
     kind
         ``"method"``, ``"system"``, ``"profile"`` or ``"perturbation"``.
     default
-        Object whose settings are changed, whatever the key is.
+        Object whose settings are changed. The key is then ignored.
     """
     key, rest = _split(text)
     target = find(key, kind) if default is None else type(default)
@@ -171,7 +171,7 @@ def from_text(text: str, kind: str, default: object = None) -> Any:
 
 
 def _made(target: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Any:
-    """Return an object of a class."""
+    """Create an object of a class, with a preset's settings or tuned if asked for."""
     made = target(**settings) if preset is None else target.preset(preset, **settings)
     return Tuned(made) if tuned else made
 
@@ -189,7 +189,7 @@ def _check_names(given: Mapping[str, str], target: type) -> None:
 
 
 def resolve(value: object, known: Mapping[str, object], kind: str) -> Any:
-    """Return the object of a known name or a text with settings; any other value as it is."""
+    """Return the object for a known name or a text with settings. Return other values unchanged."""
     if not isinstance(value, str):
         return value
     if value in known:
@@ -204,7 +204,7 @@ def resolve(value: object, known: Mapping[str, object], kind: str) -> Any:
 
 
 def find(key: str, kind: str) -> Any:
-    """Return the class or object of a key; of a method, the package's own come first."""
+    """Return the class or object of a key. The package's own methods take precedence."""
     if kind == "method" and key in METHODS:
         return METHODS[key]
     if kind not in ENTRY_POINTS or ":" in key:
@@ -219,7 +219,7 @@ def find(key: str, kind: str) -> Any:
 
 
 def load(name: str, kind: str = "object") -> Any:
-    """Return the class or object ``package.module:Name``. The ``kind`` is for messages.
+    """Import the class or object ``package.module:Name``. The ``kind`` is for messages.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def _is_a(kind: str, value: object) -> bool:
 
 
 def to_text(method: Method) -> str:
-    """Return the text that :func:`parse` makes a method of the package of, without defaults.
+    """Return the text of a built-in method, as :func:`parse` reads it, without default settings.
 
     Examples
     --------
@@ -285,7 +285,7 @@ def to_text(method: Method) -> str:
 
 
 def label_of(item: object) -> str:
-    """Return the name of a method or a part of a simulation in results: the text, or its repr.
+    """Return the label in results of a method or of a part of a simulation: its text or its repr.
 
     An object without a repr of its own has the name of its class.
     """
@@ -295,7 +295,7 @@ def label_of(item: object) -> str:
 
 
 def key_of(text: str) -> str:
-    """Return the key of a method as typed, without its settings.
+    """Return the key in a method's text, without the settings.
 
     Examples
     --------
@@ -306,7 +306,7 @@ def key_of(text: str) -> str:
 
 
 def _split(text: str) -> tuple[str, str]:
-    """Return key and settings. After a colon, a word without equals sign is a class."""
+    """Split a text into key and settings. A word without equals sign after a colon is a class."""
     head, _, rest = text.partition(":")
     first, _, after = rest.partition(":")
     if head not in METHODS and first and "=" not in first:

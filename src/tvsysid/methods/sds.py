@@ -13,12 +13,12 @@ from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
 from tvsysid.validators import optional, positive, text
 
-LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
-# s, of which a tuned one is the best
-WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
-# below which a window has no band: with fewer, 95 % bands held the truth in 78 to 90 %
+# Candidates in s among which tuning chooses.
+LAGS_S = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
+WINDOWS_S = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
+# Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
-# independent ones, below which there is no band: in one, the noise is hardly known (80 to 86 %)
+# Independent realizations that a band needs. With one, 95 % bands covered 80 to 86 %.
 MIN_REALIZATIONS = 2
 
 
@@ -29,23 +29,23 @@ class ShortDataSegments(shared.ByReference):
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2}
               u_r(i - k)\, y_r(i), \qquad L = (N + 1) R
 
-    (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012), with the autocorrelations
-    alike; solved as in
-    :class:`EnsembleIRF`, the description length counting all L samples.
+    (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012). Autocorrelations are computed
+    in the same way. The equations are solved as in :class:`EnsembleIRF`, with a description length
+    that counts all L samples.
 
     Parameters
     ----------
     max_lag
-        Lags to either side in s.
+        Largest lag on either side, in s.
     window
-        Time N Δt over which the joint is taken as constant, in s. An instantaneous change is spread
-        over it: the rise from 10 to 90 % takes 80 % of it.
+        Time N Δt over which the joint is assumed constant, in s. An instantaneous change is spread
+        over the window: the rise from 10 to 90 % takes 80 % of it.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
-        noise of the torque moves too. Its lags from -max_lag to 0.3 s are then the instruments of
-        two-stage least squares (:mod:`tvsysid.methods.shared.two_stage`), and the response is
-        truncated at a hundredth of its best determined direction. The random error is two to three
-        times that of esm and birf with a reference.
+        Channel with the applied disturbance, for a joint in closed loop, where noise in the torque
+        also moves the angle. The lags of the channel from -max_lag to 0.3 s are then the
+        instruments of two-stage least squares (:mod:`tvsysid.methods.shared.two_stage`). The
+        response is truncated at a hundredth of its best determined direction. The random error is
+        two to three times that of esm and birf with a reference.
 
     Notes
     -----
@@ -54,11 +54,11 @@ class ShortDataSegments(shared.ByReference):
     response (equation 20). Viscosity and inertia are those of a second-order fit to it, as in
     :class:`EnsembleIRF`.
 
-    The bands count that the noise of neighbouring samples in a window is correlated, by the
-    autocorrelation of the residual, which is taken to be the same at all times; the noise's
-    strength may change. They do not cover the smoothing bias of the window: about a switch, the
-    truth lies outside. Windows that hold fewer than three samples for each lag, or only one
-    realization, have no band.
+    The bands account for correlated noise, by the autocorrelation of the residual. This
+    autocorrelation is assumed to be the same at all times; the strength of the noise may change.
+    The bands do not cover the smoothing bias of the window: near a switch, the truth lies outside.
+    There is no band with fewer than three independent samples for each lag, or with only one
+    realization.
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
@@ -73,8 +73,8 @@ class ShortDataSegments(shared.ByReference):
         "Nothing is assumed of the dynamics.",
     )
     differs = (
-        "It is a mean over its window: what changes faster comes out slower, a switch as a ramp "
-        "as long as the window."
+        "It is a mean over its window: faster changes are smoothed, and a switch becomes a ramp as "
+        "long as the window."
     )
     cites = ("ludvig2012", "vanderuit2021")
 
@@ -85,8 +85,7 @@ class ShortDataSegments(shared.ByReference):
         if 2 * half + 1 > ensemble.samples:
             raise InputError(
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
-                "longer than a "
-                f"realization of {ensemble.samples} samples; give a shorter one"
+                f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
         instrument = self.instrument(ensemble)
         if instrument is not None:
@@ -101,8 +100,8 @@ class ShortDataSegments(shared.ByReference):
         why = (
             f"windows over {shared.counted(ensemble)} hold {windows.independent.max():.0f} "
             f"independent samples for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
-            f"{MIN_REALIZATIONS} realizations are needed to tell the noise from what the joint "
-            "does; record more, shorten max_lag, or lengthen window"
+            f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
+            "shorten max_lag, or lengthen window"
         )
         errors = shared.WindowErrors.of(ensemble, windows, enough, why)
         return shared.window_model(repr(self), ensemble, windows, errors)
@@ -113,11 +112,10 @@ class ShortDataSegments(shared.ByReference):
         if samples < 4 * unknowns:
             yield (
                 f"a window holds {samples} samples of all realizations for {unknowns} lags: the "
-                "fit is hardly "
-                "determined; record more, or lengthen window"
+                "fit is hardly determined; record more, or lengthen window"
             )
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(
-            self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
+            self, ensemble, seed, {"max_lag": LAGS_S, "window": WINDOWS_S}, self.max_lag
         )

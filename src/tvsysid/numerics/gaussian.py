@@ -2,9 +2,10 @@ r"""Linear regression with Gaussian priors, from sums of products.
 
 .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1})
 
-A method says what its columns X are, and gives their :class:`Moments`. P is diagonal. Where prior
-and noise variance are known, :func:`solve` returns the posterior and its evidence, with gradients.
-Otherwise :data:`PRIORS` choose them by maximum evidence.
+A method defines the columns X and computes their :class:`Moments`. The prior precision P is
+diagonal. If P and the noise variance are known, :func:`solve` returns the posterior and its
+evidence, with gradients. Otherwise, the functions in :data:`PRIORS` choose both by maximum
+evidence.
 """
 
 from __future__ import annotations
@@ -22,9 +23,8 @@ from tvsysid.numerics import Array
 
 Columns = NDArray[np.bool_] | NDArray[np.intp]
 
-# share of the output's power below which a residual is rounding
-SMALLEST_RESIDUAL = 1e-12
-JITTER = 1e-10  # share of its diagonal by which a system that is singular to rounding is raised
+SMALLEST_RESIDUAL = 1e-12  # share of the output's power; a smaller residual is rounding error
+JITTER = 1e-10  # share of the diagonal that is added to it if a system is numerically singular
 TOLERANCE = 1e-7  # change of the log evidence per sample at which iterations stop
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -51,12 +51,12 @@ class Moments(NamedTuple):
         return self._replace(gram=self.gram[np.ix_(columns, columns)], cross=self.cross[columns])
 
     def times(self, share: float) -> Moments:
-        """Return the moments of samples that count only as this share of independent ones."""
+        """Return the moments if only this share of the samples is independent."""
         gram, cross, square, number = self
         return Moments(share * gram, share * cross, share * square, share * number)
 
     def without(self, part: Moments) -> Moments:
-        """Return the moments of the other samples."""
+        """Return the moments without the samples of ``part``."""
         gram, cross, square, number = part
         return Moments(
             self.gram - gram, self.cross - cross, self.square - square, self.number - number
@@ -79,8 +79,7 @@ class Posterior:
     noise_variance
         Variance of each sample's noise.
     left
-        Square of y that neither the weights nor their prior explain:
-        :math:`\|y - X m\|^2 + \sigma^2 m^T P m`.
+        Penalized sum of squared residuals, :math:`\|y - X m\|^2 + \sigma^2 m^T P m`.
     number
         Number of samples.
     """
@@ -110,7 +109,7 @@ class Posterior:
 
     @property
     def residual(self) -> float:
-        """Return the squared length of y - X m."""
+        """Return the sum of squared residuals y - X m."""
         return self.left - self.noise_variance * float(self.precision @ self.mean**2)
 
     @property
@@ -141,13 +140,13 @@ class Posterior:
 
     @property
     def by_variances(self) -> Array:
-        """Return the derivatives of the log evidence by the logs of the prior variances."""
+        """Return the derivatives of the log evidence with respect to the log prior variances."""
         slopes = 0.5 * (self.precision * self.mean**2 - self.determined)
         return np.where(self.precision > 0, slopes, 0.0)
 
     @property
     def by_noise(self) -> float:
-        """Return the derivative of the log evidence by the log noise variance."""
+        """Return the derivative of the log evidence with respect to the log noise variance."""
         return 0.5 * (self.residual / self.noise_variance - (self.number - self.effective))
 
 
@@ -166,7 +165,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     system *= scale[:, None]
     system.ravel(order="F")[:: len(system) + 1] += noise_variance * precision * scale**2
     factor, failed = lapack.dpotrf(system, lower=1)
-    if failed:  # columns that are collinear to rounding
+    if failed:  # columns are numerically collinear
         factor, failed = lapack.dpotrf(system + JITTER * np.diag(np.diag(system)), lower=1)
         if failed:
             raise np.linalg.LinAlgError("the posterior precision is not positive definite")
@@ -178,7 +177,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
 
 
 class Regression(NamedTuple):
-    """Posterior of the weights after prior and noise variance were chosen.
+    """Posterior of the weights, with prior and noise variance chosen from the data.
 
     ``effective`` is the effective number of parameters. ``log_evidence`` is NaN without a prior.
     """
@@ -239,7 +238,7 @@ def ridge(moments: Moments) -> Regression:
             - alpha * norm
             - float(np.sum(np.log(precision)))
         )
-        # An iteration costs next to nothing here, so it goes on until the last digits stand.
+        # Iterations cost little here, so the tolerance is close to the rounding error.
         if converged := abs(evidence - before) <= 1e-14 * abs(evidence):
             break
         alpha, beta = gamma / norm, max(number - gamma, 1.0) / residual
@@ -256,12 +255,12 @@ def relevance(moments: Moments) -> Regression:
 
     This is the relevance vector machine: P is the diagonal matrix of :math:`\alpha`, C the
     posterior covariance (Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section
-    7.2). It starts from least squares, so that it is deterministic. The units of the columns have
-    no effect.
+    7.2). The iteration starts from least squares, so the result is deterministic. The units of the
+    columns have no effect.
     """
     square, number = moments.square, moments.number
     powers = _powers(moments.gram)
-    start = solve(moments, 1e-12 * powers)  # least squares, of small norm if columns are collinear
+    start = solve(moments, 1e-12 * powers)  # almost least squares; defined for collinear columns
     precision = 1 / np.maximum(start.mean**2, 1e-12 * square / powers)
     noise = max(start.residual, SMALLEST_RESIDUAL * square) / number
     active, evidence = np.arange(len(powers)), -math.inf
@@ -274,7 +273,7 @@ def relevance(moments: Moments) -> Regression:
         if converged := abs(evidence - before) <= TOLERANCE * number:
             break
         precision = determined / np.maximum(found.mean**2, TINY)
-        # A weight whose prior is this much narrower than the noise on it stays zero.
+        # A prior this much narrower than the noise of the weight fixes the weight at zero.
         kept = precision < 1e4 * powers[active] / noise
         if not kept.any():
             none = np.zeros(len(powers)), np.zeros_like(moments.gram)

@@ -22,13 +22,13 @@ class Fault(NamedTuple):
     title, measure
         Name of the fault in words, and description of the value that is measured.
     limit, unit
-        Last value that is in order, and its unit.
+        Limit of the values that are in order, and its unit.
     effect, remedy
         Effect of the fault on the result, and what to do about it.
     wrong
-        Side of the limit on which a value is wrong. With ``"above"``, the sign does not count.
+        Side of the limit on which a value is wrong. With ``"above"``, its magnitude counts.
     lowest
-        Value below which it is wrong too, for a fault with two sides.
+        Second limit for ``"above"``: smaller magnitudes are wrong too.
     """
 
     title: str
@@ -51,7 +51,7 @@ class Measured(NamedTuple):
     """Result of a check's function.
 
     ``value`` is compared with the limit, and ``what`` describes it in words. ``significant`` is
-    False where noise may explain the value. ``realizations`` are those concerned.
+    False where noise may explain the value. ``realizations`` are the indices of faulty ones.
     """
 
     value: float
@@ -105,12 +105,12 @@ class Finding:
     name
         Name of the fault, such as ``"drift"``.
     value, significant
-        Measured value in the unit of the fault, and whether it is more than noise explains. NaN
-        where the data do not allow the check.
+        Measured value in the unit of the fault, and whether noise cannot explain it. The value is
+        NaN if the data do not allow the check.
     what
         Description of the value in words, or the reason why the data do not allow the check.
     realizations
-        Indices of the realizations concerned, for a fault of single ones.
+        Indices of the faulty realizations, for a fault of single realizations.
     """
 
     name: str
@@ -143,7 +143,7 @@ class Finding:
     def state(self) -> str:
         """Return ``"found"``, ``"in order"``, ``"uncertain"`` or ``"not judged"``.
 
-        Uncertain is a value beyond the limit that is not significant.
+        A value beyond the limit that is not significant is uncertain.
         """
         if self.beyond:
             return "found" if self.significant else "uncertain"
@@ -151,7 +151,7 @@ class Finding:
 
     @property
     def strength(self) -> str:
-        """Value against limit, in words.
+        """Value and limit in words.
 
         Examples
         --------
@@ -183,7 +183,7 @@ def not_judged(name: str, reason: object) -> Finding:
 def judge(
     name: str, *arguments: object, function: Callable[..., Measured] | None = None
 ) -> Finding:
-    """Check for one fault by its registered function of these arguments, or by another one."""
+    """Run the check for a fault, by its registered function or by ``function``."""
     try:
         measured = (function or _FUNCTIONS[name])(*arguments)
     except NotApplicable as reason:
@@ -193,5 +193,5 @@ def judge(
 
 
 def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
-    """Return the indices of the realizations concerned."""
+    """Return the indices of the realizations where ``concerned`` is True."""
     return tuple(np.flatnonzero(concerned).tolist())

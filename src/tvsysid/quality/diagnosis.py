@@ -1,4 +1,4 @@
-"""Find what is wrong with an ensemble, before or after it is identified."""
+"""Find faults of an ensemble, before or after identification."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
 from tvsysid.numerics.threads import single_thread
 
-# Importing them registers the checks, in the order in which they are reported.
+# Importing these modules registers their checks, in the order of the report.
 from tvsysid.quality import (
     amount,
     channels,  # noqa: F401
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OF_RECORDING = ("gaps", "mains")
-# Of the ensemble as it was given; others are of one without drifting offsets and delay.
+# Checks of the ensemble as given. The others run after drifting offsets and delay are removed.
 AS_GIVEN = ("same-channel", "mean-torque", "mean-angle", "angle-offset", "torque-offset")
-# Checks that do not take the torque for a response.
+# Checks that do not assume that the torque responds to the angle.
 OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")
-# Checks that take all realizations for one behaviour.
+# Checks that assume the same behaviour in all realizations.
 OF_REPETITION = (
     "drift",
     "misaligned-realizations",
@@ -49,7 +49,7 @@ OF_REPETITION = (
 # Faults with which a shorter period cannot be recommended.
 MISLEADING = ("same-channel", "same-perturbation", "wrong-period")
 BANDWIDTH_POWER = 0.95  # share of the angle's power within its bandwidth
-MAX_LAG_S = 0.12  # to either side, in the matrix that impulse-response methods invert
+MAX_LAG_S = 0.12  # on either side, in the matrix that impulse-response methods invert
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -59,16 +59,16 @@ class Diagnosis:
     Parameters
     ----------
     checks
-        Findings in the order of :data:`FAULTS`. ``loop-bias`` is there if a reference was given,
-        ``gaps`` and ``mains`` if the recording was.
+        Findings in the order of :data:`FAULTS`. ``loop-bias`` is among them if a reference was
+        given, ``gaps`` and ``mains`` if the recording was given.
     measures
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves
-        What the figures show.
+        Curves that the figures show.
     ensemble
         Description of the ensemble.
     remarks
-        What is no fault but limits the result, or could be better.
+        Remarks on properties of the data that limit the result but are not faults.
     """
 
     checks: tuple[Finding, ...]
@@ -89,7 +89,7 @@ class Diagnosis:
 
     @property
     def clean(self) -> bool:
-        """Whether nothing was found, and nothing is uncertain."""
+        """Whether no check found a fault, and none is uncertain."""
         return not self.findings and not self.uncertain
 
     @property
@@ -107,7 +107,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """Return the outcome in a sentence, with the number of checks that apply to these data."""
+        """Return the result in words, with the number of checks that apply to these data."""
         judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)}"
         count, uncertain = len(self.findings), len(self.uncertain)
         if uncertain and not count:
@@ -117,7 +117,7 @@ class Diagnosis:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a line on uncertain checks, one on those not judged and why, and the remarks."""
+        """Return a line on uncertain checks, a line on checks not judged, and the remarks."""
         reasons: dict[str, list[str]] = {}
         for check in self.checks:
             if not check.judged:
@@ -159,11 +159,13 @@ def diagnose(
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with
     stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the mean over
     realizations. The fit reveals wrong units, signs and rates. Its residual reveals feedback and
-    lost signals. How both vary over realizations reveals drift and misalignment. Models with and
-    without a reflex reveal one. A finding must be beyond its limit. Where noise can reach that, it
-    must also be significant by the scatter over realizations (p < 0.00001; reflexes twice p <
-    0.0001), so the noise may have any colour. Other checks count what noise does not do, or state
-    a size. docs/diagnosis.md says which check is of which kind.
+    lost signals. Changes of both from realization to realization reveal drift and misalignment. A
+    comparison of models with and without a reflex reveals a reflex.
+
+    A check finds a fault if its value is beyond the limit. Where noise can cause such a value, it
+    must also be significant (p < 0.00001; reflexes twice p < 0.0001). These tests use the scatter
+    over realizations, so the noise may have any colour. Other checks count events that noise does
+    not cause, or state a size. docs/diagnosis.md gives the kind of each check.
 
     Parameters
     ----------
@@ -173,12 +175,12 @@ def diagnose(
         Channel with the disturbance that was applied, or the actuator's command. It shows best
         whether the joint is in closed loop (``loop-bias``).
     repeats
-        Whether the behaviour is the same in all realizations. It is not in pieces of a record
-        without period. Then drift, a wrong period and realizations unlike the others are no
-        faults, and not judged.
+        Whether the behaviour is the same in all realizations. It is False for pieces of a record
+        without a period. Drift, a wrong period and realizations unlike the others are then not
+        judged.
     recording
-        Record that the ensemble was cut from, before decimation. Only there, gaps and mains hum
-        show.
+        Record from which the ensemble was cut, before decimation. Without it, gaps and mains hum
+        are not checked.
 
     Raises
     ------
@@ -229,26 +231,26 @@ def diagnose(
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:
-    """Check for a stretch reflex alone. No delay and no drifting offset is removed before."""
+    """Run only the check for a stretch reflex, without removing a delay or drifting offsets."""
     return judge("reflex", FittedEnsemble.of(ensemble))
 
 
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:
-    """Check for ``loop-bias`` with a channel that was not declared as a reference.
+    """Run the check ``loop-bias`` with a channel that was not declared as a reference.
 
-    It is found only where the channel drives the angle as a command does.
+    The check finds a fault only if the channel drives the angle as a command does.
     """
     data = FittedEnsemble.of(ensemble)
     return judge("loop-bias", data, channel, function=structure.loop_bias_undeclared)
 
 
 def diagnose_recording(recording: Recording) -> dict[str, Finding]:
-    """Check a recording that is not decimated for ``gaps`` and ``mains``."""
+    """Run the checks ``gaps`` and ``mains`` on a recording that is not decimated."""
     return {name: judge(name, recording) for name in OF_RECORDING}
 
 
 def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
-    """Return an ensemble with no channel but the reference, at some 100 Hz, if it can be fitted."""
+    """Return the ensemble at some 100 Hz, without other channels. Raise if it cannot be fitted."""
     if not isinstance(ensemble, Ensemble):
         raise InputError(
             f"diagnose: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
@@ -267,14 +269,14 @@ def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
         context = f"{HALF_WIDTH / data.rate:g} s of context"
         raise InputError(
             f"diagnose: derivatives are known at {known} samples of a realization at "
-            f"{data.rate:g} Hz, it takes {MIN_KNOWN_SAMPLES}; give longer realizations, or "
+            f"{data.rate:g} Hz, but {MIN_KNOWN_SAMPLES} are needed; give longer realizations, or "
             f"{context if samples >= MIN_KNOWN_SAMPLES else 'a higher rate'}"
         )
     return data
 
 
 def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str]]:
-    """Return useful values about an ensemble with their units, whatever was found."""
+    """Return values that describe an ensemble, with their units."""
     stiffness, viscosity, inertia = map(float, data.mean_impedance[0])
     is_oscillator = stiffness * inertia > 0
     natural = math.sqrt(stiffness / inertia) / (2 * math.pi) if is_oscillator else math.nan
@@ -309,6 +311,6 @@ def _condition(data: FittedEnsemble) -> float:
     """
     lags = min(round(MAX_LAG_S * data.rate), (data.angle.shape[1] - 1) // 2)
     spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
-    # A smallest eigenvalue within rounding says nothing.
+    # An eigenvalue below the rounding error is not known. The rounding error replaces it.
     least = max(spread[0] / spread[-1], np.finfo(float).eps) if spread[-1] > 0 else 0.0
     return float(1 / least) if least else math.inf

@@ -14,7 +14,7 @@ from tvsysid.signals import Array
 
 MIN_BIN_SAMPLES = 100  # samples of all realizations together
 MIN_BIN_S = 0.05
-MIN_LONG_BINS = 10  # bins are not lengthened beyond the realization's length over this
+MIN_LONG_BINS = 10  # longer bins than MIN_BIN_S leave at least so many in a realization
 
 
 @attrs.frozen(eq=False)
@@ -60,9 +60,9 @@ class SecondOrderFit:
 class Regressors:
     """Angle, velocity and acceleration (3, realization, time), as regressors of any torque.
 
-    The least-squares problem is partitioned. Stiffness and viscosity belong to one bin each, and
-    only the inertia is common to all. So what the angle and velocity of a bin explain of
-    acceleration and torque is removed from both, and the inertia is fitted to the rest.
+    The least-squares problem is partitioned. Each bin has its own stiffness and viscosity, and only
+    the inertia is common to all bins. Therefore acceleration and torque are first regressed on the
+    angle and velocity of each bin. The inertia is then fitted to the residuals of both.
     """
 
     def __init__(self, motion: Array, rate: float) -> None:
@@ -73,8 +73,10 @@ class Regressors:
         inner = self._gram[:, :2, :2]
         ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
         self._ridged = inner + ridge * np.eye(2)
-        self._by_motion = self._solve(self._gram[:, :, 2])
-        self._free = self._unexplained(self._gram[:, :, 2], self._by_motion)
+        self._acceleration_weights = self._solve(self._gram[:, :, 2])
+        self._residual_power = self._residual_product(
+            self._gram[:, :, 2], self._acceleration_weights
+        )
 
     def _moments(self, signal: Array) -> Array:
         """Return sums of motion times a signal in each bin, shape (bin, 3)."""
@@ -85,17 +87,17 @@ class Regressors:
         """Return weights of angle and velocity in each bin, shape (bin, 2)."""
         return np.asarray(np.linalg.solve(self._ridged, moments[:, :2, None])[..., 0])
 
-    def _unexplained(self, moments: Array, weights: Array) -> float:
-        """Return the product of acceleration with what is left of a signal after these weights."""
+    def _residual_product(self, moments: Array, weights: Array) -> float:
+        """Return the product of acceleration with the residual of a signal for these weights."""
         return float(np.sum(moments[:, 2]) - np.sum(self._gram[:, :2, 2] * weights))
 
     def fit(self, torque: Array) -> SecondOrderFit:
         """Fit to a torque, shape (realization, time)."""
         moments, total = self._moments(torque), np.einsum("rt,rt->", torque, torque)
-        by_torque = self._solve(moments)
-        common = self._unexplained(moments, by_torque)
-        inertia = common / self._free if self._free > 0 else 0.0
-        weights = by_torque - inertia * self._by_motion
+        torque_weights = self._solve(moments)
+        product = self._residual_product(moments, torque_weights)
+        inertia = product / self._residual_power if self._residual_power > 0 else 0.0
+        weights = torque_weights - inertia * self._acceleration_weights
         weights = np.insert(weights, 2, inertia, axis=1)
         fitted = (self._gram @ weights[..., None])[..., 0]
         explained = np.sum(weights * (2 * moments - fitted))
@@ -103,7 +105,7 @@ class Regressors:
 
 
 def time_bins(samples: int, realizations: int, rate: float) -> NDArray[np.int64]:
-    """Return the bin of each sample, shape (time,), as short as the realizations allow."""
+    """Return the bin of each sample, shape (time,). Few realizations need longer bins."""
     shortest = max(1, round(MIN_BIN_S * rate))
     enough = math.ceil(MIN_BIN_SAMPLES / realizations)
     length = max(shortest, min(enough, max(samples // MIN_LONG_BINS, 1)))
@@ -111,10 +113,10 @@ def time_bins(samples: int, realizations: int, rate: float) -> NDArray[np.int64]
 
 
 def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
-    """Fit constant stiffness, viscosity and inertia; return values and standard errors, (3,) each.
+    """Fit constant stiffness, viscosity and inertia. Return values and standard errors, (3,) each.
 
-    The errors come from the scatter over realizations, so the noise may have any colour. NaN where
-    the three are not separately identifiable.
+    The errors come from the scatter over realizations, so the noise may have any colour. Both are
+    NaN if the three are not separately identifiable.
     """
     count = len(torque)
     grams = np.einsum("art,brt->rab", motion, motion)

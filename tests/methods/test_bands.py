@@ -3,7 +3,6 @@
 import copy
 import itertools
 import pickle
-import re
 import warnings
 from functools import cache
 
@@ -342,80 +341,6 @@ def test_a_model_of_ones_own_may_bring_its_band():
         tv.InputError, match=r"expected standard errors of the values' shape \(200,\), got \(3,\)"
     ):
         tv.Estimate(stiffness, "N m/rad", error=tv.StandardError(np.ones(3), 10))
-
-
-@pytest.mark.parametrize(
-    ("method", "realizations", "subtracted", "message"),
-    [
-        (
-            tv.ShortDataSegments(),
-            1,
-            False,
-            "windows over 1 realization hold 11 independent samples for 25 lags",
-        ),
-        (
-            tv.ShortDataSegments(),
-            7,
-            True,
-            "windows over 7 realizations (6 independent, as their mean is subtracted) hold 66",
-        ),
-        (
-            tv.ShortDataSegments(0.04, 0.4),
-            1,
-            False,
-            "hold 41 independent samples for 9 lags, where 3 for each and 2",
-        ),
-        (
-            tv.EnsembleIRF(0.04),
-            10,
-            True,
-            "10 realizations (9 independent, as their mean is subtracted) are no more than the 9",
-        ),
-        (tv.EnsembleSpectral(), 1, False, "1 realization tell nothing of the noise at 0 Hz"),
-        (
-            tv.EnsembleSpectral(),
-            2,
-            True,
-            "2 realizations (1 independent, as their mean is subtracted) tell nothing",
-        ),
-    ],
-)
-def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):
-    model = method.identify(prepared(ensemble_of(40.0).select(np.arange(realizations)), subtracted))
-    with pytest.warns(tv.DataQualityWarning, match=f"no band: .*{re.escape(message)}"):
-        assert np.isnan(model.estimates["stiffness"].band()).all()
-    assert np.isfinite(model.stiffness).all()
-
-
-def test_what_is_known_beside_a_missing_band_is_told():
-    model = tv.EnsembleSpectral().identify(ensemble_of(40.0).select([0]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", tv.DataQualityWarning)
-        lower, upper = model.estimates["viscosity"].band()
-    assert (lower < upper).all()
-
-
-def test_only_windows_that_are_cut_too_short_have_no_band():
-    model = tv.ShortDataSegments().identify(ensemble_of(40.0, context=0.12).select(np.arange(8)))
-    known = np.isfinite(standard_errors_of(model))
-    # Eight realizations of ten samples make 80; of nine they make 72, less than three times 25.
-    np.testing.assert_array_equal(np.flatnonzero(~known[0]), [*range(4), *range(196, 200)])
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
-@pytest.mark.parametrize("realizations", [1, 10])
-def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
-    # Of half a second, the angle's autocovariance over long lags rests on a few samples.
-    ensemble = ensemble_of(60.0, "sine", perturbation, seed=seed, period=0.5).select(
-        np.arange(realizations)
-    )
-    for method in (tv.BasisIRF(), tv.EnsembleSpectral(stiffness="fit")):
-        model = method.identify(ensemble)
-        for quantity, widest in (("stiffness", 2000.0), ("viscosity", 50.0), ("inertia", 1.0)):
-            lower, upper = model.estimates[quantity].band()
-            assert (lower <= upper).all()  # equal where the sparse prior prunes all there is
-            assert np.median(upper - lower) < widest
 
 
 @pytest.mark.parametrize("name", list(DEFAULTS))

@@ -12,7 +12,7 @@ import tvsysid as tv
 from tvsysid.methods import METHODS
 from tvsysid.methods.references import REFERENCES
 from tvsysid.report.answer import answer
-from tvsysid.report.identification import _illustrations
+from tvsysid.report.outcome import illustrations
 from tvsysid.report.page import typeset
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph
 
@@ -261,7 +261,7 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     )
     diagnosis = tv.diagnose(ensemble)
     account = tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis)
-    captions = [each.description for each in _illustrations(account).values()]
+    captions = [each.description for each in illustrations(account).values()]
     assert captions[0].startswith(
         "Stiffness, viscosity, inertia and reflex gain by cascade, with 95 %"
     )

@@ -1,0 +1,88 @@
+"""The search for switches, and what adaptive finds of several."""
+
+import warnings
+
+import attrs
+import numpy as np
+import pytest
+from tests.methods.free_estimates import estimate_of
+
+import tvsysid as tv
+from tvsysid.methods.adaptive import evidence, posterior, prior, search
+from tvsysid.methods.adaptive.model import switches_of
+
+
+@pytest.fixture(autouse=True)
+def _doubts_are_not_the_point():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
+        yield
+
+
+@pytest.mark.slow
+def test_the_search_finds_the_best_of_all_pairs(random):
+    estimate, _ = estimate_of(random, periodic=True)
+    smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
+    grid = search.Grid(estimate)
+    proposals = search.first_proposals(smooths, grid)
+    best = search.propose_switches(smooths, grid, proposals)[0]
+    found = best.smooth.score_of(best.smooth.steps(best.positions))
+    steps = smooths[0].beside(grid.steps)
+    for first in range(0, len(grid.steps.positions) - 2, 2):
+        own, others = steps.take(slice(first, first + 1)), steps.take(slice(first + 2, None, 2))
+        pairs = smooths[0].score + own.log_evidence_with(others, estimate.axis).max()
+        assert found >= pairs - 2 * np.log(40) - 1e-9
+
+
+@pytest.mark.slow
+def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
+    axis, edges = prior.Axis(200, periodic=True), np.array([21.3, 57.7, 98.1, 133.4, 171.3])
+    stairs = 1.0 + axis.steps(edges, recorded=True) @ [0.2, 0.2, 0.2, 0.2, -0.8]
+    for seed in range(2, 5):
+        values = stairs + 0.1 * np.random.default_rng(seed).normal(size=200)
+        estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1**2, 1.0)
+        smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
+        grid, windows = search.Grid(estimate), search.Windows(estimate)
+        sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
+        true = max(search.Switches(edges, each).refined(windows).total for each in smooths)
+        best = max(each.refined(windows).total for each in sets)
+        assert best > true - 0.5
+
+
+def test_sums_of_few_harmonics_are_found_beside_switches(random):
+    estimate, _ = estimate_of(random, periodic=True, times=80)
+    turns = 2 * np.pi * np.arange(80) / 80
+    waves = 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns)
+    estimate = attrs.evolve(estimate, values=estimate.values + waves)
+    second = list(evidence.few_harmonics(estimate, np.array([12.3, 27.8])))[1]
+    assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
+    assert second.length == pytest.approx(80 / 3)
+    best = posterior.average(estimate).candidates[0]
+    np.testing.assert_allclose(best.switches.positions, [12.3, 27.8], atol=0.3)
+    assert best.smooth.prior.kind == "few harmonics"
+
+
+def test_two_switches_that_are_close_are_both_listed(random):
+    estimate, _ = estimate_of(random, periodic=False, switches=(20.3, 22.6))
+    rows = switches_of("stiffness", posterior.average(estimate), 0, 1.0)
+    times = [row.time for row in rows if row.probability > 0.5]
+    assert times == pytest.approx([20.3, 22.6], abs=0.4)
+
+
+def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
+    monkeypatch.setattr(posterior, "smooth_priors", lambda axis: prior.smooth_priors(axis)[:1])
+    estimate, _ = estimate_of(random, periodic=False)
+    for scale, count in ((1.0, 1), (20.0, 2)):
+        unsure = attrs.evolve(estimate, precision=estimate.precision / scale)
+        axes = {each.axis for each in posterior.average(unsure).hypotheses}
+        assert (estimate.axis in axes, len(axes)) == (True, count)
+
+
+@pytest.mark.slow
+def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
+    found, other = (posterior.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
+    beside = posterior.average_beside(other, found)
+    tied = found.candidates[0].switches.positions
+    assert beside.candidates[0].switches.positions == pytest.approx(tied)
+    alone = max(each.evidence for each in posterior.plausible(other))
+    assert beside.candidates[0].evidence > alone + 1  # no position had to be found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from functools import partial
 from typing import Any, Literal, Self
@@ -11,13 +10,11 @@ from typing import Any, Literal, Self
 import attrs
 import numpy as np
 
-from tvsysid import metrics
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import base, shared, tuning
+from tvsysid.errors import InputError
+from tvsysid.methods import base, responses, shared, tuning
 from tvsysid.methods.kbr import fitting, search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, not_negative, one_of, optional, positive
@@ -33,7 +30,6 @@ PRESETS: dict[str, dict[str, float]] = {
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL_MODULUS = 100.0
-MAX_VAF_LOSS = 5.0  # points that tuning may lose without a warning
 # times that residual weights are found; a third changes stiffness by a hundredth of its error
 REWEIGHTED = 2
 
@@ -317,24 +313,9 @@ class KernelRegression(shared.ByReference):
         searched = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
         evidence = search.evidence_of(*searched.candidates(given), self, scale)
         if evidence.chosen:
-            self._compare(attrs.evolve(self, **evidence.settings), ensemble)
+            chosen = attrs.evolve(self, **evidence.settings)
+            tuning.warn_if_worse(self, chosen, ensemble)
         return evidence
-
-    def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
-        """Warn if the chosen settings explain much less of the torque."""
-        torque = ensemble.torque[:, ensemble.core]
-        before, after = (
-            float(np.mean(metrics.vaf(torque, each.fit(ensemble).predict(ensemble))))
-            for each in (self, chosen)
-        )
-        if after < before - MAX_VAF_LOSS:
-            warnings.warn(
-                f"kbr: the settings chosen explain {after:.0f} % of the torque, those given "
-                f"{before:.0f} %; the likelihood is that of {self.band[0]:g} to {self.band[1]:g} "
-                "Hz. Compare both before you rely on them",
-                DataQualityWarning,
-                stacklevel=4,
-            )
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Return the noise variance without decay, and its share of independent samples."""
@@ -353,7 +334,7 @@ class KernelRegression(shared.ByReference):
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
-class KernelModel(SecondOrderModel):
+class KernelModel(responses.SecondOrderModel):
     """Impedance as a function of time that can be evaluated at any time.
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was

@@ -144,7 +144,7 @@ def test_a_loop_with_an_unnamed_reference(closed_loop):
     assert "frequencies with noise make stiffness 1" in found.why
     assert found.measured["noise bias"][0] == pytest.approx(17, abs=5)
     assert found.possible_loop
-    assert "Only the actuator's command" in found.caveats[-2]
+    assert "record the actuator's command" in found.caveats[-2]
     assert found.unnamed_references == found.caveats[-1:]
     assert "'disturbance' moves the angle, and was not named as the reference" in found.caveats[-1]
 

@@ -63,9 +63,8 @@ def identify(
 
     VAF is the share of the recorded torque's variance that the model predicts. It is computed from
     the data that the model was identified from, so a method with many parameters has a high VAF
-    even where its stiffness is mostly noise. Compare methods by the VAF of realizations that were
-    held out: each fifth of them (consecutive ones) is predicted by what the method identifies from
-    the others.
+    even where its stiffness is mostly noise. Compare methods by the VAF of held-out realizations:
+    these are split into five consecutive parts, and the model of four parts predicts the fifth.
 
     A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it
     by `--channel`. An input or a reference loses its mean as angle and torque do; a scheduling

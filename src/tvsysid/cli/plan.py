@@ -146,8 +146,8 @@ def _show(found: Plan) -> None:
     say(str(found), "bold")
     if found.best and (found.best.realizations or 0) < MIN_REALIZATIONS:
         say(
-            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record "
-            f"{MIN_REALIZATIONS}"
+            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record at "
+            f"least {MIN_REALIZATIONS} realizations"
         )
     columns = {
         "method": "{method}",

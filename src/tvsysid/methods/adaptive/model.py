@@ -218,12 +218,12 @@ def changes(model: AdaptiveModel) -> list[str]:
             f"{'' if sure else share}"
         )
         where = " between switches" if each.probability > 0.5 else where
-    smooth = 1 - sum(
+    constant = sum(
         row.probability
         for row in model.smoothness
         if (row.quantity, row.kind) == ("stiffness", "none")
     )
-    lines.append(f"smooth change{where}: probability {100 * smooth:.0f} %")
+    lines.append(f"smooth change{where}: probability {100 * max(0.0, 1 - constant):.0f} %")
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")
     return lines

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from tvsysid.models import Model
     from tvsysid.signals import Ensemble
 
@@ -30,21 +31,13 @@ UNITS = {
 }
 """Units of the quantities that the package estimates or simulates."""
 
-# By name: axes and values, or axes, values and attributes.
-Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
-Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
+Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # axes and values, by name
 
 
-class Content(NamedTuple):
-    """Content of a dataset or of a NetCDF group."""
+def to_dataset(model: Model, ensemble: Ensemble | None) -> xr.Dataset:
+    """Return the dataset of :meth:`tvsysid.Model.to_xarray`."""
+    import xarray as xr  # noqa: PLC0415  # heavy
 
-    variables: Variables
-    coordinates: Variables
-    attributes: Mapping[str, str | float]
-
-
-def content_of(model: Model, ensemble: Ensemble | None) -> Content:
-    """Return the content of :meth:`tvsysid.Model.to_xarray` as plain arrays."""
     rows: list[tuple[str, tuple[str, ...], ArrayLike, str | None]] = []
     for name, estimate in model.estimates.items():
         axes, unit = estimate.axes, estimate.unit
@@ -79,7 +72,7 @@ def content_of(model: Model, ensemble: Ensemble | None) -> Content:
         raise InputError(
             f"to_xarray: two variables have the name {name!r}; give the estimate another name"
         )
-    return Content(
+    return xr.Dataset(
         {name: _with_unit(axes, values, unit) for name, axes, values, unit in rows},
         {name: _with_unit(*each, UNITS.get(name)) for name, each in coordinates.items()},
         {

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.arrays import read_only, to_array
-from tvsysid.dataset_layout import UNITS, Content, Labelled, content_of
+from tvsysid.dataset_layout import UNITS, Labelled, to_dataset
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.bands import critical_value, mean_known, simultaneous_value
 from tvsysid.signals import Array, Ensemble
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 # Quantities of a joint of second order: factors of the angle and of its first two derivatives.
 IMPEDANCE = ("stiffness", "viscosity", "inertia")
+OVER_TIME = {("time",), ("realization", "time")}  # axes of estimates that have a value at each time
 
 
 @attrs.frozen(eq=False)
@@ -179,10 +180,6 @@ class Estimate:
 NO_ERROR = "the method states no standard error"
 
 
-def _to_optional_array(values: ArrayLike | None) -> Array | None:
-    return None if values is None else to_array(values)
-
-
 @attrs.frozen(eq=False)
 class Diagnostics:
     """Diagnostics of an identification.
@@ -204,8 +201,10 @@ class Diagnostics:
     """
 
     parameters: float = np.nan
-    rank: Array | None = attrs.field(default=None, converter=_to_optional_array)
-    strength: Array | None = attrs.field(default=None, converter=_to_optional_array)
+    rank: Array | None = attrs.field(default=None, converter=attrs.converters.optional(to_array))
+    strength: Array | None = attrs.field(
+        default=None, converter=attrs.converters.optional(to_array)
+    )
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     details: Mapping[str, float] = attrs.field(factory=dict)
@@ -321,7 +320,7 @@ class Model:
         If each realization has its own estimate, return their mean.
         """
         estimate = self.estimates.get(quantity)
-        if estimate is None or estimate.axes not in {("time",), ("realization", "time")}:
+        if estimate is None or estimate.axes not in OVER_TIME:
             return np.full(len(self.time), np.nan)
         return estimate.values if estimate.axes == ("time",) else mean_known(estimate.values)
 
@@ -391,13 +390,7 @@ class Model:
         torque, named ``torque_`` plus the pathway. A frequency response is complex;
         :func:`tvsysid.recordings.write_models` splits it.
         """
-        import xarray as xr  # noqa: PLC0415  # heavy
-
-        return xr.Dataset(*self.content(ensemble))
-
-    def content(self, ensemble: Ensemble | None = None) -> Content:
-        """Return the content of :meth:`to_xarray` as plain arrays."""
-        return content_of(self, ensemble)
+        return to_dataset(self, ensemble)
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         """Return the variables and coordinates that a subclass adds to the dataset."""

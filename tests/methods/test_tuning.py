@@ -126,8 +126,8 @@ def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
 @pytest.mark.usefixtures("few_deals")
 def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
     """The advice on a slow answer is longer lags; tuning judges by the lags that are given."""
-    monkeypatch.setattr(sds, "LAGS_S", (0.03, 0.12))
-    monkeypatch.setattr(sds, "WINDOWS_S", (0.1, 0.4))
+    monkeypatch.setattr(sds, "LAGS", (0.03, 0.12))
+    monkeypatch.setattr(sds, "WINDOWS", (0.1, 0.4))
     joint = tv.simulate.ReflexJoint(tv.simulate.Constant(100.0), reflex_gain=8.0)
     recording = joint.simulate(
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1

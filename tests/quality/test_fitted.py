@@ -142,7 +142,7 @@ def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
     solution, left, *_ = np.linalg.lstsq(dense, torque.ravel(), rcond=None)
     np.testing.assert_allclose(fit.weights[:, :2].T.ravel(), solution[:-1], atol=1e-8)
     np.testing.assert_allclose(fit.weights[:, 2], solution[-1], atol=1e-8)
-    assert fit.left == pytest.approx(left[0] / np.sum(torque**2))
+    assert fit.unexplained == pytest.approx(left[0] / np.sum(torque**2))
     assert np.sum(fit.residual**2) == pytest.approx(left[0])
 
 

@@ -14,7 +14,7 @@ from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.methods import Evidence, Method
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.metrics import time_varying_vaf, vaf
-from tvsysid.models import IMPEDANCE, Model
+from tvsysid.models import IMPEDANCE, OVER_TIME, Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDS = 5
-OVER_TIME = {("time",), ("realization", "time")}  # axes of estimates that have a value at each time
 
 
 @attrs.frozen(eq=False, repr=False)

@@ -12,14 +12,14 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name
 from tvsysid.methods import Evidence
-from tvsysid.models import IMPEDANCE, Estimate, Model
+from tvsysid.models import IMPEDANCE, OVER_TIME, Estimate, Model
 from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-OVER_TIME = (("time",), ("realization", "time"))
+
 LETTERS = 44  # of a title above axes of 3.6 inches
 REMARK_LETTERS = 64  # of a line of a remark within these axes
 # multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines

@@ -14,8 +14,8 @@ from tvsysid.signals import Ensemble
 from tvsysid.validators import optional, positive, text
 
 # Candidates in s among which tuning chooses.
-LAGS_S = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
-WINDOWS_S = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
+WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
 # Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
 # Independent realizations that a band needs. With one, 95 % bands covered 80 to 86 %.
@@ -117,5 +117,5 @@ class ShortDataSegments(shared.ByReference):
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(
-            self, ensemble, seed, {"max_lag": LAGS_S, "window": WINDOWS_S}, self.max_lag
+            self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
         )

@@ -52,7 +52,7 @@ def delay(data: FittedEnsemble) -> Measured:
     in a closed loop is not judged.
     """
     shift, best = _best_shift(data)
-    gain = data.fit.left / best.left if best.left > 0 else math.inf
+    gain = data.fit.unexplained / best.unexplained if best.unexplained > 0 else math.inf
     samples = shift if gain > FAR else 0.0
     for _ in range(STEPS):
         step = _remaining_delay(data.advance(samples))[0]
@@ -177,10 +177,10 @@ def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrderFit]:
 
     def best(shifts: Array) -> tuple[float, SecondOrderFit]:
         fits = ((shift, data.regressors.fit(_later(data, shift))) for shift in shifts)
-        return min(fits, key=lambda pair: pair[1].left)
+        return min(fits, key=lambda pair: pair[1].unexplained)
 
     whole, _ = best(np.arange(-reach, reach + 1.0))
     shift, fit = best(np.clip(whole + FINE_SHIFTS, -reach, reach))
-    if 1 - fit.left < MIN_EXPLAINED:
+    if 1 - fit.unexplained < MIN_EXPLAINED:
         raise NotApplicable(NO_RESPONSE)
     return shift, fit

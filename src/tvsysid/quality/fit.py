@@ -22,14 +22,14 @@ class SecondOrderFit:
     r"""Least-squares fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta`.
 
     ``torque`` is y in N·m, shape (realization, time). ``weights`` are k, b and I in each bin of
-    time, shape (bin, 3). ``left`` is the share of the torque's power that the fit does not explain,
-    1 for a torque of zero.
+    time, shape (bin, 3). ``unexplained`` is the share of the torque's power that the fit does not
+    explain, 1 for a torque of zero.
     """
 
     regressors: Regressors
     torque: Array
     weights: Array
-    left: float
+    unexplained: float
 
     @property
     def motion(self) -> Array:

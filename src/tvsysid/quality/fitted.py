@@ -107,7 +107,7 @@ class FittedEnsemble:
     @property
     def explained(self) -> float:
         """Share of the torque's variance that the fit explains."""
-        return 1.0 - self.fit.left
+        return 1.0 - self.fit.unexplained
 
     @property
     def whitening(self) -> int:

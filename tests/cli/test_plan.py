@@ -47,7 +47,7 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
     for each in (answer, answer._replace(realizations=20)):
         _show(Plan(5.0, None, {str(setup): setup}, {}, {}, (each, slow)))
         said.append(capsys.readouterr().out)
-    assert ["best case: record 20" in text for text in said] == [True, False]
+    assert ["record at least 20 realizations" in text for text in said] == [True, False]
     both = f"{np.hypot(4.0, 1.96 * 0.5):.1f}"
     assert ["sds", "19", "42 s", "4.0", "1.0", both, "0.10 s"] in rows_of(said[0])
     assert "birf does not suffice: it takes 0.3 s to follow a step" in said[0]

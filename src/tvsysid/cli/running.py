@@ -87,7 +87,9 @@ def _executor(workers: Workers) -> Iterator[tuple[Executor | None, int | None]]:
     try:
         from distributed import Client
 
-        client: Any = Client(workers.scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
+        client: Any = Client(  # type: ignore[no-untyped-call]
+            workers.scheduler, timeout=SCHEDULER_TIMEOUT
+        )
     except ImportError as error:
         raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
     except (OSError, ValueError, TypeError) as error:

@@ -50,8 +50,8 @@ MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mea
 FAULTS_OF_RULES = ("reflex", "loop-bias", "feedback")
 POSSIBLE_LOOP = (
     "the torque's noise is slow or strong. If the actuator is compliant, this noise moves the "
-    "angle, and stiffness is underestimated. To check, record the actuator's command and name it as "
-    "the reference"
+    "angle, and stiffness is underestimated. To check, record the actuator's command and name it "
+    "as the reference"
 )
 
 

@@ -124,8 +124,14 @@ class Cell:
 
 
 ERRORS = ("bias_error", "debiased_bias_error", "mean_bias", "random_error", "total_error")
+
+
+def _error(name: str) -> Callable[[Cell], Value]:
+    return lambda cell: cell.error(name)
+
+
 METRICS: dict[str, tuple[str, Callable[[Cell], Value]]] = {
-    **{name: (NEWTON, lambda cell, name=name: cell.error(name)) for name in ERRORS},  # type: ignore[misc]
+    **{name: (NEWTON, _error(name)) for name in ERRORS},
     "rise_time": ("s", lambda cell: cell.rise),
     "vaf": (PERCENT, lambda cell: cell.mean(cell.vaf)),
     "bandpassed_vaf": (PERCENT, lambda cell: cell.mean(cell.bandpassed)),

@@ -166,18 +166,18 @@ class Estimate:
         DataQualityWarning
             If there is no band at any time, with the reason. :meth:`limits` does not warn.
         """
-        error = self.standard_error or StandardError.none((), NO_ERROR)
+        error = self._error()
         if error.absent and not np.isfinite(error.values).any():
             warnings.warn(f"no band: {error.absent}", DataQualityWarning, stacklevel=2)
-        return self.limits(level, simultaneous)
+        return error.limits(self.values, level, simultaneous)
 
     def limits(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
         """Return the limits of the :meth:`band` without a warning if there is none."""
-        error = self.standard_error or StandardError.none(self.values.shape, NO_ERROR)
-        return error.limits(self.values, level, simultaneous)
+        return self._error().limits(self.values, level, simultaneous)
 
-
-NO_ERROR = "the method states no standard error"
+    def _error(self) -> StandardError:
+        why = "the method states no standard error"
+        return self.standard_error or StandardError.none(self.values.shape, why)
 
 
 @attrs.frozen(eq=False)

@@ -20,7 +20,7 @@ from tvsysid.validators import at_least
 
 __all__ = ["Bootstrap", "bootstrap"]
 
-MIN_DRAWS = 2  # also of realizations: fewer have no standard deviation
+MIN_DRAWS = 2  # minimum number of draws and of realizations; fewer have no standard deviation
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -165,9 +165,9 @@ def bootstrap(
     >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
     >>> ensemble = tv.preprocess.segment(
     ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
-    >>> found = tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble, count=20, seed=1)
-    >>> lower, upper = found.band("stiffness", 0.95)
-    >>> found.draws["stiffness"].shape, lower.shape
+    >>> estimates = tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble, count=20, seed=1)
+    >>> lower, upper = estimates.band("stiffness", 0.95)
+    >>> estimates.draws["stiffness"].shape, lower.shape
     ((20, 200), (200,))
     """
     at_least(MIN_DRAWS).check("bootstrap", "count", count)
@@ -183,10 +183,10 @@ def bootstrap(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                found = _values(method.identify(drawn), model)
-            draws = {name: values for name, values in draws.items() if name in found}
+                estimates = _values(method.identify(drawn), model)
+            draws = {name: values for name, values in draws.items() if name in estimates}
             for name, values in draws.items():
-                values[number] = found[name]
+                values[number] = estimates[name]
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
         progress(number + 1, count)

@@ -141,14 +141,19 @@ class Comparison:
         unnamed_references
             A sentence for each channel outside the ensemble that moves the angle.
         """
-        best, label = self.recommendation, self.leading
-        best = attrs.evolve(
-            best,
-            diagnosis=diagnosis or best.diagnosis,
-            unnamed_references=(*unnamed_references, *best.unnamed_references),
+        label, given = self.leading, self.recommendation
+        recommendation = attrs.evolve(
+            given,
+            diagnosis=diagnosis or given.diagnosis,
+            unnamed_references=(*unnamed_references, *given.unnamed_references),
         )
-        values = (held_out_vaf or {}).get(label, np.array([]))
-        return trust_in(self.models[label], self.methods[label], best, label in self.suited, values)
+        return trust_in(
+            self.models[label],
+            self.methods[label],
+            recommendation,
+            label in self.suited,
+            (held_out_vaf or {}).get(label, np.array([])),
+        )
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
@@ -289,10 +294,10 @@ class Comparison:
         ...     120, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
         >>> ensemble = tv.preprocess.segment(
         ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
-        >>> found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["eirf", "sds"])
-        >>> {label: int(vaf.mean()) for label, vaf in found.vaf.items()}
+        >>> comparison = tv.compare(tv.preprocess.subtract_mean(ensemble), ["eirf", "sds"])
+        >>> {label: int(vaf.mean()) for label, vaf in comparison.vaf.items()}
         {'eirf': 95, 'sds': 93}
-        >>> {label: int(vaf.mean()) for label, vaf in found.held_out_vaf().items()}
+        >>> {label: int(vaf.mean()) for label, vaf in comparison.held_out_vaf().items()}
         {'eirf': 84, 'sds': 92}
         """
         return held_out_vaf(self.ensemble, self.methods, self.models, folds, jobs, progress)

@@ -38,7 +38,7 @@ ROUNDING = 1e-12  # share of the largest value
 Kind = Literal["input", "reference", "scheduling"]
 
 MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %
-AGREEMENT_MARGIN = 2.0  # standard errors below MIN_AGREEMENT_PERCENT at which a method warns
+AGREEMENT_MARGIN = 2.0  # standard errors by which a low agreement must be below the minimum
 
 
 @attrs.frozen
@@ -91,7 +91,8 @@ class Method(ABC):
     assumptions
         Assumptions about joint and data, in sentences.
     differs
-        Reason, in a sentence, why its stiffness differs from the true one and between methods.
+        Why its stiffness differs from the true stiffness and from that of other methods, in a
+        sentence.
     cites
         Keys of ``references.bib``.
     inputs

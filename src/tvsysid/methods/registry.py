@@ -171,7 +171,7 @@ def from_text(text: str, kind: str, default: object = None) -> Any:
 
 
 def _made(target: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Any:
-    """Create an object of a class, with a preset's settings or tuned if asked for."""
+    """Create an object from settings. ``preset`` names other defaults, ``tuned`` adds tuning."""
     made = target(**settings) if preset is None else target.preset(preset, **settings)
     return Tuned(made) if tuned else made
 
@@ -285,7 +285,7 @@ def to_text(method: Method) -> str:
 
 
 def label_of(item: object) -> str:
-    """Return the label in results of a method or of a part of a simulation: its text or its repr.
+    """Return the label of a method or of a part of a simulation in results: its text or its repr.
 
     An object without a repr of its own has the name of its class.
     """

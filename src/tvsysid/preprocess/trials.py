@@ -133,7 +133,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         )
 
     def group(angle: Array) -> Array:
-        """Group the recorded samples by the sample kept. Repeat the last one to fill its group."""
+        """Group the recorded samples by kept sample. Repeat the last sample to fill its group."""
         size = factor * angle.shape[1]
         return np.pad(angle.ravel(), (0, -angle.size % size), "edge").reshape(-1, size)
 
@@ -193,14 +193,14 @@ def align_channels(recording: Recording, delay: float) -> Recording:
 
 
 def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
-    """Remove the first and last seconds of each trial. Time 0 moves to the end of the first ones.
+    """Remove both ends of each trial. Time 0 moves to where the first end stops.
 
     Parameters
     ----------
     ends
         Seconds to remove at both ends of each trial.
     margin
-        Seconds of these that are kept for context. The recording then begins ``margin`` seconds
+        Seconds of each end that are kept for context. The recording then begins ``margin`` seconds
         before time 0.
     """
     not_negative.check("trim", "ends", ends)

@@ -203,10 +203,10 @@ def diagnose(
         realizations.offset_line(given, which) * given.finding(f"{which}-offset").found
         for which in ("angle", "torque")
     ]
-    level = given.subtract(*offsets)
-    delay = level.finding("delay")
-    data = level.advance(delay.value * level.rate / 1000 if delay.significant else 0.0)
-    subjects = dict.fromkeys(AS_GIVEN, given) | {"delay": level}
+    steady = given.subtract(*offsets)  # without drifting offsets
+    delay = steady.finding("delay")
+    data = steady.advance(delay.value * steady.rate / 1000 if delay.significant else 0.0)
+    subjects = dict.fromkeys(AS_GIVEN, given) | {"delay": steady}
     further = dict.fromkeys(OF_RECORDING, (recording,)) | {"loop-bias": (data, reference)}
     found = {
         name: judge(name, *further[name])
@@ -223,11 +223,13 @@ def diagnose(
     remarks = [] if found["narrow-excitation"].found else [*amount.unmoved_times(given)]
     if repeats and not any(found[name].found for name in MISLEADING):
         remarks += repetition.shorter_period(data)
-    words = (
+    description = (
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
     )
     shown = curves(given)
-    return Diagnosis(tuple(found.values()), _measures(data, shown), shown, words, tuple(remarks))
+    return Diagnosis(
+        tuple(found.values()), _measures(data, shown), shown, description, tuple(remarks)
+    )
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:

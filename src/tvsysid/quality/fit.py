@@ -14,7 +14,7 @@ from tvsysid.signals import Array
 
 MIN_BIN_SAMPLES = 100  # samples of all realizations together
 MIN_BIN_S = 0.05
-MIN_LONG_BINS = 10  # longer bins than MIN_BIN_S leave at least so many in a realization
+MIN_LONG_BINS = 10  # minimum number of bins in a realization, if they are longer than MIN_BIN_S
 
 
 @attrs.frozen(eq=False)

@@ -112,9 +112,8 @@ def shown(*words, **settings):
 
 def test_start_is_light():
     program = (
-        "import sys, tvsysid.cli;"
-        "heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', 'jinja2'} & set(sys.modules);"
-        "print(heavy or 'light')"
+        "import sys, tvsysid.cli;heavy = {'scipy', 'numpy', 'pandas', 'xarray', 'matplotlib', "
+        "'jinja2'} & set(sys.modules);print(heavy or 'light')"
     )
     assert shown("-c", program) == "light\n"
 

@@ -73,8 +73,8 @@ def test_a_method_that_fails_or_warns_is_named_and_the_others_are_kept(
 ):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "faulty.py").write_text(
-        "import tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, ensemble):\n"
-        "        raise KeyError('no key')\n"
+        "import tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, ensemble):\n        raise "
+        "KeyError('no key')\n"
     )
     methods = "--method sds --method eirf --method faulty:Mine"
     code, _, err, table = benchmark(f"--duration 40 --perturbation prbs --trials 2 {methods}")
@@ -108,10 +108,9 @@ def test_methods_of_one_and_of_two_pathways_side_by_side(benchmark):
 def test_a_system_a_profile_and_a_perturbation_of_one_s_own(benchmark, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "mysystem.py").write_text(
-        "import numpy as np\nimport tvsysid as tv\n"
-        "def ramp(time):\n    return 80 + 20 * np.mod(time, 1.0)\n"
-        "class Joint(tv.simulate.Joint):\n    pass\n"
-        "class Noise(tv.simulate.FilteredNoise):\n    pass\n"
+        "import numpy as np\nimport tvsysid as tv\ndef ramp(time):\n    return 80 + 20 * "
+        "np.mod(time, 1.0)\nclass Joint(tv.simulate.Joint):\n    pass\nclass "
+        "Noise(tv.simulate.FilteredNoise):\n    pass\n"
     )
     own = "--system mysystem:Joint --stiffness mysystem:ramp --perturbation mysystem:Noise"
     code, *_, table = benchmark(f"{own} --duration 8 --period 1 --rate 125 --trials 1 -m birf")

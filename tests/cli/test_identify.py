@@ -71,10 +71,9 @@ def test_simulate_then_identify(tvsysid, tmp_path):
 def test_own_methods_of_which_one_fails(identify, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "plainly.py").write_text(
-        "import tvsysid as tv\n"
-        "class Mine(tv.Method):\n"
-        "    def fit(self, ensemble):\n        return tv.Model.of(ensemble, 80.0)\n"
-        "class Faulty(tv.Method):\n    def fit(self, ensemble):\n        return 1 / 0\n"
+        "import tvsysid as tv\nclass Mine(tv.Method):\n    def fit(self, ensemble):\n        "
+        "return tv.Model.of(ensemble, 80.0)\nclass Faulty(tv.Method):\n    def fit(self, "
+        "ensemble):\n        return 1 / 0\n"
     )
     reason = "ZeroDivisionError: division by zero (plainly.py, line 7)"
     code, out, err = identify("--method plainly:Mine --method plainly:Faulty")

@@ -38,11 +38,8 @@ def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_p
     points = "good = listed_module:Good\nbad = listed_module:Bad\nsds = listed_module:Good\n"
     (info / "entry_points.txt").write_text(f"[tvsysid.methods]\n{points}")
     (tmp_path / "listed_module.py").write_text(
-        "import tvsysid as tv\n"
-        "class Good(tv.Method):\n"
-        "    title = 'Good [red]method'\n"
-        "    def __init__(self, gain=2.5): self.gain = gain\n"
-        "    def fit(self, ensemble): ...\n"
+        "import tvsysid as tv\nclass Good(tv.Method):\n    title = 'Good [red]method'\n    def "
+        "__init__(self, gain=2.5): self.gain = gain\n    def fit(self, ensemble): ...\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     code, out, _ = tvsysid("methods")

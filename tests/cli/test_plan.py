@@ -20,14 +20,14 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     }
     savemat(tmp_path / "pilot.mat", signals)
     code, shown, errors = tvsysid(
-        "plan --pilot pilot.mat --angle angle --torque torque --rate 100 --method birf "
-        "--method sds:window=0.6 --precision 6 --resolution 0.25 --out planned --verify"
+        "plan --pilot pilot.mat --angle angle --torque torque --rate 100 --method birf --method "
+        "sds:window=0.6 --precision 6 --resolution 0.25 --out planned --verify"
     )
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
     assert (
-        "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf "
-        "and the" in shown
+        "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and "
+        "the" in shown
     )
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
     found = re.search(r"birf.*reach ± ([\d.]+) of noise .* ± ([\d.]+) with bias", shown)

@@ -315,9 +315,8 @@ def test_emg_drives_the_reflex():
     ensemble, truth = simulated("A", 40)
     model = tv.JointCascade(emg="emg").identify(ensemble)
     assert model.diagnostics.details["reflex_shown"] == 1
-    assert (
-        abs(np.mean(model.stiffness - truth["stiffness"])) < 15
-    )  # half of sds's: the electrode's noise is no drive
+    # Half the bias of sds: noise of the electrode is no drive
+    assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15
     assert model.estimates["reflex_gain"].unit == "N m/V"
     reversed_one = attrs.evolve(ensemble, channels={"emg": -ensemble.channels["emg"]})
     gain = tv.JointCascade(emg="emg").identify(reversed_one).estimates["reflex_gain"]

@@ -135,9 +135,8 @@ def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
     released = tv.simulate.StretchReflex(direction=-1).torque(
         np.gradient(recording.angle, 1e-3), 8.0, 1000.0
     )
-    recording = attrs.evolve(
-        recording, torque=recording.torque + released
-    )  # with the stretch's, linear
+    # Together with the response to stretch, this torque is linear
+    recording = attrs.evolve(recording, torque=recording.torque + released)
     ensemble = tv.preprocess.subtract_mean(
         tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     )

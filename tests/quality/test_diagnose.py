@@ -55,9 +55,10 @@ def test_it_prints(spoilt, diagnosis):
 
 def test_its_table_has_a_row_for_everything(spoilt):
     table = spoilt.table.set_index("name")
+    # These three need other data
     assert list(table.index) == [
         name for name in FAULTS if name not in ("loop-bias", "gaps", "mains")
-    ]  # these need more
+    ]
     assert set(table.index[table.found]) == {"delay", "unlike-realizations"}
     assert set(table.state) <= {"found", "in order", "uncertain", "not judged"}
     assert table.limit["drift"] == FAULTS["drift"].limit

@@ -168,9 +168,8 @@ def test_neither_is_found_where_signals_only_look_alike(make):
 def test_real_records_have_neither(recordings):
     for recording, _ in recordings.values():
         assert not found(recording)
-        assert found(faults.humming(faults.gapped(recording), 60.03)) == {
-            "mains"
-        }  # hum moves in gaps too
+        # Hum moves in gaps too
+        assert found(faults.humming(faults.gapped(recording), 60.03)) == {"mains"}
         assert found(faults.gapped(faults.humming(recording))) == {"gaps", "mains"}
 
 

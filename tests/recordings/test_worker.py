@@ -79,8 +79,8 @@ def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are those of Linux")
 def test_the_worker_ends_with_a_process_that_is_killed(sound):
     started = subprocess.Popen(
-        [sys.executable, "-c", "from tvsysid.recordings import describe_file as d, worker; "
-         "import os, sys, time; d(sys.argv[1]); print(*worker._executor(os.getpid())._processes, "
+        [sys.executable, "-c", "from tvsysid.recordings import describe_file as d, worker; import "
+         "os, sys, time; d(sys.argv[1]); print(*worker._executor(os.getpid())._processes, "
          "flush=True); time.sleep(60)", sound],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

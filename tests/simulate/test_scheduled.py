@@ -33,9 +33,8 @@ def test_the_variable_differs_between_realizations_and_gives_the_profile_on_aver
     stiffness = simulation.truth_of(ensemble)["stiffness"]
     np.testing.assert_allclose(stiffness.mean(axis=0), SineWave()(ensemble.time), rtol=0.03)
     activity = (SineWave()(ensemble.time) - 20) / 200
-    late = (
-        (ensemble.time + 1) / 2 % 1
-    )  # strengths are drawn at -1, 1, 3, ... s, and linear in between
+    # Strengths are drawn at -1, 1, 3, ... s, and linear in between
+    late = (ensemble.time + 1) / 2 % 1
     expected = 200 * 0.3 * activity * np.hypot(late, 1 - late)
     np.testing.assert_allclose(stiffness.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(ensemble.channels["emg"][:, ensemble.core], (stiffness - 20) / 200)

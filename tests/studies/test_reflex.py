@@ -116,9 +116,8 @@ def test_a_study_is_held_against_what_was_published_of_it(results):
 @pytest.mark.slow
 def test_both_pathways_are_drawn_with_their_truth(results):
     scores = score(results)
-    assert (
-        np.isfinite(scores.value.isel(method_key=1).sel(metric="reflex pathway_vaf")).sum() == 4
-    )  # of 5: one has no reflex
+    # One of the 5 scenarios has no reflex
+    assert np.isfinite(scores.value.isel(method_key=1).sel(metric="reflex pathway_vaf")).sum() == 4
     summary = by_full_name(summarize(scores))
     shown = reflex.reflex_figures(results, summary)
     assert list(shown) == ["pathways-reflex-sine-sine", "pathways-reflex-sine", "bias-reflex-sine"]

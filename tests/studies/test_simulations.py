@@ -95,8 +95,7 @@ def test_one_cell_that_speaks_against_it_is_enough():
     assert row.verdict == "does not hold"
     assert row.finding == (
         "4 of 40 comparisons speak against it; the clearest: bias (freed of random error) of sds "
-        "9.0 N·m/rad, of eirf "
-        "20.0 N·m/rad (PRBS, 300 s)"
+        "9.0 N·m/rad, of eirf 20.0 N·m/rad (PRBS, 300 s)"
     )
     assert row.estimate == -11
     assert row.low < -11 < row.high < 0

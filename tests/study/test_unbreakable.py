@@ -167,11 +167,8 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
 
 def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
     (tmp_path / "hanging.py").write_text(
-        "import pathlib, time, tvsysid\n"
-        "class Mine(tvsysid.Method):\n"
-        "    def fit(self, ensemble):\n"
-        "        pathlib.Path('begun').touch()\n"
-        "        time.sleep(3600)\n"
+        "import pathlib, time, tvsysid\nclass Mine(tvsysid.Method):\n    def fit(self, "
+        "ensemble):\n        pathlib.Path('begun').touch()\n        time.sleep(3600)\n"
     )
     # Workers that start anew, as a user's do, and have not inherited what becomes of a signal.
     process = Forked(

@@ -53,8 +53,8 @@ def option_name(name: str) -> str:
 
 app = App(
     name="tvsysid",
-    help="Estimate how stiff a human joint is while it moves: time-varying identification of "
-    "joint impedance.\n\nAll units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
+    help="Estimate how stiff a human joint is while it moves: time-varying identification of joint "
+    "impedance.\n\nAll units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
     help_format="markdown",
     help_flags="--help",
     version=version,

@@ -148,11 +148,10 @@ def _show_plan(study: Study, workers: int) -> None:
     for scenario in study.scenarios:
         say(described({**scenario._asdict(), "profile": scenario.stiffness}))
     say(
-        f"methods: {', '.join(study.named_methods)}\n"
-        f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: "
-        f"{expected.trials} trials, {expected.simulated_s:,.0f} s of data\n"
-        f"about {_duration_text(expected.work_s / workers)} with "
-        f"{count(workers, 'worker')}, beside the start and the figures, and "
+        f"methods: {', '.join(study.named_methods)}\n{study.trials} trials of each of "
+        f"{len(study.scenarios)} scenarios, seed {study.seed}: {expected.trials} trials, "
+        f"{expected.simulated_s:,.0f} s of data\nabout {_duration_text(expected.work_s / workers)} "
+        f"with {count(workers, 'worker')}, beside the start and the figures, and "
         f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )
     for label, reason in expected.failures.items():

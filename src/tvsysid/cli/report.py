@@ -64,8 +64,8 @@ def _write_again(folder: Path) -> None:
     if [item.digest for item in prepared] != results.digest.values.tolist():
         remark(
             "note",
-            "the recordings are missing or have changed: exclusions.csv, prepared/ and the "
-            "figures of recording and preparation stay as they are; the page does not show them",
+            "the recordings are missing or have changed: exclusions.csv, prepared/ and the figures "
+            "of recording and preparation stay as they are; the page does not show them",
         )
         prepared = ()
     write_experiment(study, results, prepared, folder, "")

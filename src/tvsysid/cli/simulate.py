@@ -136,9 +136,9 @@ def _write_system(file: Path, simulated: Simulated, perturbation: Perturbation) 
     channels = simulation.recording.channels
     named = "".join(f" --channel {name}={name}" for name in channels)
     say(
-        f"wrote {file}: {simulated.duration:g} s at {rate:g} Hz; identify it with\n"
-        f"tvsysid identify {shlex.quote(str(file))} --angle angle --torque torque --rate {at} "
-        f"--period {period:g}{named}"
+        f"wrote {file}: {simulated.duration:g} s at {rate:g} Hz; identify it with\ntvsysid "
+        f"identify {shlex.quote(str(file))} --angle angle --torque torque --rate {at} --period "
+        f"{period:g}{named}"
     )
     if "disturbance" in channels:
         say("in closed loop: add --method kbr:reference=disturbance,weighting=residual")

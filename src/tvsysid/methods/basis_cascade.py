@@ -106,8 +106,7 @@ class BasisCascade(alternating.AlternatingCascade):
     )
     differs = (
         "It changes as its basis functions can; the pathways are identified in turn, so that each "
-        "may keep a part"
-        " of the other's torque."
+        "may keep a part of the other's torque."
     )
     cites = ("guarin2017", "guarin2018")
 

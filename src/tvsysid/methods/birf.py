@@ -87,8 +87,8 @@ class BasisIRF(shared.ByReference):
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
     differs = (
-        "It changes as its basis functions can: what changes faster comes out slower, with "
-        "ripples about a switch."
+        "It changes as its basis functions can: what changes faster comes out slower, with ripples "
+        "about a switch."
     )
     cites = ("guarin2017", "guarin2018", "vanderuit2021")
 

@@ -75,9 +75,8 @@ class EnsembleIRF(Method):
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )
     differs = (
-        "Every time is estimated by itself, with as many unknowns as lags: of few realizations "
-        "its random error "
-        "is the largest by far, and it explains noise as well."
+        "Every time is estimated by itself, with as many unknowns as lags: of few realizations its "
+        "random error is the largest by far, and it explains noise as well."
     )
     cites = ("macneil1992", "vanderuit2021")
 
@@ -88,8 +87,8 @@ class EnsembleIRF(Method):
         windows = shared.solve_windows(ensemble, lags, 0, solve)
         unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
         why = (
-            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot "
-            "be separated from the joint's response; record more, or shorten max_lag"
+            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be "
+            "separated from the joint's response; record more, or shorten max_lag"
         )
         enough = np.full(len(windows.weights), independent > unknowns)
         errors = shared.WindowErrors.of(ensemble, windows, enough, why)
@@ -130,6 +129,5 @@ class EnsembleIRF(Method):
             )
             yield (
                 f"{len(ensemble)} realizations are {few} the {unknowns} lags: {fault}; record "
-                "more, shorten max_lag, "
-                "or use sds or birf"
+                "more, shorten max_lag, or use sds or birf"
             )

@@ -74,9 +74,8 @@ class EnsembleCascade(alternating.AlternatingCascade):
         "Many realizations are needed: without a window, 500 to 800.",
     )
     differs = (
-        "It is a mean over its window, with a large random error of few realizations; the "
-        "pathways are identified"
-        " in turn."
+        "It is a mean over its window, with a large random error of few realizations; the pathways "
+        "are identified in turn."
     )
     cites = ("ludvig2011",)
 
@@ -112,8 +111,6 @@ class EnsembleCascade(alternating.AlternatingCascade):
         if samples * len(ensemble) < ENOUGH:
             yield (
                 f"a window holds {samples * len(ensemble)} samples of all realizations, where the "
-                "literature asks for "
-                f"{ENOUGH} to 800 to know a reflex: the random error is large; record more, "
-                "lengthen window, or use "
-                "bpc or cascade"
+                f"literature asks for {ENOUGH} to 800 to know a reflex: the random error is large; "
+                "record more, lengthen window, or use bpc or cascade"
             )

@@ -91,9 +91,8 @@ class EnsembleSpectral(shared.ByReference):
         "and the resolution in frequency.",
     )
     differs = (
-        "It is a mean over its window, the longest of those here, and takes stiffness at 0 Hz "
-        "some 2 to 3 N·m/rad"
-        " too low: changes come out slower, extremes nearer the mean."
+        "It is a mean over its window, the longest of those here, and takes stiffness at 0 Hz some "
+        "2 to 3 N·m/rad too low: changes come out slower, extremes nearer the mean."
     )
     cites = ("vanderuit2021",)
 
@@ -101,9 +100,8 @@ class EnsembleSpectral(shared.ByReference):
         if self.reference is not None and self.stiffness != "fit":
             raise InputError(
                 "EnsembleSpectral: with a reference, stiffness must be 'fit' "
-                "(esm:stiffness=fit,reference="
-                f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came "
-                "before the window"
+                f"(esm:stiffness=fit,reference={self.reference}); at 0 Hz it is biased, as the "
+                "angle answers to what came before the window"
             )
 
     def fit(self, ensemble: Ensemble) -> FrequencyResponseModel:
@@ -176,14 +174,13 @@ class EnsembleSpectral(shared.ByReference):
         if fast < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the "
-                "response there is noise, "
-                f"and so is the prediction of torque; decimate to {rate / 2:.4g} Hz"
+                "response there is noise, and so is the prediction of torque; decimate to "
+                f"{rate / 2:.4g} Hz"
             )
         if len(ensemble) < MIN_REALIZATIONS:
             yield (
                 f"spectra are averaged over only {len(ensemble)} realizations: the response is "
-                "hardly determined; "
-                "record more, or use kbr"
+                "hardly determined; record more, or use kbr"
             )
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
@@ -263,9 +260,8 @@ def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
         return ()
     return (
         f"the response at 0 Hz is {low:.3g} N·m/rad on average, that of a second-order fit to all "
-        "frequencies "
-        f"{level:.3g}: inertia leaks into 0 Hz, as the angle moves mostly near a resonance; use "
-        "esm:stiffness=fit",
+        f"frequencies {level:.3g}: inertia leaks into 0 Hz, as the angle moves mostly near a "
+        "resonance; use esm:stiffness=fit",
     )
 
 

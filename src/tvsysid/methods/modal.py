@@ -22,10 +22,8 @@ MIN_PEAK = 0.25  # height of an impulse, relative to the largest torque
 IMPULSE_REACH_S = 0.06  # about its peak
 MIN_POWER, MAX_SHARE = 0.85, 0.3  # impulses' shares of the torque's power, and of time
 MAX_DAMPING = 0.35  # damping ratio up to which a joint rings for long enough
-CLEAR, MAX_RINGING_S = (
-    3.5,
-    0.25,
-)  # standard deviations of the window after an impulse; time used then
+CLEAR = 3.5  # standard deviations of the window between an impulse and the first time used
+MAX_RINGING_S = 0.25  # used after each impulse
 SMOOTHING_S = 0.03  # standard deviation of the Gaussian that smooths signals to find the inertia
 REACH = 4.0  # standard deviations to which Gaussians extend
 BAND_HZ = (1.0, 20.0)  # in which the frequency is searched
@@ -80,8 +78,8 @@ class ModalDecomposition(base.Method):
         "Behaviour is the same in all realizations.",
     )
     differs = (
-        "It is read from how the joint rings after each impulse, and means nothing where that "
-        "dies away within a cycle."
+        "It is read from how the joint rings after each impulse, and means nothing where that dies "
+        "away within a cycle."
     )
     cites = ("piovesan2012",)
     uses_recorded_angle = True
@@ -99,7 +97,7 @@ class ModalDecomposition(base.Method):
         power, time = float(np.sum(torque[near] ** 2) / np.sum(torque**2)), float(near.mean())
         if power < MIN_POWER or time > MAX_SHARE:
             return (
-                f"the torque is no impulses with rests between them: its peaks take "
+                "the torque is no impulses with rests between them: its peaks take "
                 f"{100 * time:.0f} % of the time (at most {100 * MAX_SHARE:g} %) and "
                 f"{100 * power:.0f} % of the power (at least {100 * MIN_POWER:g} %); the joint "
                 "must ring freely after impulses of torque"
@@ -110,8 +108,8 @@ class ModalDecomposition(base.Method):
         if not damping <= MAX_DAMPING:
             return (
                 f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} "
-                f"N·m/rad, {viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MAX_DAMPING:g} "
-                "or less is needed"
+                f"N·m/rad, {viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MAX_DAMPING:g} or "
+                "less is needed"
             )
         return None
 

@@ -77,8 +77,7 @@ class ParallelCascade(base.Method):
     )
     differs = (
         "It is one constant, some mean where the joint changes; the pathways are identified in "
-        "turn, so that each"
-        " may keep a part of the other's torque."
+        "turn, so that each may keep a part of the other's torque."
     )
     cites = ("kearney1997",)
     quantities = ("reflex_gain",)
@@ -95,9 +94,8 @@ class ParallelCascade(base.Method):
             return None
         return (
             f"only {known} samples have {self.memory:g} s recorded before them, as long as the "
-            "reflex's response; "
-            "shorten memory, record more, or cut with more context (--context) or realizations "
-            "that follow each other"
+            "reflex's response; shorten memory, record more, or cut with more context (--context) "
+            "or realizations that follow each other"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:

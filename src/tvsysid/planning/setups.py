@@ -42,8 +42,8 @@ REFLEX = (
     "the plan does not know of that bias"
 )
 NEGATIVE = (
-    "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, "
-    "in Python torque_sign=-1)"
+    "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in "
+    "Python torque_sign=-1)"
 )
 
 

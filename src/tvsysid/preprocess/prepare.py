@@ -113,8 +113,8 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     kept = reached <= max_shift
     if not kept.any():
         raise InputError(
-            f"align: every realization needs a shift of more than {max_shift:g} s; "
-            f"do torque and channel {reference!r} have the same sign and the same times?"
+            f"align: every realization needs a shift of more than {max_shift:g} s; do torque and "
+            f"channel {reference!r} have the same sign and the same times?"
         )
     mean = target.mean(axis=0)
     return Step(aligned.select(kept), kept, reached, max_shift, torque, mean, shifts=shifts / rate)

@@ -104,8 +104,8 @@ class Channel:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
         if self.values is None:
             raise InputError(
-                f"{name}: expected real numbers, got {self.dtype}; name another channel or "
-                "convert it"
+                f"{name}: expected real numbers, got {self.dtype}; name another channel or convert "
+                "it"
             )
         with explained(name):
             values = self.values() if callable(self.values) else self.values

@@ -54,9 +54,8 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     of the file.
     """
     with h5py.File(file, "r") as root:
-        groups: dict[str, Any] = {
-            "": (dict(root.attrs),)
-        }  # attributes of a group, and of those around it
+        # Attributes of each group and of the groups around it, by path
+        groups: dict[str, Any] = {"": (dict(root.attrs),)}
         for path, item in items_of(root).items():
             around = groups.get(posixpath.dirname(path), groups[""])
             if isinstance(item, h5py.Group):

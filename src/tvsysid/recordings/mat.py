@@ -15,8 +15,8 @@ from tvsysid.recordings.channel import Channel, channel_of, numbered, padded, st
 SEGMENTS = ("onsetPointer", "segLength")  # first samples, counted from 1, and lengths, of a segdat
 NO_SEGMENTS = (
     "a segdat whose segments cannot be read; in MATLAB: s = struct('dataSet', z.dataSet, "
-    "'chanNames', {z.chanNames}, 'onsetPointer', get(z, 'onsetPointer'), 'segLength', "
-    "get(z, 'segLength')), and save s"
+    "'chanNames', {z.chanNames}, 'onsetPointer', get(z, 'onsetPointer'), 'segLength', get(z, "
+    "'segLength')), and save s"
 )
 
 

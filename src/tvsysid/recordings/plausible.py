@@ -57,8 +57,8 @@ def doubts(
     for name, values in recording.channels.items():
         if values.min() == values.max():
             yield (
-                f"all {len(values)} values of channel {name} are {values[0]:g}; is this the "
-                "right channel?"
+                f"all {len(values)} values of channel {name} are {values[0]:g}; is this the right "
+                "channel?"
             )
     for which, name in zip(("angle", "torque"), reading.names, strict=False):
         for number, trial in enumerate(recording.trials, start=1):

@@ -185,8 +185,8 @@ def _read_signals(
             starts = segments or tuple(range(0, length * columns, length))
         elif len(segments) > 1:
             raise InputError(
-                f"the channels are {len(segments)} segments with gaps between them; read each as "
-                "a trial (--columns trials)"
+                f"the channels are {len(segments)} segments with gaps between them; read each as a "
+                "trial (--columns trials)"
             )
         else:
             starts = (0,)

@@ -126,8 +126,8 @@ class Reading:
     def _is_another_channel(self, _: object, torque: str | None) -> None:
         if torque is not None and torque == self.angle:
             raise InputError(
-                f"angle and torque are both {torque!r}; name the channel of each "
-                "(--angle, --torque)"
+                f"angle and torque are both {torque!r}; name the channel of each (--angle, "
+                "--torque)"
             )
 
     def read(self, path: str | Path) -> Recording:

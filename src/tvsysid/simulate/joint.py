@@ -285,7 +285,7 @@ class ScheduledJoint(Joint):
         low, high = stiffness.min(), stiffness.max()
         if not np.all(np.diff(values) > 0) or values[0] > low or high > values[-1]:
             raise InputError(
-                f"ScheduledJoint: relation must rise from 0 to 1 and cover the stiffness of "
+                "ScheduledJoint: relation must rise from 0 to 1 and cover the stiffness of "
                 f"{low:g} to {high:g} N·m/rad; it gives {values[0]:g} to {values[-1]:g} N·m/rad"
             )
         return np.interp(stiffness, values, grid)

@@ -71,8 +71,8 @@ class Simulation:
         for name, values in (*self.truth.items(), *self.pathways.items()):
             if len(values) != len(self.recording):
                 raise InputError(
-                    f"{name!r}: expected a value for each of the recording's "
-                    f"{len(self.recording)} samples, got {len(values)}"
+                    f"{name!r}: expected a value for each of the recording's {len(self.recording)} "
+                    f"samples, got {len(values)}"
                 )
 
     def plot(self, title: str = "") -> Figure:
@@ -122,8 +122,8 @@ class Simulation:
             or (within[:, -1] >= lengths[trials]).any()
         ):
             raise InputError(
-                f"truth_of: {ensemble!r} holds trials or times that {recording!r} does not; "
-                "give an ensemble that was cut from this simulation's recording"
+                f"truth_of: {ensemble!r} holds trials or times that {recording!r} does not; give "
+                "an ensemble that was cut from this simulation's recording"
             )
         index = np.array(recording.trial_starts)[trials, None] + within
         return {name: values[index] for name, values in self.truth.items()}

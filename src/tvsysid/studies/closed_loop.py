@@ -214,8 +214,8 @@ CLAIMS: tuple[Claim, ...] = (
         f"{' and '.join(CLOSED[1:3])} ({PRESET})",
     ),
     Claim(
-        "The bands of kbr with a reference and weights hold the truth in "
-        f"{COVERAGE[0]:g} to {COVERAGE[1]:g} %, on any actuator", OWN,
+        f"The bands of kbr with a reference and weights hold the truth in {COVERAGE[0]:g} to "
+        f"{COVERAGE[1]:g} %, on any actuator", OWN,
         _each("coverage", COVERS, (BEST,), SNR, within(*COVERAGE)), "%", f"{BEST} ({PRESET})",
     ),
     Claim(
@@ -292,11 +292,9 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
         )
         text = (
             f"A column for each method. Upper rows, over one realization of {middle}: estimated "
-            "stiffness, mean and "
-            f"two standard deviations over {count(results.sizes['trial'], 'trial')}, against the "
-            "truth, and "
-            "time-varying VAF. Lower rows: bars of errors and VAF for "
-            f"{count(len(labels), 'scenario')}: "
+            "stiffness, mean and two standard deviations over "
+            f"{count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
+            f"Lower rows: bars of errors and VAF for {count(len(labels), 'scenario')}: "
             f"{', '.join(labels)}."
         )
         drawing = partial(method_comparison, data, mine, [middle], labels, title)

@@ -107,8 +107,8 @@ def _in_proportion(none: Array, low: Array, high: Array) -> Array:
 
 N_M, RATE_GAIN, PRESET = "N·m/rad", "N·m·s/rad", "the preset reflex"
 WINDOW = (
-    "Without a window, as its authors have it. The usual window pools 11 samples about each "
-    "time: a tenth suffices."
+    "Without a window, as its authors have it. The usual window pools 11 samples about each time: "
+    "a tenth suffices."
 )
 BIASED = [
     (
@@ -269,12 +269,10 @@ def _pathways(
     )
     text = (
         f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization "
-        f"of {labels[0]}: "
-        "estimated stiffness and reflex gain, mean and two standard deviations over "
-        f"{count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
-        "Lower rows: bars of the "
-        f"errors and of the VAF of each pathway for {count(len(labels), 'scenario')}: "
-        f"{', '.join(labels)}."
+        f"of {labels[0]}: estimated stiffness and reflex gain, mean and two standard deviations "
+        f"over {count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
+        "Lower rows: bars of the errors and of the VAF of each pathway for "
+        f"{count(len(labels), 'scenario')}: {', '.join(labels)}."
     )
     return Illustration(drawing, title, text)
 

@@ -123,8 +123,8 @@ def _to_files(values: Any) -> Any:
     """Return file patterns by participant and perturbation."""
     if not isinstance(values, Mapping) or not all(isinstance(i, Mapping) for i in values.values()):
         raise InputError(
-            "participants: expected files by participant and perturbation, as in "
-            f"{{P1 = {{noise = 'P1/noise*.mat'}}}}; got {values!r}"
+            "participants: expected files by participant and perturbation, as in {P1 = {noise = "
+            f"'P1/noise*.mat'}}}}; got {values!r}"
         )
     return {
         participant: {name: to_tuple(files) for name, files in recorded.items()}
@@ -151,8 +151,8 @@ def _check_participants(
     for name, recorded in participants.items():
         if not recorded or not all(recorded.values()):
             raise InputError(
-                "participants: expected perturbations with files for each participant; "
-                f"{name} has none"
+                f"participants: expected perturbations with files for each participant; {name} has "
+                "none"
             )
 
 

@@ -132,9 +132,8 @@ def measured(results: xr.Dataset) -> dict[str, Array]:
     NaN where there is none.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # of means over nothing: a method that failed
+        # A method that failed has no values to average
+        warnings.simplefilter("ignore", RuntimeWarning)
         return _errors(results, MAIN) | {
             "vaf": np.nanmean(results.vaf.values, axis=-1),
             "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),

@@ -122,8 +122,8 @@ def _died(worker: Worker, error: BrokenExecutor) -> Exception:
         return error
     if not worker.note.exists():
         return InputError(
-            "run: the worker processes did not start. A script must call run from under "
-            "`if __name__ == '__main__':`, because each worker imports it; or give workers=1"
+            "run: the worker processes did not start. A script must call run from under `if "
+            "__name__ == '__main__':`, because each worker imports it; or give workers=1"
         )
     return InputError(
         f"run: a worker process died in {worker.note.read_text(encoding='utf-8')}. It crashed, or "

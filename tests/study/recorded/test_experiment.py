@@ -89,11 +89,10 @@ def test_what_methods_need_of_recordings_is_known_without_their_code():
 
 def test_a_toml_file_says_the_same(tmp_path):
     (tmp_path / "study.toml").write_text(
-        "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\n"
-        "methods = ['sds', {name = 'wide', method = 'sds:window=0.2'}]\n"
-        "[participants.P1]\nnoise = 'P1/*.mat'\n"
-        "[reading]\nangle = 'pos'\ntorque = 'tq'\nsampling_rate = 1000\ntorque_sign = -1\n"
-        "[preparation]\nreference = false\nends = 0\nperiod = 1.5\n"
+        "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\nmethods = ['sds', {name = "
+        "'wide', method = 'sds:window=0.2'}]\n[participants.P1]\nnoise = "
+        "'P1/*.mat'\n[reading]\nangle = 'pos'\ntorque = 'tq'\nsampling_rate = 1000\ntorque_sign = "
+        "-1\n[preparation]\nreference = false\nends = 0\nperiod = 1.5\n"
     )
     experiment = Experiment.from_toml(tmp_path / "study.toml", bootstraps=9)
     assert experiment.folder == tmp_path

@@ -37,12 +37,8 @@ def test_every_figure_is_as_defined(small):
 def test_every_quantity_that_is_estimated_is_scored(small):
     results = small.results
     table = summarize(results)
-    assert set(table.quantity) == {
-        "",
-        "stiffness",
-        "viscosity",
-        "inertia",
-    }  # birf, esm and kbr find no reflex
+    # birf, esm and kbr find no reflex
+    assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}
     at = results.sel(recording="P1-prbs", analysis="esm-20", quantity="viscosity")
     rows = table[
         (table.perturbation == "prbs") & (table.method == "esm") & (table.realizations == 20)

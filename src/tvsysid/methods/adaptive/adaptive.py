@@ -144,8 +144,8 @@ class AdaptiveRegression(base.Method):
         known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
         if len(ensemble) < MIN_REALIZATIONS:
             return (
-                f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr "
-                "does with one"
+                f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr does "
+                "with one"
             )
         if known < MIN_SAMPLES:
             return (

@@ -214,8 +214,8 @@ def changes(model: AdaptiveModel) -> list[str]:
             "switch" if sure else "probable switch" if each.probability > 0.5 else "possible switch"
         )
         lines.append(
-            f"{kind} at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
-            f"{'' if sure else share}"
+            f"{kind} at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} "
+            f"N·m/rad{'' if sure else share}"
         )
         where = " between switches" if each.probability > 0.5 else where
     constant = sum(

@@ -143,15 +143,14 @@ class JointCascade(base.Method):
     title = "Joint fit of intrinsic and reflex pathways"
     assumptions = (
         "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
-        "The reflex answers the velocity of stretch beyond a threshold, through a muscle of "
-        "second order.",
+        "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second "
+        "order.",
         "Behaviour is the same in all realizations, and periodic; without a period, that of a "
         "realization.",
     )
     differs = (
         "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
-        "leave it; "
-        "harmonics of the period smooth a switch."
+        "leave it; harmonics of the period smooth a switch."
     )
     cites = ("kearney1997",)
     quantities = ("reflex_gain",)

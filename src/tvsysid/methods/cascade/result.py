@@ -181,8 +181,8 @@ def _warnings(
         )
     if at_bound.get("threshold") and shape.threshold > 0:
         yield (
-            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not "
-            "identified, nor is the reflex's gain"
+            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, "
+            "nor is the reflex's gain"
         )
     elif details.get("threshold_error", 0.0) > MAX_THRESHOLD_ERROR:
         yield (
@@ -213,10 +213,8 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the intrinsic response is not that of a second-order joint: its sum gives a mean "
-            f"stiffness of {mean:.1f} "
-            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as "
-            "an uncertainty, and "
-            "viscosity and inertia as those of that fit"
+            f"stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; "
+            "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
         )
 
 
@@ -225,10 +223,8 @@ def contradicted(lost: float) -> Iterator[str]:
     if lost > MAX_LOST:
         yield (
             "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
-            f"{100 * lost:.1f} % more "
-            "of the torque, but no joint has these: the torque may be early, or move the angle, "
-            "or the realizations "
-            "differ in more than the perturbation"
+            f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may be "
+            "early, or move the angle, or the realizations differ in more than the perturbation"
         )
 
 

@@ -167,8 +167,8 @@ class KernelRegression(shared.ByReference):
     assumptions = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
         "says.",
-        "The joint is of second order (or of the order given), with at most one lag of the "
-        "torque, whose coefficient is constant (Na > 0).",
+        "The joint is of second order (or of the order given), with at most one lag of the torque, "
+        "whose coefficient is constant (Na > 0).",
         "The record is continuous; one realization is enough, more are better.",
     )
     differs = (

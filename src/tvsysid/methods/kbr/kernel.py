@@ -67,8 +67,8 @@ class Kernel:
             raise InputError(
                 f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
                 f"over a record of {last - first:g} s need some {count} features of each "
-                f"coefficient, at most {MAX_FEATURES} can be solved for; "
-                "give fewer realizations, a longer length_decay or a larger length_periodic"
+                f"coefficient, at most {MAX_FEATURES} can be solved for; give fewer realizations, "
+                "a longer length_decay or a larger length_periodic"
             )
         matter[0, 0] = True
         harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))

@@ -72,10 +72,9 @@ class Instrument(NamedTuple):
         if not explained >= least:
             raise InputError(
                 f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts "
-                f"{_percent(explained)} of "
-                f"it, at least {_percent(least)} are needed. Is it the right channel, and in time "
-                "with the angle? If "
-                f"so, disturb more strongly{_alternative(reference) if least > LEAST else ''}"
+                f"{_percent(explained)} of it, at least {_percent(least)} are needed. Is it the "
+                "right channel, and in time with the angle? If so, disturb more "
+                f"strongly{_alternative(reference) if least > LEAST else ''}"
             )
         moved = attrs.evolve(ensemble, angle=angle)
         strength = _strength(ensemble, moved)
@@ -124,9 +123,9 @@ class Instrument(NamedTuple):
                     *self.noisy_band
                 )
             found.append(
-                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of "
-                "the angle: the random "
-                f"error is large; disturb more strongly{where}, or use a stiffer actuator"
+                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the "
+                f"angle: the random error is large; disturb more strongly{where}, or use a stiffer "
+                "actuator"
             )
         if banded and self.weak.any():
             found.append(f"no band at {_percent(self.weak.mean())} of the times: {self.reason}")
@@ -137,8 +136,8 @@ class Instrument(NamedTuple):
         """Return why there is no band where the instrument is weak."""
         return (
             "the reference hardly moves the angle there, or in too few realizations "
-            "(instrument_strength of less than "
-            f"{self.needed:.3g}); record more, disturb more strongly{_alternative(self.reference)}"
+            f"(instrument_strength of less than {self.needed:.3g}); record more, disturb more "
+            f"strongly{_alternative(self.reference)}"
         )
 
     def banded(self, errors: ErrorStatistics | Mapping[str, StandardError]) -> WhereStrong:

@@ -54,8 +54,8 @@ class Halves:
     def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
         if len(ensemble) < MIN_REALIZATIONS:
             raise InputError(
-                "tuned: settings are chosen by halves of the realizations, and "
-                f"{len(ensemble)} are too few; give at least {MIN_REALIZATIONS}"
+                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} "
+                f"are too few; give at least {MIN_REALIZATIONS}"
             )
         random = np.random.default_rng(seed)
         hands = [random.permutation(len(ensemble)) % 2 for _ in range(DEALS)]

@@ -32,25 +32,21 @@ KINDS = {
 FILES = ("leaderboard.html", "leaderboard.csv")
 COLUMNS = (
     "Score ± standard error, and how far it is behind the one that leads its rank or, if it leads "
-    "one, the rank "
-    "before; the share of times at which the entry’s own 95 % band holds the truth, which the "
-    "score does not count; "
-    "scenarios with an estimate; and the score in the scenarios of each kind. Click a heading to "
-    "sort."
+    "one, the rank before; the share of times at which the entry’s own 95 % band holds the truth, "
+    "which the score does not count; scenarios with an estimate; and the score in the scenarios of "
+    "each kind. Click a heading to sort."
 )
 PICTURE = (
-    "Left: rank, and score with two standard errors to either side. Right: error in each "
-    "scenario, in per cent of the "
-    "mean stiffness, the darker the smaller, numbered as in the table of scenarios. The tables "
-    "have the same numbers."
+    "Left: rank, and score with two standard errors to either side. Right: error in each scenario, "
+    "in per cent of the mean stiffness, the darker the smaller, numbered as in the table of "
+    "scenarios. The tables have the same numbers."
 )
 COUNTED = (
     "What failed or was skipped counts as an error of 100 %; what gave a warning counts as it is."
 )
 ENTER = (
-    "An entry is a method: a subclass of tvsysid.Method, installed with an entry point of "
-    "the group "
-    "tvsysid.methods, or named as module:Class. This command runs it beside all others, and "
+    "An entry is a method: a subclass of tvsysid.Method, installed with an entry point of the "
+    "group tvsysid.methods, or named as module:Class. This command runs it beside all others, and "
     "writes such a page:"
 )
 
@@ -125,8 +121,8 @@ def _page(
 def _seed_in_words(seed: int) -> str:
     if seed == SEED:
         return (
-            f"{seed}, which is public: whoever enters can try these very trials, so this table "
-            "is for practice"
+            f"{seed}, which is public: whoever enters can try these very trials, so this table is "
+            "for practice"
         )
     return (
         f"secret; the SHA-256 of “tvsysid leaderboard {VERSION} seed ” followed by it is "
@@ -143,8 +139,8 @@ def _told(table: pd.DataFrame, kinds: Iterable[str]) -> list[str]:
         f"{rank}: {', '.join(entries)}" for rank, entries in ranks.items() if len(entries) > 1
     )
     first = (
-        f"First: {', '.join(ranks[1])}. The score is the error of the stiffness in per cent: "
-        "less is better."
+        f"First: {', '.join(ranks[1])}. The score is the error of the stiffness in per cent: less "
+        "is better."
     )
     words = (
         f"Shared, because they differ by no more than {SURE:g} standard errors, are the ranks "
@@ -207,8 +203,8 @@ def _errors(results: xr.Dataset, table: pd.DataFrame, groups: dict[str, list[str
         ]
         rows.append(page.Row((each["entry"], *cells)))
     caption = (
-        "Error in per cent of the mean stiffness, by the numbers of the scenarios; without "
-        "an estimate it is 100 %."
+        "Error in per cent of the mean stiffness, by the numbers of the scenarios; without an "
+        "estimate it is 100 %."
     )
     headings = [page.Column("entry", kind="label")]
     headings += [page.Column(str(number), kind="number") for number, _ in enumerate(names, start=1)]

@@ -19,17 +19,12 @@ DRAWS = 2000  # bootstrap draws
 SURE = 2.0  # standard errors of a difference up to which it is a tie
 SCORE = (
     "In each trial an entry’s error is the root mean square over time of its stiffness minus the "
-    "true one, divided by "
-    "the mean true stiffness, and 100 % at most; a trial that it skips or in which it fails "
-    "counts as 100 %, and "
-    "times that it leaves out as an estimate of 0. The score is the geometric mean over scenarios "
-    "of the "
-    "root-mean-square error over trials, in per cent: to halve the error in any scenario is worth "
-    "the same. What "
-    "stands after ± is one standard error, from drawing trials with replacement, the same ones "
-    "for all entries; down "
-    "the table an entry shares the rank of the one that leads it, unless it is behind by more "
-    "than two standard "
+    "true one, divided by the mean true stiffness, and 100 % at most; a trial that it skips or in "
+    "which it fails counts as 100 %, and times that it leaves out as an estimate of 0. The score "
+    "is the geometric mean over scenarios of the root-mean-square error over trials, in per cent: "
+    "to halve the error in any scenario is worth the same. What stands after ± is one standard "
+    "error, from drawing trials with replacement, the same ones for all entries; down the table an "
+    "entry shares the rank of the one that leads it, unless it is behind by more than two standard "
     "errors of their difference, and then leads the next."
 )
 
@@ -66,9 +61,8 @@ def replicates_of(errors: Array) -> Array:
         random.multinomial(trials, np.full(trials, 1 / trials), (DRAWS, scenarios)).astype(float),
     )
     usual = drawn.mean(axis=0)
-    return np.asarray(
-        usual + (drawn - usual) * np.sqrt(trials / (trials - 1))
-    )  # a draw varies less than a sample
+    # A bootstrap draw varies less than a sample does
+    return np.asarray(usual + (drawn - usual) * np.sqrt(trials / (trials - 1)))
 
 
 def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:

@@ -290,8 +290,7 @@ KBR_BOTH, TWO_AMOUNTS = "both perturbations and kbr", "two numbers of realizatio
 VAFS = "{method} {1:.1f} % with PRBS, {0:.1f} % with noise"
 KBR = (
     "Why it should be so the paper does not say. Fitted to 20 Hz, ours predicts what inertia does "
-    "as well as the other "
-    "methods do, and so gains by PRBS as they do."
+    "as well as the other methods do, and so gains by PRBS as they do."
 )
 ALIKE = "The fluctuations of a virtual participant's torque are the same under either perturbation."
 
@@ -300,12 +299,12 @@ MORE_DATA = "in the paper from 150 s to 300 s"
 
 CLAIMS: tuple[Claim, ...] = (
     Claim(
-        "Some 255 to 260 of 300 realizations survive (within one standard deviation of the "
-        "paper's mean)", "4.4", _survivors, REALIZATIONS, ONE,
+        "Some 255 to 260 of 300 realizations survive (within one standard deviation of the paper's "
+        "mean)", "4.4", _survivors, REALIZATIONS, ONE,
     ),
     Claim(
-        "Each step excludes as many realizations, on average, as some of the paper's "
-        "participants lost", "4.1.5", _excluded, REALIZATIONS, ONE,
+        "Each step excludes as many realizations, on average, as some of the paper's participants "
+        "lost", "4.1.5", _excluded, REALIZATIONS, ONE,
     ),
     Claim(
         "PRBS gives 20 to 30 % more VAF than noise for all but kbr", "4.4",
@@ -316,8 +315,8 @@ CLAIMS: tuple[Claim, ...] = (
         _with_either("vaf", VAFS, _prbs_less_noise, FOUR), POINTS, FOUR_BOTH,
     ),
     Claim(
-        "VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise "
-        f"(within {NEAR:g} points)", "4.4", _near_the_levels, POINTS,
+        "VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise (within "
+        f"{NEAR:g} points)", "4.4", _near_the_levels, POINTS,
         f"{FOUR_BOTH}, with 75 realizations",
     ),
     Claim(
@@ -339,8 +338,8 @@ CLAIMS: tuple[Claim, ...] = (
         RATIO, TWO_AMOUNTS,
     ),
     Claim(
-        "The mean stiffness stays as it is with more data (changes by less than "
-        f"{MEAN_STAYS:g} %)", "4.4",
+        f"The mean stiffness stays as it is with more data (changes by less than {MEAN_STAYS:g} "
+        "%)", "4.4",
         _of_each(
             "change", "by {:.1f} % (RMS over time)", lambda few, _: MEAN_STAYS - few, amounts=2
         ),
@@ -363,8 +362,8 @@ CLAIMS: tuple[Claim, ...] = (
         RATIO, KBR_BOTH,
     ),
     Claim(
-        "More data do not raise the VAF, which noisy torque limits (by less than "
-        f"{MARGINAL:g} point)", "4.4",
+        f"More data do not raise the VAF, which noisy torque limits (by less than {MARGINAL:g} "
+        "point)", "4.4",
         _of_each(
             "vaf", "from {:.1f} to {:.1f} %", lambda few, many: MARGINAL - (many - few), amounts=2
         ),

@@ -138,8 +138,7 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
         title = f"Stiffness in {label}"
         text = (
             "Stiffness over one realization: mean and two standard deviations over bootstraps, a "
-            "column for each "
-            f"method {told}{_grey(results)}{_sentences(summary)}"
+            f"column for each method {told}{_grey(results)}{_sentences(summary)}"
         )
         return {
             "stiffness": Illustration(
@@ -151,8 +150,7 @@ def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustra
     text = (
         f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps, of "
         f"{count(people, 'participant')}: a row for each perturbation, a line for each method "
-        f"{told}"
-        f"{_torque(results)}{_sentences(summary)}"
+        f"{told}{_torque(results)}{_sentences(summary)}"
     )
     return {
         "participants": Illustration(partial(stiffness_of_participants, shown, title), title, text)
@@ -167,9 +165,8 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
     rows = summary[summary.participant == participant]
     text = (
         f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant "
-        f"{participant}{middle}: mean and two "
-        "standard deviations over bootstraps, a column for each method "
-        f"({_amounts(results)}){_truth(results)}. "
+        f"{participant}{middle}: mean and two standard deviations over bootstraps, a column for "
+        f"each method ({_amounts(results)}){_truth(results)}. "
         f"{_grey(results)}{_sentences(rows, ('mean_stiffness', 'random_error', 'vaf'))}"
     )
     return Illustration(
@@ -182,11 +179,9 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
     title = "VAF and random error of all methods"
     text = (
         f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, "
-        "of that between 1 "
-        "and 10 Hz, and of the random error, with two standard deviations over participants; "
-        "dots: single "
-        "participants. VAF is that of the realizations that the model was identified from. "
-        f"{_sentences(summary, tuple(SPREAD), least=False)}"
+        "of that between 1 and 10 Hz, and of the random error, with two standard deviations over "
+        "participants; dots: single participants. VAF is that of the realizations that the model "
+        f"was identified from. {_sentences(summary, tuple(SPREAD), least=False)}"
     )
     shown = {
         "variance-and-spread": Illustration(
@@ -199,9 +194,8 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
         text = (
             "How far the mean estimate over bootstraps is from the true stiffness of "
             f"{count(len(people), 'virtual participant')}: above over time, a thin line for each "
-            "and a thick one for "
-            f"their mean ({_amounts(results)}); below as bars with two standard deviations over "
-            "participants. "
+            f"and a thick one for their mean ({_amounts(results)}); below as bars with two "
+            "standard deviations over participants. "
             f"{_sentences(summary, ('bias_error', 'mean_bias'))}"
         )
         drawing = partial(

@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 
 SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
 INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
-USUAL = (
-    150.0,
-    10.0,
-)  # seconds of data and signal-to-noise ratio in dB that the paper shows over time
+# Seconds of data and signal-to-noise ratio in dB that the paper shows over time
+USUAL = (150.0, 10.0)
 METRICS = {
     "bias_error": "bias error",
     "random_error": "random error",
@@ -117,12 +115,10 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
     )
     text = (
         f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one "
-        "realization of "
-        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard "
-        "deviations over "
-        f"{count(results.sizes['trial'], 'trial')}, against the true stiffness, and time-varying "
-        "VAF. "
-        f"Lower rows: bars of the metrics for {count(len(bars), 'scenario')}. "
+        f"realization of {duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two "
+        f"standard deviations over {count(results.sizes['trial'], 'trial')}, against the true "
+        "stiffness, and time-varying VAF. Lower rows: bars of the metrics for "
+        f"{count(len(bars), 'scenario')}. "
     )
     return Illustration(
         drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios))
@@ -160,9 +156,8 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
     text = [
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
-        "realization, "
-        "averaged over 0.05 s. A band covers the random error, not the bias of what a method "
-        f"smooths{missed}"
+        "realization, averaged over 0.05 s. A band covers the random error, not the bias of what a "
+        f"method smooths{missed}"
     ]
     for label, row in rows.iterrows():
         mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(
@@ -222,10 +217,8 @@ def _responses(responses: xr.Dataset) -> Illustration:
     title = f"Impulse responses at a low and a high stiffness: {data}"
     sentences = [
         "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from "
-        "the first trial of "
-        f"the square wave ({data}), with the paper's settings, drawn over the true one in the "
-        "band of the "
-        "data."
+        f"the first trial of the square wave ({data}), with the paper's settings, drawn over the "
+        "true one in the band of the data."
     ]
     for instant in responses.instant.values:
         here = responses.distance.sel(instant=instant)
@@ -234,9 +227,8 @@ def _responses(responses: xr.Dataset) -> Illustration:
             for method in here.method_key.values
         ]
         sentences.append(
-            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square "
-            "distance from the truth is "
-            f"{', '.join(parts)}."
+            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance "
+            f"from the truth is {', '.join(parts)}."
         )
     return Illustration(partial(impulse_responses, responses, title), title, " ".join(sentences))
 

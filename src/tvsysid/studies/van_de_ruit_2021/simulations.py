@@ -248,39 +248,33 @@ FEW_HUNDRED = f"{SQUARE} of {FEW_HUNDRED_S:g} s or more"
 A_QUARTER = f"less than {100 * ALIKE:g} %"
 DECIMATION = (
     "The low-pass before decimation smears every switch over some 30 ms, and noise does the rest: "
-    "eirf errs there too, "
-    "only far less than the others."
+    "eirf errs there too, only far less than the others."
 )
 SINE_BIAS = (
     "Ten cubic B-splines represent a sine of the period almost exactly, so that little of birf's "
-    "bias is left; esm's "
-    "window of 0.3 s averages a curve that bends, and its estimate at 0 Hz leaks. An independent "
-    "implementation finds "
-    "the same."
+    "bias is left; esm's window of 0.3 s averages a curve that bends, and its estimate at 0 Hz "
+    "leaks. An independent implementation finds the same."
 )
 VAF_RANKING = (
     "eirf estimates 25 numbers at each of 200 times and predicts with all their noise, so that "
-    "against noiseless "
-    "torque sds and kbr do better. Measured against noisy torque, as with people, the VAF rewards "
-    "fitting the noise, "
-    "and eirf has the highest; the paper's statement may come from there."
+    "against noiseless torque sds and kbr do better. Measured against noisy torque, as with "
+    "people, the VAF rewards fitting the noise, and eirf has the highest; the paper's statement "
+    "may come from there."
 )
 PERTURBATION = (
     "The noise is scaled to the torque, of which inertia takes a larger part with PRBS, and the "
-    "two perturbations "
-    "excite different bands: with PRBS the random error of esm is lower, that of sds and kbr "
-    "higher."
+    "two perturbations excite different bands: with PRBS the random error of esm is lower, that of "
+    "sds and kbr higher."
 )
 RESIDUE = (
-    "With little noise the random error no longer falls: what is left comes from the "
-    "perturbation, which differs from "
-    "trial to trial, where a method's model does not fit (switches within a window, leakage of "
-    "esm). So the amounts of "
-    "data tell what noise does only while it prevails, up to some 10 dB at 150 s."
+    "With little noise the random error no longer falls: what is left comes from the perturbation, "
+    "which differs from trial to trial, where a method's model does not fit (switches within a "
+    "window, leakage of esm). So the amounts of data tell what noise does only while it prevails, "
+    "up to some 10 dB at 150 s."
 )
 AVERAGED = (
-    "{metric} of {method} {first} ({one}), {last} ({other}): {{ratio:.1f}}-fold, where "
-    "averaging alone gives 1.4-fold"
+    "{metric} of {method} {first} ({one}), {last} ({other}): {{ratio:.1f}}-fold, where averaging "
+    "alone gives 1.4-fold"
 )
 DIPS = "time-varying VAF of {method} dips by {first} points ({one})"
 LESS_NOISE = "{metric} of {method} {first} at {loud:g} dB, {last} at {quiet:g} dB ({one})"
@@ -338,8 +332,8 @@ CLAIMS: tuple[Claim, ...] = (
         _beside(DIPS, lambda dip, _: dip - DIP, "switch_dip", methods=FIVE[1:]), POINTS, SQUARE,
     ),
     Claim(
-        "The time-varying VAF of eirf does not dip at the switches (by less than "
-        f"{DIP:g} point)", "3.4",
+        f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} "
+        "point)", "3.4",
         _beside(DIPS, lambda dip, _: DIP - dip, "switch_dip", methods=("eirf",)),
         POINTS, SQUARE, DECIMATION,
     ),

@@ -263,7 +263,7 @@ def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
-    """Raise for anything but an ensemble with signals that the method can identify."""
+    """Raise if the object is not an ensemble, its signals are 0, or the method skips it."""
     if not isinstance(ensemble, Ensemble):
         raise InputError(
             f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
@@ -281,7 +281,7 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
 
 
 def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
-    """Raise for anything but a model with estimates for the times of the ensemble."""
+    """Raise if the object is not a model, or its estimates do not have the ensemble's shape."""
     name = type(method).__name__
     if not isinstance(model, Model):
         raise InputError(

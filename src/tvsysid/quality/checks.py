@@ -60,9 +60,8 @@ class Measured(NamedTuple):
     realizations: tuple[int, ...] = ()
 
 
-# Not an error: these data do not allow a check.
-class NotApplicable(Exception):  # noqa: N818
-    """Raised by a check's function with the reason why these data do not allow the check."""
+class NotApplicable(Exception):  # noqa: N818  # not an error
+    """Raised by a check's function with the reason why the data do not allow the check."""
 
 
 Function = TypeVar("Function", bound=Callable[..., Measured])

@@ -240,7 +240,7 @@ def find_reflex(ensemble: Ensemble) -> Finding:
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:
     """Run the check ``loop-bias`` with a channel that was not declared as a reference.
 
-    The check finds a fault only if the channel drives the angle as a command does.
+    It finds a fault only if the channel drives the angle as a command does.
     """
     data = FittedEnsemble.of(ensemble)
     return judge("loop-bias", data, channel, function=structure.loop_bias_undeclared)

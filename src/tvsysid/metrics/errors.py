@@ -229,8 +229,7 @@ def coverage(
     if low.ndim != 2 or low.shape != high.shape or low.size == 0 or true.shape != low.shape[1:]:
         raise InputError(
             "coverage: expected lower and upper of axes (trial, time) and a truth for each time, "
-            "got shapes "
-            f"{low.shape}, {high.shape} and {true.shape}"
+            f"got shapes {low.shape}, {high.shape} and {true.shape}"
         )
     known = np.isfinite(low) & np.isfinite(high)
     return share_covered(np.where(known, (low <= true) & (true <= high), np.nan), weights)

@@ -87,8 +87,8 @@ def bandpassed_vaf(
     measured, model = _pair(torque, predicted)
     if not 0 < band[0] < band[1] < sampling_rate / 2:
         raise InputError(
-            f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, "
-            f"got {band!r}"
+            f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, got "
+            f"{band!r}"
         )
     known = np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0)
     count = np.count_nonzero(known)

@@ -41,8 +41,7 @@ def evaluate(basis: Basis, samples: int) -> Array:
     ):
         raise InputError(
             f"basis {basis!r}: expected finite values of shape ({samples}, functions) for "
-            f"{samples} times, "
-            f"got shape {values.shape}"
+            f"{samples} times, got shape {values.shape}"
         )
     return values
 
@@ -71,8 +70,7 @@ def check_basis(method: object, basis: object) -> None:
     if not callable(basis):
         raise InputError(
             f"{type(method).__name__}: basis must be a callable from normalised time to values, "
-            f"got {basis!r}; "
-            "for example CubicBSplines(10)"
+            f"got {basis!r}; for example CubicBSplines(10)"
         )
 
 

@@ -36,8 +36,8 @@ STEP_S, MIN_WINDOW_S = 0.01, 0.05  # of differences that stand for derivatives; 
     "realizations",
     15,
     "realizations",
-    effect="the random error falls with the square root of their number; methods that look at "
-    "each time by itself need more realizations than they have lags",
+    effect="the random error falls with the square root of their number; methods that look at each "
+    "time by itself need more realizations than they have lags",
     remedy="record more, or cut shorter realizations if the behaviour repeats more often",
     wrong="below",
 )
@@ -102,8 +102,8 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     "share of the angle's variance that is common to all realizations, or white as sensor noise is",
     30,
     "%",
-    effect="a response to the angle cannot be separated from what repeats anyway; once the mean "
-    "is subtracted, only noise is left",
+    effect="a response to the angle cannot be separated from what repeats anyway; once the mean is "
+    "subtracted, only noise is left",
     remedy="draw a new random perturbation for every realization; these data cannot be repaired",
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:

@@ -117,8 +117,8 @@ def _other_cause(
     is_noise = not inertia / MAX_INERTIA_RATIO < smooth < MAX_INERTIA_RATIO * inertia
     if is_noise and (abs(value) < LARGE_DELAY_MS or not is_clear):
         return (
-            "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like "
-            "a delay"
+            "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a "
+            "delay"
         )
     # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
     is_loop = value < -FAULTS["delay"].limit and (

@@ -270,8 +270,8 @@ def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
     if known < MIN_KNOWN_SAMPLES:
         context = f"{HALF_WIDTH / data.rate:g} s of context"
         raise InputError(
-            f"diagnose: derivatives are known at {known} samples of a realization at "
-            f"{data.rate:g} Hz, but {MIN_KNOWN_SAMPLES} are needed; give longer realizations, or "
+            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} "
+            f"Hz, but {MIN_KNOWN_SAMPLES} are needed; give longer realizations, or "
             f"{context if samples >= MIN_KNOWN_SAMPLES else 'a higher rate'}"
         )
     return data

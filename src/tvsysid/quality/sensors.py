@@ -95,8 +95,8 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     "%",
     effect="the steps are noise in the angle, mostly in the acceleration: inertia and viscosity "
     "come out too low, the stiffness a little",
-    remedy="record the angle with a finer converter, or a gain that uses its range; trust only "
-    "the stiffness",
+    remedy="record the angle with a finer converter, or a gain that uses its range; trust only the "
+    "stiffness",
 )
 def coarse_angle(data: FittedEnsemble) -> Measured:
     """Return the smallest step between values of the angle, which shows before any filter only."""
@@ -262,9 +262,8 @@ def gaps(recording: Recording) -> Measured:
     longest = max(found, key=lambda gap: gap.stop - gap.start)
     more = f", and {len(found) - 1} times more" if len(found) > 1 else ""
     what = (
-        "both signals stand still, or are interpolated, for "
-        f"{longest.stop - longest.start:.2g} s at {longest.start:.4g} s in trial "
-        f"{longest.trial + 1}{more}"
+        f"both signals stand still, or are interpolated, for {longest.stop - longest.start:.2g} s "
+        f"at {longest.start:.4g} s in trial {longest.trial + 1}{more}"
     )
     return Measured(len(found), what)
 
@@ -289,8 +288,8 @@ def mains(recording: Recording) -> Measured:
 @check(
     "torque-spikes",
     "Spikes in the torque",
-    "highest sample that neither the joint's model nor the past predicts, over the 90th "
-    "percentile of all",
+    "highest sample that neither the joint's model nor the past predicts, over the 90th percentile "
+    "of all",
     8,
     "times",
     effect="single samples with large errors dominate a least-squares fit",

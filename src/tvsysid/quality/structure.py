@@ -178,8 +178,8 @@ def reflex(data: FittedEnsemble) -> Measured:
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
         f"{_percent(test.share)} of the residual torque {1000 * MIN_REFLEX_LAG_S:.0f} to "
         f"{1000 * MAX_REFLEX_LAG_S:.0f} ms later, better than no reflex (p = {test.over_none:.1g}) "
-        f"and than a linear one (p = {test.over_linear:.1g}); the mean stiffness is "
-        f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
+        f"and than a linear one (p = {test.over_linear:.1g}); the mean stiffness is {one_path:.3g} "
+        f"N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
     if two_paths > 0:
         what += f": {100 * (one_path / two_paths - 1):+.0f} % in these data"

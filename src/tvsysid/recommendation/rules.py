@@ -180,8 +180,8 @@ OBJECTIONS = (
     Objection(
         "information < 500",
         ("eirf",),
-        "It fits each time by itself, and these data are worth only {information:.0f} "
-        "realizations at 0 dB.",
+        "It fits each time by itself, and these data are worth only {information:.0f} realizations "
+        "at 0 dB.",
     ),
     Objection(
         "switches > 0",

@@ -74,7 +74,7 @@ class KernelRegression(shared.ByReference):
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
     are stiffness, viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say
     otherwise. E is the spectrum of the equation error over each unbroken run of realizations. The
-    kernel K says how fast the b may change; :meth:`tuned` chooses it by maximum evidence.
+    kernel K says how fast the b may change; ``tuned`` chooses it by maximum evidence.
 
     Parameters
     ----------

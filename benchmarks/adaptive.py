@@ -334,14 +334,12 @@ def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
 
     Least squares knows the waveform but for its mean and size.
     """
-    setting, (system, perturbation) = (
-        tv.study.trials.Setting.of(study, scenario),
-        study.simulated(scenario),
-    )
     rows, found = [], []
-    for trial in range(study.trials):
-        made = setting.simulate(system, perturbation, study.seed_of(scenario, trial))
-        ensemble = setting.cut(made.recording)
+    trials, place = tv.study.trials.trials_of(study), study.scenarios.index(scenario)
+    for number in range(study.trials):
+        trial = trials[place, number]
+        made = trial.simulate()
+        ensemble = trial.cut(made.recording)
         wave = made.truth_of(ensemble)["stiffness"][0]
         angle, velocity, acceleration = ensemble.derivatives()
         columns = np.stack([angle, angle * wave, velocity, acceleration]).reshape(4, -1).T
@@ -398,10 +396,9 @@ def speed(key: str) -> Table:
     sizes = [(100.0, 600.0), (200.0, 600.0), (100.0, 6000.0)]
     for wave, (rate, duration) in ((wave, size) for wave in ("square", "sine") for size in sizes):
         study = study_of({"stiffness": wave, "duration_s": duration, "rate": rate}, [key], 1)
-        scenario = study.scenarios[0]
-        setting = tv.study.trials.Setting.of(study, scenario)
-        made = setting.simulate(*study.simulated(scenario), study.seed_of(scenario, 0))
-        ensemble = setting.cut(made.recording)
+        trial = tv.study.trials.trials_of(study)[0, 0]
+        made = trial.simulate()
+        ensemble = trial.cut(made.recording)
         del made
         method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):

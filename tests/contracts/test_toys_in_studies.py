@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cloudpickle
 import numpy as np
 import pandas as pd
 import pytest
@@ -60,9 +59,8 @@ def study_of(toy, **settings):
 
 def identified(toy):
     """Model of a toy's own second trial, and what it was identified from."""
-    trial = tv.study.trials.Simulations(study_of(toy)).tasks[0, 1]
-    simulation = trial.setting.simulate(*cloudpickle.loads(trial.simulated), trial.seed)
-    ensemble = trial.setting.cut(simulation.recording)
+    trial = tv.study.trials.trials_of(study_of(toy))[0, 1]
+    ensemble = trial.cut(trial.simulate().recording)
     return toy().identify(ensemble), ensemble
 
 

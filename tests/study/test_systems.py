@@ -86,7 +86,7 @@ def test_a_system_as_an_object_and_one_that_fails(mine):
         Study(system=joint, duration_s=8, trials=1, perturbation="prbs", methods="birf"), workers=1
     )
     assert (found.truth.sel(quantity="inertia") == 0.025).all()
-    with pytest.raises(tv.InputError, match=r"cannot be simulated: RuntimeError: no such joint"):
+    with pytest.raises(tv.InputError, match=r"failed: RuntimeError: no such joint"):
         run(Study(system=f"{mine}:Broken", duration_s=8, trials=1, methods="birf"), workers=1)
     with pytest.raises(tv.InputError, match=r"system: .*with simulate\(\); got"):
         Study(system=[3])

@@ -143,7 +143,7 @@ def _show_plan(study: Study, workers: int) -> None:
     from tvsysid.figures.words import count, described
     from tvsysid.study import plan
 
-    with errors.status("timing a trial of the shortest and the longest scenario"):
+    with errors.status("timing a trial of each scenario"):
         expected = plan(study)
     for scenario in study.scenarios:
         say(described({**scenario._asdict(), "profile": scenario.stiffness}))

@@ -16,7 +16,7 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.study.dataset import EXPERIMENT, complete, dataset_of
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import STATISTICS, Scores, Truth, no_scores, stack
-from tvsysid.study.prepared import Prepared, prepared_recordings
+from tvsysid.study.prepared import Prepared
 from tvsysid.study.tasks import Task, digests_of, pickled
 
 if TYPE_CHECKING:
@@ -34,22 +34,23 @@ class Bootstraps(Task):
 
     Parameters
     ----------
-    ensemble
-        Realizations of the recording; None if there are none, for a ``reason``.
+    ensemble, data
+        Realizations of the recording, and their digest.
     pathways
         Noiseless torque of each pathway, if it is known.
-    contiguous
-        Whether the realizations of a draw follow each other.
+    realizations, contiguous
+        Number of realizations in a draw, and whether they follow each other.
+    bootstraps, seed
+        Number of draws, and their random seed.
     """
 
-    ensemble: Ensemble | None
-    pathways: Mapping[str, Array]
+    ensemble: Ensemble = attrs.field(repr=False)
+    data: str
+    pathways: Mapping[str, Array] = attrs.field(repr=False)
     realizations: int
     contiguous: bool
     bootstraps: int
     seed: int
-    samples: int
-    reason: str
 
     def scores(self) -> Scores:
         """Identify every draw; equal ones once, as a draw is a weight for each realization.
@@ -57,47 +58,35 @@ class Bootstraps(Task):
         Variables of :func:`measure` are over the draws. Seconds, warnings and failure are those of
         all draws together.
         """
-        (label,) = self.methods
-        ensemble = self.ensemble
-        if ensemble is None:
-            return self._failed(self.reason)
+        (label,), count = self.methods, len(self.ensemble)
         try:
             weights = bootstrap_weights(
-                len(ensemble), self.realizations, self.bootstraps, self.seed, self.contiguous
+                count, self.realizations, self.bootstraps, self.seed, self.contiguous
             )
-        except InputError as error:
-            return self._failed(str(error))
-        distinct, place = np.unique(weights, axis=0, return_inverse=True)
-        every = np.arange(len(ensemble))
-        scored = [self._draw(label, ensemble, np.repeat(every, counts)) for counts in distinct]
+            distinct, place = np.unique(weights, axis=0, return_inverse=True)
+            scored = [self._draw(label, np.repeat(np.arange(count), each)) for each in distinct]
+        except InputError as error:  # a block that is longer than the recording
+            scored = [no_scores(self.ensemble.samples, failure=printable(str(error)))]
+            place = np.zeros(self.bootstraps, dtype=int)
         rows = [scored[number] for number in place.ravel()]
         failures = [str(row["failure"]) for row in rows if row["failure"]]
-        every_failed = len(failures) == len(rows)
+        whole = f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
         return stack(rows) | {
             "seconds": np.nansum([row["seconds"] for row in scored]),
-            "warnings": np.array("; ".join(self._warnings(len(ensemble), rows, failures))),
-            "failure": np.array(
-                f"every draw failed, the first: {failures[0]}" if every_failed else ""
-            ),
+            "warnings": np.array("; ".join(self._warnings(rows, failures))),
+            "failure": np.array(whole),
         }
 
-    def _failed(self, reason: str) -> Scores:
-        nothing = {name: np.asarray(value) for name, value in no_scores(self.samples).items()}
-        texts = {"warnings": np.array(""), "failure": np.array(printable(reason))}
-        return stack([nothing] * self.bootstraps) | texts | {"seconds": np.array(np.nan)}
-
-    def _draw(self, label: str, ensemble: Ensemble, chosen: np.ndarray) -> Scores:
+    def _draw(self, label: str, chosen: np.ndarray) -> Scores:
         """Return the scores of one draw."""
-        drawn = ensemble.select(chosen)
+        drawn = self.ensemble.select(chosen)
         pathways = {name: torque[chosen] for name, torque in self.pathways.items()}
         truth = Truth(np.asarray(drawn.torque[:, drawn.core]), pathways=pathways)
         return self.measure(label, drawn, truth)
 
-    def _warnings(
-        self, count: int, rows: Sequence[Scores], failures: Sequence[str]
-    ) -> Iterator[str]:
+    def _warnings(self, rows: Sequence[Scores], failures: Sequence[str]) -> Iterator[str]:
         """Yield each warning once, whatever its numbers, with its count."""
-        if self.realizations > count:
+        if self.realizations > (count := len(self.ensemble)):
             yield (
                 f"{self.realizations} realizations are drawn from {count}: they vary less than so "
                 f"many recorded ones would; draw {count} at most"
@@ -110,97 +99,82 @@ class Bootstraps(Task):
         yield from (f"{texts[0]} ({len(texts)} of {len(rows)} draws)" for texts in kinds.values())
 
 
-class Recordings:
-    """Tasks and results of an experiment."""
+def bootstraps_of(
+    experiment: Experiment, prepared: Sequence[Prepared]
+) -> dict[tuple[int, int], Bootstraps]:
+    """Return the tasks of the usable recordings, by the places of recording and analysis.
 
-    def __init__(self, experiment: Experiment, prepared: Sequence[Prepared] | None) -> None:
-        self._methods = {
-            name: pickled(f"method {name}", method)
-            for name, method in experiment.named_methods.items()
-        }
-        self._digests = digests_of(experiment.named_methods)
-        self._experiment = experiment
-        self._prepared = prepared_recordings(experiment) if prepared is None else prepared
-        if [item.recorded for item in self._prepared] != list(experiment.recordings):
-            given = ", ".join(item.recorded.label for item in self._prepared)
-            raise InputError(
-                f"run: the recordings prepared are not the experiment's: {given}; give what "
-                "prepared_recordings(experiment) returns"
-            )
-
-    @property
-    def tasks(self) -> dict[tuple[int, int], Task]:
-        """Tasks by the places of recording and analysis; the last methods take longest."""
-        analyses = list(enumerate(self._experiment.analyses))
-        return {
-            (place, number): self._task(item, number)
-            for number, _ in reversed(analyses)
-            for place, item in enumerate(self._prepared)
-        }
-
-    def _task(self, item: Prepared, number: int) -> Bootstraps:
-        experiment, analysis = self._experiment, self._experiment.analyses[number]
-        seed = experiment.seed_of(item.recorded, analysis.realizations)
-        draws: dict[str, Any] = {
-            "realizations": analysis.realizations,
-            "contiguous": analysis.contiguous,
-            "bootstraps": experiment.bootstraps,
-            "seed": seed,
-        }
-        return Bootstraps(
-            label=f"{analysis.label} of {item.recorded.label}",
-            methods={analysis.name: self._methods[analysis.name]},
-            settings={
-                "recording": item.recorded.label,
-                "data": item.digest,
-                "method": label_of(analysis.method),
-                "digest": self._digests.get(analysis.name),
-                **draws,
-            },
-            ensemble=item.ensemble,
-            pathways=item.pathways,
-            samples=len(item.mean_torque),
-            reason=item.failure,
-            **draws,
+    The last methods take longest and come first.
+    """
+    if [item.recorded for item in prepared] != list(experiment.recordings):
+        given = ", ".join(item.recorded.label for item in prepared)
+        raise InputError(
+            f"run: the recordings prepared are not the experiment's: {given}; give what "
+            "prepared_recordings(experiment) returns"
         )
+    named, tasks = experiment.named_methods, {}
+    methods = {name: pickled(f"method {name}", method) for name, method in named.items()}
+    digests = digests_of(named)
+    for number, analysis in reversed(list(enumerate(experiment.analyses))):
+        for place, item in enumerate(prepared):
+            if item.ensemble is not None:
+                tasks[place, number] = Bootstraps(
+                    label=f"{analysis.label} of {item.recorded.label}",
+                    digests={label_of(analysis.method): digests[analysis.name]},
+                    methods={analysis.name: methods[analysis.name]},
+                    ensemble=item.ensemble,
+                    data=item.digest,
+                    pathways=item.pathways,
+                    realizations=analysis.realizations,
+                    contiguous=analysis.contiguous,
+                    bootstraps=experiment.bootstraps,
+                    seed=experiment.seed_of(item.recorded, analysis.realizations),
+                )
+    return tasks
 
-    def results(self, scores: Mapping[tuple[int, int], Scores]) -> xr.Dataset:
-        """Return the results of all analyses, and what became of each recording."""
-        experiment, preparing = self._experiment, self._experiment.preparation
-        recordings, analyses = experiment.recordings, experiment.analyses
-        results = dataset_of(
-            {place: each | self._truth(place[0]) for place, each in scores.items()},
-            {
-                "recording": [each.label for each in recordings],
-                "analysis": [each.label for each in analyses],
-            },
-            {"bootstrap": range(experiment.bootstraps)},
-            {"statistic": list(STATISTICS)},
-            period=preparing.period,
-            rate=preparing.rate,
-        )
-        results = results.sel(statistic="mean", drop=True).assign_coords(
-            participant=("recording", [each.participant for each in recordings]),
-            perturbation=("recording", [each.perturbation for each in recordings]),
-            method_key=("analysis", [each.name for each in analyses]),
-            realizations=("analysis", [each.realizations for each in analyses]),
-        )
-        results = results.assign(truth=results.truth.isel(analysis=0, drop=True))
-        rows = [_preparation_of(prepared) for prepared in self._prepared]
-        for name in rows[0]:
-            values = np.array([row[name] for row in rows])
-            unit = UNITS.get(name.partition("_")[0])
-            attributes = {"units": unit} if unit else {}
-            results[name] = (("recording", "time")[: values.ndim], values, attributes)
-        return complete(results, EXPERIMENT, experiment=experiment.to_json())
 
-    def _truth(self, recording: int) -> Scores:
-        prepared = self._prepared[recording]
-        truth = np.zeros((0, len(prepared.mean_torque)))
-        return {
-            "known_quantity": np.array(list(prepared.truth), dtype=str),
-            "truth": np.array(list(prepared.truth.values())) if prepared.truth else truth,
-        }
+def results_of_bootstraps(
+    experiment: Experiment,
+    prepared: Sequence[Prepared],
+    scores: Mapping[tuple[int, int], Scores],
+) -> xr.Dataset:
+    """Return the results of all analyses, and what became of each recording."""
+    recordings, analyses = experiment.recordings, experiment.analyses
+    preparing, every = experiment.preparation, []
+    for place, number in np.ndindex(len(recordings), len(analyses)):
+        item = prepared[place]
+        known = {"stiffness": np.nan * item.mean_torque} | dict(item.truth)
+        truth = {f"truth/{name}": values for name, values in known.items()}
+        failed = {"failure": np.array(printable(item.failure))}
+        every.append(scores.get((place, number), failed) | truth)
+    results = dataset_of(
+        every,
+        {
+            "recording": [each.label for each in recordings],
+            "analysis": [each.label for each in analyses],
+        },
+        {"bootstrap": range(experiment.bootstraps)},
+        {"statistic": STATISTICS},
+        period=preparing.period,
+        rate=preparing.rate,
+    )
+    results = results.sel(statistic="mean", drop=True).assign_coords(
+        participant=("recording", [each.participant for each in recordings]),
+        perturbation=("recording", [each.perturbation for each in recordings]),
+        method_key=("analysis", [each.name for each in analyses]),
+        realizations=("analysis", [each.realizations for each in analyses]),
+    )
+    results = results.assign(truth=results.truth.isel(analysis=0, drop=True))
+    rows = [_preparation_of(item) for item in prepared]
+    for name in rows[0]:
+        values = np.array([row[name] for row in rows])
+        unit = UNITS.get(name.partition("_")[0])
+        results[name] = (
+            ("recording", "time")[: values.ndim],
+            values,
+            {"units": unit} if unit else {},
+        )
+    return complete(results, EXPERIMENT, experiment=experiment.to_json())
 
 
 def _preparation_of(prepared: Prepared) -> dict[str, Any]:

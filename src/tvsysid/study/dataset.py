@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
@@ -25,6 +26,7 @@ RESULTS = "results.nc"  # file of a study's results, in its folder
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "truth": (("quantity", "time"), "true value, in the unit of its quantity", "unit"),
     "estimate": (("quantity", "time"), "estimate, in the unit of its quantity", "unit"),
     "standard_error": (("quantity", "time"), "standard error of the estimate", "unit"),
     "covered": (("quantity", "time"), "whether the 95 % band of the estimate holds the truth", "1"),
@@ -57,13 +59,12 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "stage_seconds": (("stage",), "time of the rest of a trial", "s"),
     "warnings": ((), "warnings of the method", ""),
     "failure": ((), "why the method gave no result", ""),
-    "truth": (("known_quantity", "time"), "true value, in the unit of its quantity", "unit"),
 }
-"""Dimensions, meaning and unit of each variable of a task, after the methods or draws."""
+"""Dimensions, meaning and unit of each variable. The first dimension may be that of the labels."""
 
 
 def dataset_of(
-    scores: Mapping[tuple[int, int], Scores],
+    scores: Sequence[Scores],
     places: Mapping[str, Sequence[Any]],
     rows: Mapping[str, Sequence[Any]],
     others: Mapping[str, Sequence[Any]],
@@ -76,9 +77,9 @@ def dataset_of(
     Parameters
     ----------
     scores
-        Scores of the tasks by their places.
+        Scores of the tasks, one for each combination of the places.
     places
-        Coordinates of the two dimensions over which the tasks lie.
+        Coordinates of the dimensions over which the tasks lie.
     rows
         Coordinates of the dimension within a task: its methods, or its draws.
     others
@@ -89,46 +90,40 @@ def dataset_of(
     import xarray as xr  # noqa: PLC0415  # heavy
 
     lengths = [len(values) for values in places.values()]
-    stacked = stack([scores[place] for place in np.ndindex(*lengths)])
+    found: dict[str, dict[str, NDArray[Any]]] = {}
+    for key, values in stack(scores).items():
+        name, _, label = key.partition("/")
+        found.setdefault(name, {})[label] = values.reshape(*lengths, *values.shape[1:])
+    labels: dict[str, dict[str, None]] = {"quantity": dict.fromkeys(IMPEDANCE)}
+    for name, (dims, _, _) in VARIABLES.items():
+        if "" not in found.get(name, {"": None}):
+            labels.setdefault(dims[0], {}).update(dict.fromkeys(found[name]))
     variables = {}
     for name, (dims, meaning, unit) in VARIABLES.items():
-        if name not in stacked:
+        if name not in found:
             continue
-        values = stacked[name]
-        inner = dims if values.ndim == 1 + len(dims) else (*rows, *dims)
-        attributes = {"long_name": meaning} | ({"units": unit} if unit else {})
+        parts = found[name]
+        if "" in parts:
+            values = parts[""]
+        else:
+            beside = [{name: parts[each]} if each in parts else {} for each in labels[dims[0]]]
+            values = np.moveaxis(stack(beside)[name], 0, -len(dims))
+        is_of_rows = values.ndim > len(places) + len(dims)
         variables[name] = (
-            (*places, *inner),
-            values.reshape(*lengths, *values.shape[1:]),
-            attributes,
+            (*places, *(rows if is_of_rows else ()), *dims),
+            values,
+            {"long_name": meaning} | ({"units": unit} if unit else {}),
         )
+    units = UNITS | {name: max(map(str, each.flat)) for name, each in found.get("unit", {}).items()}
     time = {"units": "s", "long_name": f"time within a realization of {period:g} s"}
-    labels = {
-        name: stacked[name] for name in ("quantity", "pathway", "scheduled") if name in stacked
-    }
-    results = xr.Dataset(
+    return xr.Dataset(
         variables,
         coords={
-            **places,
-            **rows,
-            **others,
-            **labels,
-            "known_quantity": stacked["known_quantity"],
+            **{name: list(each) for name, each in {**places, **rows, **others, **labels}.items()},
+            "unit": ("quantity", [units.get(name, "") for name in labels["quantity"]]),
             "time": ("time", np.arange(round(period * rate)) / rate, time),
         },
     )
-    return _over_quantities(results, dict(zip(labels["quantity"], stacked["unit"], strict=True)))
-
-
-def _over_quantities(results: xr.Dataset, units: Mapping[str, str]) -> xr.Dataset:
-    """Return results over all quantities that are known or estimated, with their units."""
-    names = [*IMPEDANCE, *results.known_quantity.values, *results["quantity"].values]
-    quantities = list(dict.fromkeys(map(str, names)))
-    truth = results.truth.rename(known_quantity="quantity")
-    results = results.drop_dims("known_quantity").reindex(quantity=quantities)
-    results = results.assign(truth=truth.reindex(quantity=quantities))
-    known = UNITS | dict(units)
-    return results.assign_coords(unit=("quantity", [known.get(name, "") for name in quantities]))
 
 
 def complete(results: xr.Dataset, title: str, **settings: str) -> xr.Dataset:
@@ -158,8 +153,8 @@ def read_results(folder: str | Path) -> xr.Dataset:
     Raises
     ------
     InputError
-        If the folder has no results, because it is none of a study or the study is not finished,
-        or if they are damaged.
+        If the folder has no results, because the study is not finished or the folder is none of a
+        study, or if the file is damaged.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -13,22 +14,19 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
-from tvsysid.study.bootstraps import Recordings
+from tvsysid.study.bootstraps import bootstraps_of, results_of_bootstraps
 from tvsysid.study.dataset import read_results, write_results
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import Scores
-from tvsysid.study.prepared import Prepared
-from tvsysid.study.scenarios import Scenario, Study
-from tvsysid.study.tasks import read_scores
-from tvsysid.study.trials import Simulations
+from tvsysid.study.prepared import Prepared, prepared_recordings
+from tvsysid.study.scenarios import Study
+from tvsysid.study.tasks import Task, read_scores, run_task
+from tvsysid.study.trials import results_of_trials, trials_of
 from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
     import xarray as xr
-
-MAX_TIMED_S = 600.0  # seconds of data of a trial that is timed
 
 
 def run(
@@ -103,43 +101,40 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    source = Simulations(study) if isinstance(study, Study) else Recordings(study, prepared)
+    tasks: Mapping[tuple[int, int], Task]
+    if isinstance(study, Study):
+        tasks, assemble = trials_of(study), partial(results_of_trials, study)
+    else:
+        prepared = prepared_recordings(study) if prepared is None else prepared
+        tasks = bootstraps_of(study, prepared)
+        assemble = partial(results_of_bootstraps, study, prepared)
     with ExitStack() as stack:
         kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
         stack.enter_context(_exclusive(kept))
-        tasks, files = source.tasks, {}
-        for place, task in tasks.items():
-            files[place] = kept / "tasks" / task.file_name
+        files = {place: kept / "tasks" / task.file_name for place, task in tasks.items()}
         scores = {place: read_scores(file) for place, file in files.items()}
         missing = {files[place]: tasks[place] for place in tasks if not _is_done(scores[place])}
         done = len(tasks) - len(missing)
         progress(done, len(tasks))
         for count, _ in enumerate(run_tasks(missing, workers, executor), start=done + 1):
             progress(count, len(tasks))
-        for place, file in files.items():
-            if file in missing:
-                scores[place] = read_scores(file)
-        write_results(
-            source.results({place: each for place, each in scores.items() if each is not None}),
-            kept,
-        )
+        scores |= {place: read_scores(file) for place, file in files.items() if file in missing}
+        write_results(assemble(scores), kept)
         return read_results(kept)
 
 
-def _is_done(scores: Scores | None) -> bool:
-    return scores is not None and not (scores["failure"] != "").any()
+def _is_done(scores: Scores) -> bool:
+    return "failure" in scores and not (scores["failure"] != "").any()
 
 
 @contextmanager
 def _exclusive(folder: Path) -> Iterator[None]:
-    """Keep other processes from running a study in a folder, and remove unfinished files."""
+    """Keep other processes from running a study in a folder."""
     from filelock import FileLock, Timeout  # noqa: PLC0415  # for studies only
 
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(folder / ".lock", timeout=0):
-            for leftover in (folder / "tasks").glob(".*.npz"):  # of a process that was killed
-                leftover.unlink(missing_ok=True)
             yield
     except Timeout as error:
         raise InputError(
@@ -174,36 +169,17 @@ class Plan:
 
 
 def plan(study: Study) -> Plan:
-    """Estimate the time of a study from a trial of the shortest and one of the longest duration.
-
-    The longest is timed with 600 s at most. Beside a fixed part, time is proportional to the
-    duration. Scenarios with methods of their own are timed by themselves.
-    """
-    source, work, size, failures = Simulations(study), 0.0, 0.0, {}
-
-    def timed(scenario: Scenario, methods: frozenset[str]) -> tuple[float, int]:
+    """Estimate the time of a study from one trial of each scenario."""
+    tasks, work, size = trials_of(study), 0.0, 0
+    failures: dict[str, str] = {}
+    first = [task for (_, number), task in tasks.items() if number == 0]
+    run_task(first[-1])  # loads what is lazy
+    for task in first:
         started = time.perf_counter()
-        with single_thread():
-            scores = source.trial(scenario, 0, methods).scores()
-        for label, text in zip(study.named_methods, scores["failure"].tolist(), strict=True):
-            failures.update({label: text} if text else {})
-        return time.perf_counter() - started, sum(each.nbytes for each in scores.values())
-
-    groups: dict[frozenset[str], list[Scenario]] = {}
-    for scenario, methods in study.methods_of.items():
-        groups.setdefault(methods, []).append(scenario)
-    shortest = min(study.scenarios, key=lambda scenario: scenario.duration_s)
-    timed(shortest, study.methods_of[shortest])  # loads what is lazy
-    for methods, scenarios in groups.items():
-        durations = [scenario.duration_s for scenario in scenarios]
-        ends = [min(durations), min(max(durations), MAX_TIMED_S)]
-        (first, bytes_each), (last, _) = (
-            timed(scenarios[0]._replace(duration_s=end), methods) for end in ends
-        )
-        span = ends[1] - ends[0]
-        slope = max(0.0, (last - first) / span) if span else first / ends[0]
-        work += sum(first + slope * (duration - ends[0]) for duration in durations)
-        size += bytes_each * len(scenarios)
+        scores = run_task(task)
+        work += time.perf_counter() - started
+        size += sum(values.nbytes for values in scores.values())
+        reasons = zip(task.methods, map(str, scores["failure"]), strict=True)
+        failures |= {label: reason for label, reason in reasons if reason}
     simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
-    trials = len(study.scenarios) * study.trials
-    return Plan(trials, simulated, work * study.trials, round(size * study.trials), failures)
+    return Plan(len(tasks), simulated, work * study.trials, size * study.trials, failures)

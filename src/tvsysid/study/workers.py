@@ -6,35 +6,18 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
-from tvsysid.study.tasks import Task, note_tasks_in, run_task, write_scores
+from tvsysid.study.tasks import Task, run_task, write_scores
 
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not state how many it has
-
-
-class Worker(NamedTuple):
-    """What runs one task at a time.
-
-    Parameters
-    ----------
-    executor
-        Local process, or an executor of somebody else, which has several workers.
-    note
-        File in which a local process writes what it does.
-    """
-
-    executor: Executor
-    note: Path | None = None
 
 
 def cores() -> int:
@@ -62,47 +45,45 @@ def run_tasks(
     InputError
         If a worker dies, or the executor fails.
     """
-    if executor is not None:
-        count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
-        # A second task for each worker is on its way while the first is run.
-        yield from _run(tasks, [Worker(executor)] * 2 * count)
-        return
-    count = workers or cores()
-    if count == 1:
-        for file, task in tasks.items():
-            run_task(task, file)
-            yield file
-        return
-    with TemporaryDirectory() as notes, ExitStack() as stack:
-        # A process to itself for each worker: if one dies, its task is known.
-        files = [Path(notes, str(number)) for number in range(min(count, len(tasks)))]
-        workers_ = [Worker(stack.enter_context(processes(1, note)), note) for note in files]
-        yield from _run(tasks, workers_)
+    with ExitStack() as stack:
+        if executor is not None:
+            count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+            # A second task for each worker is on its way while the first is run.
+            executors = [executor] * 2 * count
+        else:
+            count = min(workers or cores(), len(tasks))
+            # A process to itself for each worker: if one dies, its task is known.
+            executors = [stack.enter_context(processes(1)) for _ in range(count) if count > 1]
+        if executors:
+            yield from _run(tasks, executors)
+        else:
+            for file, task in tasks.items():
+                write_scores(run_task(task), file)
+                yield file
 
 
-def _run(tasks: Mapping[Path, Task], workers: Sequence[Worker]) -> Iterator[Path]:
+def _run(tasks: Mapping[Path, Task], free: list[Executor]) -> Iterator[Path]:
     waiting = iter(tasks.items())
-    running: dict[Future[Scores | None], tuple[Worker, Path]] = {}
-
-    def start(worker: Worker) -> None:
-        for file, task in islice(waiting, 1):
-            arguments = (task,) if worker.note is None else (task, file)
-            running[worker.executor.submit(run_task, *arguments)] = worker, file
-
+    running: dict[Future[Scores], tuple[Executor, Path]] = {}
     try:
-        for worker in workers:
-            start(worker)
-        while running:
+        while True:
+            for file, task in islice(waiting, len(free)):
+                executor = free.pop()
+                running[executor.submit(run_task, task)] = executor, file
+            if not running:
+                return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                worker, file = running.pop(future)
+                executor, file = running.pop(future)
+                free.append(executor)
                 try:
-                    scores = future.result()
+                    write_scores(future.result(), file)
                 except BrokenExecutor as error:
-                    raise _died(worker, error) from error
-                start(worker)
-                if scores is not None:
-                    write_scores(scores, file)
+                    raise InputError(
+                        f"run: a worker process died in {tasks[file].label}: it crashed, ran out "
+                        "of memory, or did not start (a script must call run under `if __name__ "
+                        "== '__main__':`). The same command resumes"
+                    ) from error
                 yield file
     except (InputError, OSError):
         raise
@@ -116,29 +97,9 @@ def _run(tasks: Mapping[Path, Task], workers: Sequence[Worker]) -> Iterator[Path
             future.cancel()
 
 
-def _died(worker: Worker, error: BrokenExecutor) -> Exception:
-    """Return the error for a worker that died."""
-    if worker.note is None:
-        return error
-    if not worker.note.exists():
-        return InputError(
-            "run: the worker processes did not start. A script must call run from under `if "
-            "__name__ == '__main__':`, because each worker imports it; or give workers=1"
-        )
-    return InputError(
-        f"run: a worker process died in {worker.note.read_text(encoding='utf-8')}. It crashed, or "
-        "ran out of memory. Correct or leave out that method; the same command resumes"
-    )
-
-
 @contextmanager
-def processes(count: int, note: Path | None = None) -> Iterator[Pool]:
+def processes(count: int) -> Iterator[Pool]:
     """Start local processes, which end with this one and ignore interruptions.
-
-    Parameters
-    ----------
-    note
-        File in which the process writes its current task.
 
     Raises
     ------
@@ -149,16 +110,13 @@ def processes(count: int, note: Path | None = None) -> Iterator[Pool]:
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     try:
-        pool = Pool(count, mp_context=context, initializer=_begin, initargs=(note,))
+        pool = Pool(count, mp_context=context, initializer=_begin)
     except OSError as error:
         raise InputError(
             "run: worker processes cannot be made here, which need shared memory "
             f"({error.strerror}); make /dev/shm writable, or give workers=1"
         ) from error
     try:
-        with _interruptions_ignored():  # which a new process inherits
-            for _ in range(count):
-                pool.submit(os.getpid)
         yield pool
     except BaseException:
         # Nobody waits for what is under way, least of all for a method that hangs.
@@ -169,26 +127,12 @@ def processes(count: int, note: Path | None = None) -> Iterator[Pool]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-@contextmanager
-def _interruptions_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _begin(note: Path | None) -> None:
-    """Make a worker end with its parent, even with one that is killed."""
-    if note is not None:
-        note_tasks_in(note)
-    parent = multiprocessing.parent_process()
+def _begin() -> None:
+    """Make a worker ignore interruptions, and end with its parent, even with one that is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def follow() -> None:
-        if parent is not None:
+        if parent := multiprocessing.parent_process():
             parent.join()
             os._exit(1)
 

@@ -11,4 +11,4 @@ def estimate_of(random, periodic, times=40, switches=(12.3, 27.8)):
     steps = axis.steps(np.array(switches), recorded=True)
     values = 5 + steps @ [2.0, -3.0] + factor @ random.normal(size=times)
     covariance = factor @ factor.T / 25
-    return evidence.FreeEstimate(axis, values / 5, np.linalg.inv(covariance), 5.0), covariance
+    return evidence.FreeEstimate(axis, values / 5, np.linalg.inv(factor / 5), 5.0), covariance

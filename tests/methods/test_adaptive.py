@@ -72,8 +72,8 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
                 np.testing.assert_allclose(over_time.means[:, 0], mean, atol=1e-6)
                 np.testing.assert_allclose(over_time.variances[:, 0], error**2, atol=1e-6)
         own, last = smooth.steps(np.array(positions[:2])), smooth.steps(np.array(positions[2:]))
-        expected = evidence.Steps.joined([own, last]).log_evidence(periodic).max()
-        assert own.log_evidence_with(last, estimate.axis) == pytest.approx(expected, abs=1e-8)
+        expected = own.joined(last).log_evidence(periodic).max()
+        assert own.log_evidence_with(last, estimate.axis).max() == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize("axis", [prior.Axis(200, True), prior.Axis(100, False)])
@@ -105,7 +105,7 @@ def test_steps_are_seen_as_the_decimation_smears_them(rate, taps):
 
 def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_each_time():
     ensemble = ensemble_of(40.0, "square", "prbs")
-    signals = attrs.evolve(Signals.of_second_order(ensemble), reflex=1)  # the whole band counts
+    signals = Signals.of_second_order(ensemble)
     u, v, a, y = signals.columns
     design = np.stack([[*np.diag(u[r]), v[r], a[r]] for r in range(len(u))]).swapaxes(1, 2)
     for weights in (np.eye(200), np.linalg.inv(toeplitz(0.9 ** np.arange(200)))):
@@ -113,15 +113,16 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
             np.einsum("rti,ts,rsj->ij", design, weights, design, optimize=True),
             np.einsum("rti,ts,rs->i", design, weights, y, optimize=True),
         )
-        weighted = regression.Weighted.by(signals, np.linalg.cholesky(weights).T, y)
-        free = regression.FreeCoefficient.of(regression.U, weighted, weighted)
+        filters = np.linalg.cholesky(weights).T
+        weighted = regression.Weighted.by(signals.columns, filters, low_band=False)
+        free = regression.FreeCoefficient.of(regression.U, weighted, weighted, np.ones(2))
         constants = regression.fit_constants(
             weighted.constants - weighted.low[0] @ free.solved,
             np.diag(weighted.constants),
             signals.prior_precision,
             signals.positive,
         )
-        stiffness = free.values(constants.values, np.zeros(200))
+        stiffness = free.values(constants.values)
         np.testing.assert_allclose([*stiffness, *constants.values], expected, rtol=1e-8)
 
 

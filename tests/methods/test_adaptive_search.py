@@ -40,7 +40,7 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
     stairs = 1.0 + axis.steps(edges, recorded=True) @ [0.2, 0.2, 0.2, 0.2, -0.8]
     for seed in range(2, 5):
         values = stairs + 0.1 * np.random.default_rng(seed).normal(size=200)
-        estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1**2, 1.0)
+        estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1, 1.0)
         smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
         grid, windows = search.Grid(estimate), search.Windows(estimate)
         sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
@@ -73,7 +73,7 @@ def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, 
     monkeypatch.setattr(posterior, "smooth_priors", lambda axis: prior.smooth_priors(axis)[:1])
     estimate, _ = estimate_of(random, periodic=False)
     for scale, count in ((1.0, 1), (20.0, 2)):
-        unsure = attrs.evolve(estimate, precision=estimate.precision / scale)
+        unsure = attrs.evolve(estimate, whitener=estimate.whitener / np.sqrt(scale))
         axes = {each.axis for each in posterior.average(unsure).hypotheses}
         assert (estimate.axis in axes, len(axes)) == (True, count)
 

@@ -1,10 +1,10 @@
 r"""Evidence for smooth parts and switches, by small matrices.
 
-An estimate z that is free at each time, with the precision :math:`\Lambda` of its error, is
-explained by a smooth part and by switches,
+An estimate z that is free at each time, with the covariance N of its error, is explained by a
+smooth part and by switches,
 
 .. math:: z = F w + H \Delta + e, \qquad w \sim N(0, V), \quad \Delta \sim N(0, \tau^2),
-          \quad e \sim N(0, \Lambda^{-1})
+          \quad e \sim N(0, N)
 
 Each combination of a smooth prior V, positions of switches (columns of H) and their size
 :math:`\tau` has an evidence: the probability of z with w and :math:`\Delta` integrated out. A
@@ -15,14 +15,13 @@ the evidence decides how fast stiffness may change.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from tvsysid.methods.adaptive.prior import (
     AMPLITUDES,
@@ -37,90 +36,69 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, solve
 
 MIN_DISTANCE = 1.0  # samples between two switches
-ROUNDING = 1e-10  # share of a correlation matrix's trace that is rounding
 MAX_HARMONIC, MAX_WAVES = 12, 8  # that is tried, and cosines and sines of a sum
 WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
 FIRST_ODDS, SECOND_ODDS = 1 / 20, 2.0  # of a harmonic's cosine or sine, and then of the other one
 STEP = 0.2  # standard deviation of the steps beside harmonics, in mean sizes
 
 
-def inverse_of(covariance: Array) -> Array:
-    """Return the inverse of a covariance, whose diagonal is raised if it is singular."""
-    scale = np.sqrt(np.diag(covariance))
-    units = np.outer(scale, scale)
-    correlation = covariance / units
-    factor, failed = dpotrf(correlation, lower=1)
-    if failed:
-        jitter = ROUNDING * len(scale) * np.eye(len(scale))
-        factor, failed = dpotrf(correlation + jitter, lower=1)
-    if failed:
-        raise np.linalg.LinAlgError("the covariance of an estimate is not positive definite")
-    lower = np.tril(dpotri(factor, lower=1)[0])
-    return np.asarray((lower + np.tril(lower, -1).T) / units)
-
-
 class Steps(NamedTuple):
-    """Steps at ``positions`` as they are ``recorded`` (time, step), and their products.
+    """Unit steps at ``positions``, and what a smooth part leaves of them.
 
-    ``weighted`` (time, step) are the steps times the precision. ``features`` (feature, step) are
-    their products with the features of the smooth part. ``explained`` (coefficient, step) is the
-    part of the steps that the smooth part explains. ``power`` (step,) are the squares of what is
-    left of them, and ``cross`` (step,) its products with the estimate.
+    ``columns`` (time, step) are the steps as they are recorded, whitened by the noise. ``features``
+    (feature, step) are their products with the features of the smooth part, ``explained``
+    (coefficient, step) the part of them that the smooth part explains. ``power`` (step,) are the
+    squares of what is left, and ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
-    recorded: Array
-    weighted: Array
+    columns: Array
     features: Array
     explained: Array
     power: Array
     cross: Array
 
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Join steps side by side."""
-        return cls(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
-
     def take(self, index: NDArray[np.intp] | slice) -> Steps:
         """Return some of the steps; a slice copies nothing."""
         return Steps(*(each[..., index] for each in self))
 
+    def joined(self, other: Steps) -> Steps:
+        """Return the steps, and other ones after them."""
+        return Steps(*(np.concatenate(each, axis=-1) for each in zip(self, other, strict=True)))
+
     def products(self, other: Steps) -> Array:
-        """Return the products with other steps, shape (step, other)."""
-        own = self.recorded.T @ other.weighted
-        return np.asarray(own - self.explained.T @ other.explained)
+        """Return the products of what is left with that of other steps, shape (step, other)."""
+        return np.asarray(self.columns.T @ other.columns - self.explained.T @ other.explained)
 
     def log_evidence(self, periodic: bool) -> Array:
-        """Return the log evidence for the steps together, by switch prior."""
+        """Return the log evidence for the steps together, shape (size prior,)."""
         return log_evidence(self.products(self)[None], self.cross[None], periodic)[:, 0]
 
-    def log_evidence_with(
-        self, further: Steps, axis: Axis, prior: SizePrior | None = None
-    ) -> Array:
-        """Return the log evidence for the steps and each further one, shape (further,).
+    def log_evidence_with(self, further: Steps, axis: Axis) -> Array:
+        """Return the log evidence for the steps and each further one, shape (size prior, further).
 
-        It is that of a prior, or of the best prior. It is -inf where a step is too close.
+        It is -inf where a further step is too close.
         """
-        products = self.products(self)[None], self.cross[None]
-        more = further, self.products(further)
-        if prior is None:
-            evidence = log_evidence(*products, axis.periodic, further=more).max(axis=0)
-        else:
-            evidence = log_evidence(*products, prior.balanced, (prior.spread,), more)[-1]
-        near = axis.distances(further.positions, self.positions) < MIN_DISTANCE
-        return np.where(near.any(axis=1), -np.inf, evidence)
+        evidence = log_evidence(
+            self.products(self)[None],
+            self.cross[None],
+            axis.periodic,
+            further=(further, self.products(further)),
+        )
+        near = np.abs(axis.offset(self.positions[:, None], further.positions)) < MIN_DISTANCE
+        return np.where(near.any(axis=0), -np.inf, evidence)
 
 
 @attrs.frozen(eq=False)
 class FreeEstimate:
-    """Estimate at each time of an axis, with the ``precision`` (time, time) of its error.
+    """Estimate at each time of an axis, in units of its mean ``size``.
 
-    Values and precision are in units of the mean ``size``.
+    ``whitener`` (time, time) makes its error white, with unit variance.
     """
 
     axis: Axis
     values: Array
-    precision: Array
+    whitener: Array
     size: float
 
     @cached_property
@@ -129,26 +107,31 @@ class FreeEstimate:
         return fourier_features(self.axis)
 
     @cached_property
+    def white_features(self) -> Array:
+        """Features of the smooth part, whitened."""
+        return np.asarray(self.whitener @ self.features)
+
+    @cached_property
     def moments(self) -> Moments:
-        """Moments of the features and the values, in which the noise has unit variance."""
-        weighted = self.precision @ self.features
-        square = float(self.values @ self.precision @ self.values)
-        return Moments(
-            self.features.T @ weighted, weighted.T @ self.values, square, len(self.values)
-        )
+        """Moments of the whitened features and values."""
+        return self.moments_of(self.white_features)
+
+    def moments_of(self, columns: Array) -> Moments:
+        """Return the moments of whitened columns and the values."""
+        white = self.whitener @ self.values
+        gram = columns.T @ columns
+        return Moments(gram, columns.T @ white, float(white @ white), len(white))
 
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
-        recorded = self.axis.steps(positions, recorded=True)
-        weighted = self.precision @ recorded
+        columns = self.whitener @ self.axis.steps(positions, recorded=True)
         return Steps(
             positions,
-            recorded,
-            weighted,
-            features=self.features.T @ weighted,
+            columns,
+            features=self.white_features.T @ columns,
             explained=np.zeros((0, len(positions))),
-            power=np.einsum("tc,tc->c", recorded, weighted),
-            cross=weighted.T @ self.values,
+            power=np.einsum("tc,tc->c", columns, columns),
+            cross=(self.whitener @ self.values) @ columns,
         )
 
 
@@ -184,12 +167,6 @@ class SmoothFit:
         """Return what the smooth part leaves of steps at positions."""
         return self.beside(self.estimate.steps(positions))
 
-    def score_of(self, switches: Steps) -> float:
-        """Return the score with switches, whose positions are equally likely beforehand."""
-        axis = self.estimate.axis
-        evidence = float(switches.log_evidence(axis.periodic).max())
-        return self.score + evidence - len(switches.positions) * math.log(axis.times)
-
     def beside(self, steps: Steps) -> Steps:
         """Return what the smooth part leaves of steps."""
         explained = self.whitened(steps.features)
@@ -199,19 +176,21 @@ class SmoothFit:
             cross=steps.cross - self.mean @ explained,
         )
 
+    def score_of(self, switches: Steps) -> float:
+        """Return the score with switches, whose positions are equally likely beforehand."""
+        axis = self.estimate.axis
+        evidence = float(switches.log_evidence(axis.periodic).max())
+        return self.score + evidence - len(switches.positions) * math.log(axis.times)
+
 
 def log_evidence(
-    gram: Array,
-    cross: Array,
-    balanced: bool,
-    sizes: Sequence[float] = SWITCH_SIZES,
-    further: tuple[Steps, Array] | None = None,
+    gram: Array, cross: Array, periodic: bool, further: tuple[Steps, Array] | None = None
 ) -> Array:
-    r"""Return the log evidence for sets of switches, by switch prior, shape (prior, set).
+    r"""Return the log evidence for sets of switches, shape (size prior, set).
 
-    The priors are those of free ``sizes``, and then of ``balanced`` ones. ``gram`` (set, switch,
-    switch) are the products of the switches with each other, ``cross`` (set, switch) those with the
-    estimate. With A the posterior precision of n switches' sizes, and b = ``cross``,
+    The priors are those of :func:`size_priors`. ``gram`` (set, switch, switch) are the products of
+    the switches with each other, ``cross`` (set, switch) those with the estimate. With A the
+    posterior precision of n switches' sizes, and b = ``cross``,
 
     .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
@@ -221,7 +200,7 @@ def log_evidence(
     1`. One switch more updates the formulas by a row and a column, so that there may be many
     ``further`` ones, each beside a single set. Their products with that set are the second part.
     """
-    prior, count = np.square(sizes)[:, None] ** -1.0, cross.shape[-1]
+    prior, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
     values, vectors = np.linalg.eigh(gram)
     precision = np.maximum(values, 0.0) + prior[:, :, None]
     along, ones = (cross[:, None] @ vectors)[:, 0], vectors.sum(axis=1)
@@ -239,7 +218,7 @@ def log_evidence(
         variance = variance + one**2 / left
         log_determinant = log_determinant + np.log(left)
     free = np.asarray(0.5 * (square - log_determinant + count * np.log(prior)))
-    if not balanced:
+    if not periodic:
         return free
     if count < 2:  # one balanced switch is none
         return np.concatenate([free, np.full(free.shape, -np.inf)])
@@ -263,33 +242,34 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     standard deviation of its own, one of AMPLITUDES.
     """
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    steps = estimate.axis.steps(positions, recorded=True)
-    columns = np.column_stack([estimate.features[:, 1 : count + 1], estimate.features[:, 0], steps])
-    weighted = estimate.precision @ columns
-    gram, cross = columns.T @ weighted, weighted.T @ estimate.values
-    variances = np.full(len(gram), STEP**2)
-    variances[:count], variances[count] = 0.0, LEVEL**2
-    sizes, log_prior = np.square(AMPLITUDES)[:, None], math.log(WAVES_PROBABILITY)
+    waves, sizes = slice(1, count + 1), np.square(AMPLITUDES)[:, None]
+    moments = estimate.moments_of(
+        np.hstack([estimate.white_features[:, : count + 1], estimate.steps(positions).columns])
+    )
+    variances = np.r_[LEVEL**2, np.zeros(count), np.full(len(positions), STEP**2)]
+    log_prior = math.log(WAVES_PROBABILITY)
     log_prior -= count / 2 * math.log1p(FIRST_ODDS * (2 + SECOND_ODDS))
     for _ in range(min(MAX_WAVES, count)):
-        known, has = np.flatnonzero(variances), variances[:count] > 0
-        mixed = gram[known, :count]
-        gain = np.linalg.solve(gram[np.ix_(known, known)] + np.diag(1 / variances[known]), mixed)
-        power = np.diag(gram)[:count] - np.einsum("kc,kc->c", gain, mixed)
-        left = 1 + sizes * np.maximum(power, 0.0)
-        odds = np.where(has.reshape(-1, 2)[:, ::-1].ravel(), SECOND_ODDS, FIRST_ODDS) / len(sizes)
-        square = sizes * (cross[:count] - cross[known] @ gain) ** 2 / left
-        evidence = np.log(odds) + 0.5 * (square - np.log(left))
-        evidence[:, has] = -np.inf
-        size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
+        known = np.flatnonzero(variances)
+        fit = solve(moments.take(known), 1 / variances[known])
+        explained = fit.inverse_factor @ moments.gram[known, waves]
+        left = 1 + sizes * np.maximum(np.diag(moments.gram)[waves] - np.sum(explained**2, 0), 0.0)
+        cross = moments.cross[waves] - fit.mean @ moments.gram[known, waves]
+        is_known = variances[waves] > 0
+        has_other = is_known.reshape(-1, 2)[:, ::-1].ravel()
+        odds = np.where(has_other, SECOND_ODDS, FIRST_ODDS) / len(sizes)
+        evidence = np.log(odds) + 0.5 * (sizes * cross**2 / left - np.log(left))
+        size, wave = np.unravel_index(
+            np.argmax(np.where(is_known, -np.inf, evidence)), evidence.shape
+        )
         log_prior += math.log(odds[wave])
-        variances[wave] = sizes[size, 0]
-        waves = variances[:count]
-        rest = np.zeros(len(estimate.features.T) - count - 1)
+        variances[1 + wave] = sizes[size, 0]
+        powers = variances[waves]
+        rest = np.zeros(estimate.features.shape[1] - count - 1)
         yield SmoothPrior(
             "few harmonics",
-            amplitude=math.sqrt(waves.sum() / 2),
-            length=estimate.axis.period / (np.flatnonzero(waves)[-1] // 2 + 1),
+            amplitude=math.sqrt(powers.sum() / 2),
+            length=estimate.axis.period / (np.flatnonzero(powers)[-1] // 2 + 1),
             log_prior=log_prior,
-            variances=np.concatenate([[LEVEL**2], waves, rest]),
+            variances=np.concatenate([variances[: count + 1], rest]),
         )

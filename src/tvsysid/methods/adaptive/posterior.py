@@ -10,6 +10,7 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import softmax
 
 from tvsysid.methods.adaptive.evidence import (
     FreeEstimate,
@@ -42,6 +43,7 @@ MAX_POSITIONS = 24  # of a switch, in a model that has all the weight
 SAME = 0.26  # samples within which two sets of switches are the same
 MAX_SMEARED = 6  # switches up to which it is tried how steps are smeared
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
+BY_EVIDENCE = attrgetter("evidence")
 OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
 
 
@@ -99,37 +101,35 @@ class Candidate(NamedTuple):
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
         smooth, sets = self.smooth, positions.shape
         steps = smooth.steps(positions.ravel())
-
-        def by_set(columns: Array) -> Array:
-            return columns.reshape(len(columns), *sets).swapaxes(0, 1)
-
-        recorded, weighted, explained = map(
-            by_set, (steps.recorded, steps.weighted, steps.explained)
-        )
         true_steps = smooth.estimate.axis.steps(positions.ravel())
-        shapes = by_set(true_steps - smooth.features @ steps.explained)
-        gram = recorded.swapaxes(1, 2) @ weighted - explained.swapaxes(1, 2) @ explained
+        columns, explained, shapes = (
+            each.reshape(len(each), *sets).swapaxes(0, 1)
+            for each in (
+                steps.columns,
+                steps.explained,
+                true_steps - smooth.features @ steps.explained,
+            )
+        )
+        gram = columns.swapaxes(1, 2) @ columns - explained.swapaxes(1, 2) @ explained
         covariance = size_covariance(gram, self.size_prior)
         sizes = covariance @ steps.cross.reshape(*sets, 1)
         means = smooth.features @ smooth.mean + (shapes @ sizes)[..., 0]
-        variances = np.einsum("tc,tc->t", smooth.features, smooth.features) + np.einsum(
+        variances = np.sum(smooth.features**2, axis=1) + np.einsum(
             "stc,stc->st", shapes @ covariance, shapes
         )
         return OverTime(means.T, variances.T, sizes[..., 0], covariance, shapes)
 
-    def components(self, best: OverTime, weight: float) -> Array:
+    def components(self, weight: float, best: OverTime) -> Array:
         """Return weights, means and variances of the posterior, shape (3, time, component).
 
-        ``best`` has all switches at their most probable positions. The switch nearest to a time
-        takes all its positions, the others stay there. ``weight`` is that of the candidate.
+        ``weight`` is that of the candidate. ``best`` has all switches at their most probable
+        positions. The switch nearest to a time takes all its positions, the others stay there.
         """
         axis, switches = self.smooth.estimate.axis, self.switches
         if not len(switches.positions):
             return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
-        nearest = np.argmin(
-            axis.distances(np.arange(float(axis.times)), switches.positions), axis=1
-        )
-        count = max(4, round(MAX_POSITIONS * weight))
+        apart = np.abs(axis.offset(np.arange(axis.times)[:, None], switches.positions))
+        nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_POSITIONS * weight))
         out = np.empty((3, axis.times, count))
         for place, window in enumerate(zip(switches.windows, switches.probabilities, strict=True)):
             rows = nearest == place
@@ -170,7 +170,8 @@ def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Arr
     return window[best], np.bincount(bins, weights, count).astype(np.float64)
 
 
-class Posterior(NamedTuple):
+@attrs.frozen(eq=False)
+class Posterior:
     """Candidates, the best first, and the mixture of those that count, with their weights."""
 
     candidates: list[Candidate]
@@ -181,27 +182,21 @@ class Posterior(NamedTuple):
     @classmethod
     def of(cls, candidates: list[Candidate]) -> Posterior:
         """Return the posterior of all candidates."""
-        candidates = sorted(candidates, key=attrgetter("evidence"), reverse=True)
-        evidence = np.array([each.evidence for each in candidates])[:MAX_MODELS]
-        weights = np.exp(evidence - evidence[0])
-        weights /= weights.sum()
+        candidates = sorted(candidates, key=BY_EVIDENCE, reverse=True)
+        weights = softmax([each.evidence for each in candidates[:MAX_MODELS]])
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
         kept = candidates[: len(weights)]
         over_time = [each.over_time(each.switches.positions[None]) for each in kept]
-        rows = zip(kept, over_time, weights, strict=True)
+        rows = zip(kept, weights, over_time, strict=True)
         parts = np.concatenate([each.components(*row) for each, *row in rows], axis=2)
-        is_none = parts[0] == 0
-        used = np.argsort(is_none, axis=1, kind="stable")[:, : (~is_none).sum(axis=1).max()]
-        mixture = Mixture(*np.take_along_axis(parts, used[None], axis=2))
         size = candidates[0].smooth.estimate.size
-        return cls(candidates, weights, over_time, mixture.transformed(size))
+        return cls(candidates, weights, over_time, Mixture(*parts).transformed(size))
 
     @property
     def probabilities(self) -> Array:
         """Probability of every candidate."""
-        share = np.exp([each.evidence - self.candidates[0].evidence for each in self.candidates])
-        return np.asarray(share / share.sum())
+        return np.asarray(softmax([each.evidence for each in self.candidates]))
 
     def probability(self, wanted: Callable[[Candidate], bool]) -> float:
         """Return the probability of all candidates of a kind together."""
@@ -217,23 +212,23 @@ class Posterior(NamedTuple):
 
     def arc(self) -> float:
         """Return the length of the path of the scaled estimate, for simultaneous bands."""
-        means = np.column_stack([each.means for each in self.over_time])
+        means = np.hstack([each.means for each in self.over_time])
         apart = np.sqrt(self.weights) * (means - (means @ self.weights)[:, None])
         features, covariance = self._best()
         return arc_length(
-            np.column_stack([features, apart]), block_diag(covariance, np.eye(len(self.weights)))
+            np.hstack([features, apart]), block_diag(covariance, np.eye(len(self.weights)))
         )
 
     def parameters(self) -> float:
         """Return the best candidate's effective number of parameters, and of switch times."""
         (features, covariance), best = self._best(), self.candidates[0]
-        weighted = best.smooth.estimate.precision @ features
-        return float(np.sum(features @ covariance * weighted)) + len(best.switches.positions)
+        white = best.smooth.estimate.whitener @ features
+        return float(np.sum(white @ covariance * white)) + len(best.switches.positions)
 
     def _best(self) -> tuple[Array, Array]:
         """Return features of the best candidate, and the covariance of their coefficients."""
         smooth, best = self.candidates[0].smooth, self.over_time[0]
-        features = np.column_stack([smooth.features, best.shapes[0]])
+        features = np.hstack([smooth.features, best.shapes[0]])
         return features, block_diag(np.eye(len(smooth.mean)), best.covariance[0])
 
 
@@ -251,26 +246,22 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
         return Posterior.of(plausible(estimate, within=known, search=False))
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
-    best = found.candidates[0]
+    best, usual = found.candidates[0], estimate.axis
     without = found.probability(lambda each: not len(each.switches.positions))
     if without > 0.5 or len(best.switches.positions) > MAX_SMEARED:
         return found
-    usual = estimate.axis
-    axes = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
-    smeared = [attrs.evolve(estimate, axis=axis) for axis in (usual, *axes)]
-    scores = [_score(best, each) for each in smeared]
-    other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(axes))
+    smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
+    smeared = [attrs.evolve(estimate, axis=axis) for axis in (usual, *smears)]
+    scores = []
+    for each in smeared:
+        switches = best.switches._replace(smooth=SmoothFit(each, best.smooth.prior))
+        scores.append(switches.refined(Windows(each, SMEAR_SPACING)).total)
+    other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(smears))
     if scores[other] + log_prior < scores[0] - OPEN:
         return found
     beside = plausible(smeared[other], within=found.hypotheses)
     beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
     return Posterior.of(candidates + beside)
-
-
-def _score(best: Candidate, estimate: FreeEstimate) -> float:
-    """Return the score of a candidate's switches beside another estimate."""
-    switches = best.switches._replace(smooth=SmoothFit(estimate, best.smooth.prior))
-    return switches.refined(Windows(estimate, SMEAR_SPACING)).total
 
 
 def average_beside(
@@ -300,12 +291,8 @@ def plausible(
     ``tied`` are switches of another estimate. If there are hypotheses ``within`` which to stay,
     only their smooth parts are used, and without a ``search`` only their switches.
     """
-    axis = estimate.axis
-    priors: dict[object, SmoothPrior] = {
-        each.prior.variances.tobytes(): each.prior for each in within
-    }
-    priors = priors or dict(enumerate(smooth_priors(axis)))
-    fits = {key: SmoothFit(estimate, prior) for key, prior in priors.items()}
+    priors = [each.prior for each in within] or smooth_priors(estimate.axis)
+    fits = {each.variances.tobytes(): SmoothFit(estimate, each) for each in priors}
     smooths, others = list(fits.values()), [tied] if tied and len(tied.positions) else []
     if search:
         grid = Grid(estimate)
@@ -315,32 +302,33 @@ def plausible(
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
                 return weighed(smooths, [Switches(np.zeros(0), smooths[0])])
         proposals = propose_switches(smooths, grid, first)
-    else:
-        sets = {tuple(each.positions): each.prior.variances.tobytes() for each in reversed(within)}
-        proposals = [Switches(np.array(each), fits[key]) for each, key in sets.items()]
+    else:  # of hypotheses with the same switches, the most probable counts
+        sets = {tuple(each.positions): each for each in reversed(within)}.values()
+        proposals = [
+            Switches(each.positions, fits[each.prior.variances.tobytes()]) for each in sets
+        ]
     windows, found = Windows(estimate), list[Switches]()
     for each in proposals:
         refined = each.refined(windows)
         found += [refined, refined.without_doubles(windows)]
-    candidates = sorted(weighed(smooths, distinct(found, axis)), key=attrgetter("evidence"))
+    candidates = sorted(weighed(smooths, distinct(found)), key=BY_EVIDENCE)
     best_of = {id(each.switches): each for each in candidates}.values()
     found = [each.switches._replace(smooth=each.smooth).refined(windows) for each in best_of]
     if not within:  # beside the best set of switches, and beside none
         for best in {not len(each.switches.positions): each for each in candidates}.values():
             sums = few_harmonics(estimate, best.switches.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
-    return weighed(smooths, [*distinct(found, axis), *others])
+    return weighed(smooths, [*distinct(found), *others])
 
 
-def distinct(sets: Sequence[Switches], axis: Axis) -> list[Switches]:
+def distinct(sets: Sequence[Switches]) -> list[Switches]:
     """Return sets of switches without repetitions."""
     out: list[Switches] = []
     for switches in sets:
-        if not any(
-            len(each.positions) == len(switches.positions)
-            and (np.abs(axis.offset(each.positions, switches.positions)) < SAME).all()
-            for each in out
-        ):
+        own = switches.positions
+        alike = (each.positions for each in out if len(each.positions) == len(own))
+        offset = switches.smooth.estimate.axis.offset
+        if not any((np.abs(offset(each, own)) < SAME).all() for each in alike):
             out.append(switches)
     return out
 
@@ -354,10 +342,8 @@ def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Switches]) -> list[Cand
     gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
     for switches, end in zip(sets, ends, strict=True):
         count = len(switches.positions)
-        own, priors = (
-            slice(end - count, end),
-            size_priors(axis.periodic) if count else size_priors(False)[:1],
-        )
+        own = slice(end - count, end)
+        priors = size_priors(axis.periodic) if count else size_priors(False)[:1]
         evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
         log_prior = switches.log_volume - count * math.log(axis.times) - math.log(len(priors))
         for prior, values in zip(priors, evidence + log_prior, strict=False):

@@ -95,10 +95,6 @@ class Axis(NamedTuple):
             offset = offset - self.times * np.floor(offset / self.times + 0.5)
         return np.asarray(offset)
 
-    def distances(self, positions: Array, others: Array) -> Array:
-        """Return the distances between two sets of positions, shape (position, other)."""
-        return np.abs(self.offset(positions[:, None], others))
-
     def steps(self, positions: Array, recorded: bool = False) -> Array:
         """Return unit steps at positions, averaged over realizations, shape (time, position).
 
@@ -133,7 +129,6 @@ def _smeared_step(taps: float) -> tuple[Array, Array]:
     return late, step / step[-1]
 
 
-@lru_cache(maxsize=2)
 def fourier_features(axis: Axis) -> Array:
     """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
     cycles = np.outer(np.arange(axis.times), np.arange(1, axis.harmonics + 1)) / axis.period
@@ -141,7 +136,6 @@ def fourier_features(axis: Axis) -> Array:
     return np.column_stack([np.ones(axis.times), waves.reshape(axis.times, -1)])
 
 
-@lru_cache(maxsize=16)
 def smooth_priors(axis: Axis) -> tuple[SmoothPrior, ...]:
     """Return the priors of the smooth part, the first of which is none.
 

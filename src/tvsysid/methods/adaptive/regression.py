@@ -11,17 +11,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.ndimage import convolve1d
 
-from tvsysid.methods.adaptive.evidence import FreeEstimate, inverse_of
+from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.posterior import Mixture
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.signals import Signals
 from tvsysid.methods.cascade.evidence import nearest_inside
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
+from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Ensemble
 
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation do not change
@@ -35,6 +36,132 @@ MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
 MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
 UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
+
+
+class FreeEstimates:
+    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
+
+    ``coefficients`` (regressor, time) are the latest ones, which give the noise. ``products``
+    (time, signal, signal) are sums over realizations.
+    """
+
+    constants: Constants
+    misfit: Array
+    of_viscosity: FreeCoefficient
+
+    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
+        self.ensemble, self.signals, self.whitens = ensemble, signals, True
+        at_times = np.ascontiguousarray(signals.columns.transpose(2, 0, 1))
+        self.products = at_times @ at_times.transpose(0, 2, 1)
+        recorded = ensemble.recorded_angle
+        self.axis = Axis(
+            len(at_times),
+            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
+            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
+            realizations=at_times.shape[-1],
+        )
+        power = np.einsum("tii->i", self.products)[V:-1]
+        beside = without_angle(self.products).sum(axis=0)[:-1]
+        self.constants = fit_constants(beside, power, signals.prior_precision, signals.positive)
+        mixed = self.products[:, U, V:] @ np.append(-self.constants.values, 1.0)
+        self._update(mixed / floored(self.products[:, U, U]), 0.0)
+
+    def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
+        """Estimate stiffness beside a viscosity, which is a constant if it is None."""
+        signals, columns = self.signals, self.signals.columns.copy()
+        known, variance = np.zeros((2, self.axis.times))
+        if viscosity is not None:
+            self.coefficients[V] = known = viscosity.mean()
+            variance = viscosity.variance()
+            columns[-1] -= known * columns[V]
+        weighted, sandwich, noise, excess = self._weighted(columns)
+        free, self.of_viscosity = (
+            FreeCoefficient.of(signal, weighted, sandwich, excess) for signal in (U, V)
+        )
+        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
+        precision = signals.prior_precision / noise
+        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
+        beside = weighted.constants - weighted.low[U] @ free.solved
+        found = fit_constants(beside, power, precision, signals.positive)
+        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
+        covariance = found.covariance * np.outer(stronger, stronger)
+        self.constants = found._replace(covariance=covariance)
+        values = free.values(found.values)
+        self._update(values, known)
+        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
+        return self._estimate(U, values, free.error(covariance, variance, self._misfit(1.0)))
+
+    def viscosity(self, stiffness: Mixture) -> FreeEstimate:
+        """Estimate viscosity beside the stiffness that was estimated last."""
+        free, constants = self.of_viscosity, self.constants
+        moved = free.inverse @ (free.other @ stiffness.mean())
+        known = self.coefficients[V] - constants.values[0]
+        values = known + free.values(constants.values[1:]) - moved
+        error = free.error(constants.covariance[1:, 1:], stiffness.variance(), self._misfit(0.0))
+        return self._estimate(V, values, error)
+
+    def read_out(self) -> tuple[Array, Array]:
+        """Return what the constants add to stiffness, viscosity and inertia, and its variances."""
+        weights = np.zeros((3, len(self.constants.values)))
+        weights[:, : self.signals.readout.shape[1] - 1] = self.signals.readout[:, 1:]
+        weights[V, 0] = 0.0
+        covariance = self.constants.covariance
+        return weights @ self.constants.values, np.sum(weights @ covariance * weights, axis=1)
+
+    def _update(self, stiffness: Array, viscosity: Array | float) -> None:
+        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([stiffness, constants])
+        self.coefficients[V] += viscosity
+
+    def _misfit(self, share: float) -> tuple[Array, Array]:
+        """Return covariances (time, time) of misfit: of a share of viscosity's, and of inertia."""
+        times = np.arange(self.axis.times) / self.ensemble.sampling_rate
+        correlation = toeplitz(np.exp(-times / MISFIT_TIME))
+        return share * self.misfit[0] * correlation, self.misfit[1] * correlation
+
+    def _weighted(self, columns: Array) -> tuple[Weighted, Weighted, float, Array]:
+        """Return products that give the estimates and products that give their covariance.
+
+        The third is the mean variance of the noise, and the fourth the excess of the residual. The
+        inverse of the first products around the second, a sandwich, gives the covariance. Both are
+        the same where the noise is whitened. It is not whitened where the residual's products with
+        velocity show that it is misfit, not noise, which whitening would amplify.
+        """
+        signals, times = self.signals, self.axis.times
+        residual = signals.residual(self.coefficients)
+        covariance = residual.T @ residual / max(signals.independent - 1, 1)
+        torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
+        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
+        covariance.flat[:: times + 1] += WHITE_SHARE * noise
+        filters = whitening_filters(
+            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
+        )
+        # A reflex's differences take up what decimation does to the acceleration.
+        low_band = signals.reflex is None
+        excess = excess_variances(signals, filters, residual)
+        self.whitens = self.whitens and bool(excess[V] < MAX_EXCESS)
+        if self.whitens:
+            weighted = Weighted.by(columns, filters, low_band)
+            return weighted, weighted, noise, excess
+        white = np.eye(times) / math.sqrt(noise)
+        coloured = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
+        excess = excess_variances(signals, white, residual)
+        weighted, sandwich = (Weighted.by(columns, each, low_band) for each in (white, coloured))
+        return weighted, sandwich, noise, excess
+
+    def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
+        """Return the free estimate of a signal's coefficient, with its error.
+
+        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
+        move, the error is very large, however small the noise.
+        """
+        own = self.products[:, signal, signal]
+        power = floored(own)
+        mean = float(np.sum(values * power) / np.sum(power))
+        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
+        size, still = max(abs(mean), least), own < power
+        whitener = size * inverse_root(error + np.diag(still * (UNKNOWN * size) ** 2))
+        return FreeEstimate(self.axis, np.where(still, mean, values) / size, whitener, size)
 
 
 class Constants(NamedTuple):
@@ -66,20 +193,21 @@ def fit_constants(products: Array, power: Array, precision: Array, positive: Arr
 
 
 def floored(power: Array) -> Array:
-    """Return the power at each time, at least a small share of its mean."""
-    return np.asarray(np.maximum(power, STILL * power.mean() + np.finfo(float).tiny))
-
-
-def products_at_times(columns: Array) -> Array:
-    """Return sums over realizations of products at each time, shape (time, signal, signal)."""
-    at_times = np.ascontiguousarray(columns.transpose(2, 0, 1))
-    return at_times @ at_times.transpose(0, 2, 1)
+    """Return the power (..., time), at least a small share of its mean over time."""
+    least = STILL * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
+    return np.asarray(np.maximum(power, least))
 
 
 def without_angle(products: Array) -> Array:
     """Return the products of all other signals after the angle is regressed out at each time."""
-    mixed, power = products[:, 1:, U], floored(products[:, U, U])
-    return products[:, 1:, 1:] - mixed[:, :, None] * mixed[:, None] / power[:, None, None]
+    mixed, power = products[:, V:, U], floored(products[:, U, U])
+    return products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / power[:, None, None]
+
+
+def inverse_root(matrix: Array) -> Array:
+    """Return W with WᵀW the inverse of a positive definite matrix."""
+    none = np.zeros(len(matrix))
+    return solve(Moments(matrix, none, 0.0, 0.0), none).inverse_factor
 
 
 class Weighted(NamedTuple):
@@ -90,43 +218,31 @@ class Weighted(NamedTuple):
     time of angle and velocity with every signal but the angle, such as :math:`\sum_r \theta_r \circ
     W \ddot\theta_r`. In the low band, ``constants`` (constant, signal) are products with every
     signal but the angle, and ``low`` (2, constant, time) those with angle and velocity at each
-    time. ``excess`` (2,) is the variance of the residual's products with angle and velocity,
-    relative to what W predicts.
+    time.
     """
 
     squares: Array
     free: Array
     constants: Array
     low: Array
-    excess: Array
 
     @classmethod
-    def by(cls, signals: Signals, filters: Array, residual: Array) -> Weighted:
+    def by(cls, columns: Array, filters: Array, low_band: bool) -> Weighted:
         """Return the products whose weights are those of filters (time, time), squared."""
-        whole = low = filters.T @ filters
-        # A reflex's differences take up what decimation does to the acceleration.
-        if signals.reflex is None:
-            slow = convolve1d(filters, LOW_BAND, mode="constant")
-            low = slow.T @ slow
-        columns, both = signals.columns, signals.columns[: V + 1]
-        weighted = columns[1:] @ whole
-        slow_ones = weighted[:-1] if low is whole else columns[1:-1] @ low
-        squares = both.swapaxes(1, 2)[:, None] @ both
-        power = floored(np.diag(squares[U, U]))
-        weighted_squares, excess, scores = squares * whole, [], (residual @ whole) ** 2
-        for place, own in enumerate(both):
-            own_power = floored(np.diag(squares[place, place]))
-            predicted = floored(np.diag(weighted_squares[place, place]))
-            np.fill_diagonal(weighted_squares[place, place], predicted)
-            taken = np.einsum("rt,rt->t", own**2, both[U] ** 2) / (own_power * power)
-            share = np.maximum(1 - taken, 1e-3) * signals.independent / len(own)
-            excess.append(np.sum(own**2 * scores) / np.sum(predicted * share))
+        both, whole = columns[: V + 1], filters.T @ filters
+        weighted = columns[V:] @ whole
+        slow = weighted[:-1]
+        if low_band:
+            low = convolve1d(filters, LOW_BAND, mode="constant")
+            slow = columns[V:-1] @ (low.T @ low)
+        squares = both.swapaxes(1, 2)[:, None] @ both * whole
+        for own in (squares[U, U], squares[V, V]):
+            np.fill_diagonal(own, floored(np.diag(own)))
         return cls(
-            weighted_squares,
+            squares,
             np.einsum("frt,irt->fit", both, weighted),
-            np.tensordot(slow_ones, columns[1:], ((1, 2), (1, 2))),
-            np.einsum("frt,irt->fit", both, slow_ones),
-            np.array(excess),
+            np.tensordot(slow, columns[V:], ((1, 2), (1, 2))),
+            np.einsum("frt,irt->fit", both, slow),
         )
 
 
@@ -146,43 +262,52 @@ class FreeCoefficient(NamedTuple):
     covariance: Array
 
     @classmethod
-    def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> FreeCoefficient:
+    def of(
+        cls, signal: int, weighted: Weighted, sandwich: Weighted, excess: Array
+    ) -> FreeCoefficient:
         """Return the coefficient of a signal, U or V.
 
-        ``sandwich`` are products with the covariance of the noise.
+        ``sandwich`` are products with the covariance of the noise. For ``excess`` see
+        :func:`excess_variances`.
         """
-        inverse = covariance = inverse_of(weighted.squares[signal, signal])
+        root = inverse_root(weighted.squares[signal, signal])
+        inverse = covariance = root.T @ root
         if sandwich is not weighted:
             covariance = inverse @ sandwich.squares[signal, signal] @ inverse
         solved = inverse @ weighted.free[signal, signal:].T
-        covariance = covariance * max(weighted.excess[signal], 1.0)
+        covariance = covariance * max(excess[signal], 1.0)
         other = weighted.squares[signal, 1 - signal]
         return cls(inverse, other, solved, solved[:, A - V - signal], covariance)
 
-    def moved(self, other: Array) -> Array:
-        """Return the change of the coefficient (time,) because of the other free coefficient."""
-        return np.asarray(-self.inverse @ (self.other @ other))
+    def values(self, constants: Array) -> Array:
+        """Return the coefficient (time,) beside constants."""
+        return np.asarray(self.solved @ np.append(-constants, 1.0))
 
-    def values(self, constants: Array, other: Array) -> Array:
-        """Return the coefficient (time,) beside constants and the other free coefficient."""
-        return np.asarray(self.solved @ np.append(-constants, 1.0) + self.moved(other))
-
-    def error(self, constants: Array, variance: Array, misfit: Array, rate: float) -> Array:
+    def error(self, constants: Array, variance: Array, misfit: tuple[Array, Array]) -> Array:
         """Return the covariance (time, time) of the values.
 
         ``constants`` is the covariance of the constants, ``variance`` (time,) that of the other
-        free coefficient. ``misfit`` (2,) are variances of misfit, which is correlated over time, of
-        the other free coefficient and of inertia.
+        free coefficient. ``misfit`` are covariances (time, time) of misfit, of the other free
+        coefficient and of inertia.
         """
-        solved, alike = self.solved[:, :-1], misfit_correlation(len(variance), rate)
-        error = self.covariance + solved @ constants @ solved.T
-        if variance.any() or misfit[0]:
-            moved = self.inverse @ self.other
-            spread = moved * variance
-            if misfit[0]:
-                spread += misfit[0] * moved @ alike
-            error += spread @ moved.T
-        return np.asarray(error + misfit[1] * alike * np.outer(self.of_inertia, self.of_inertia))
+        solved, moved = self.solved[:, :-1], self.inverse @ self.other
+        inertia = misfit[1] * np.outer(self.of_inertia, self.of_inertia)
+        other = moved @ (misfit[0] + np.diag(variance)) @ moved.T
+        return np.asarray(self.covariance + solved @ constants @ solved.T + other + inertia)
+
+
+def excess_variances(signals: Signals, filters: Array, residual: Array) -> Array:
+    """Return the variances of the residual's products with angle and velocity, shape (2,).
+
+    They are relative to what the weights of filters (time, time) predict.
+    """
+    weights, squares = filters.T @ filters, signals.columns[: V + 1] ** 2
+    sums = squares.sum(axis=1)
+    power = floored(sums)
+    taken = np.einsum("frt,rt->ft", squares, squares[U]) / (power * power[U])
+    share = np.maximum(1 - taken, 1e-3) * signals.independent / len(residual)
+    predicted = np.sum(floored(sums * np.diag(weights)) * share, axis=1)
+    return np.asarray(np.sum(squares * (residual @ weights) ** 2, axis=(1, 2)) / predicted)
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
@@ -235,7 +360,7 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
     )
     reach = min(pooling_reach(independent, rate), (times - 1) // 2)
     window, mode = np.ones(2 * reach + 1), "wrap" if periodic else "constant"
-    strength = convolve1d(np.einsum("ti,ti->t", filters @ covariance, filters), window, mode=mode)
+    strength = convolve1d(np.sum(filters @ covariance * filters, axis=1), window, mode=mode)
     strength /= convolve1d(np.ones(times), window, mode=mode)
     return np.asarray(filters / np.sqrt(strength)[:, None])
 
@@ -245,144 +370,17 @@ def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
 
     The first samples are predicted from the few before them.
     """
-    times, (row, column) = len(covariance), covariance.strides
-    shape = times - lags, lags + 1, lags + 1
-    windows = as_strided(covariance, shape, (row + column, row, column), writeable=False)
+    times, size = len(covariance), lags + 1
+    mean = np.einsum("ttij->ij", sliding_window_view(covariance, (size, size)))
     # The last sample comes first, which is predicted from those after it.
-    factor = np.linalg.cholesky(windows.sum(axis=0)[::-1, ::-1])
-    first = solve_triangular(factor, np.eye(lags + 1)[0], lower=True)
-    variances, samples = 1 / np.cumsum(first**2), independent * shape[0]
-    penalties = np.arange(lags + 1) * np.log(samples)
-    chosen = int(np.argmin(samples * np.log(variances) + penalties))
-    filters = [
-        solve_triangular(factor[:stop, :stop], first[:stop], lower=True, trans=1)[::-1]
-        for stop in range(1, chosen + 2)
-    ]
+    factor = np.linalg.cholesky(mean[::-1, ::-1])
+    first = solve_triangular(factor, np.eye(size)[0], lower=True)
+    variances, samples = 1 / np.cumsum(first**2), independent * (times - lags)
+    criterion = samples * np.log(variances) + np.arange(size) * np.log(samples)
     out = np.zeros((times, times))
-    for time in range(times):
-        order = min(time, chosen)
-        out[time, time - order : time + 1] = filters[order] * np.sqrt(variances[order])
+    for order in range(int(np.argmin(criterion)) + 1):
+        own = factor[: order + 1, : order + 1]
+        weights = solve_triangular(own, first[: order + 1], lower=True, trans=1)[::-1]
+        for time in range(order, times):
+            out[time, time - order : time + 1] = weights * np.sqrt(variances[order])
     return out
-
-
-def misfit_correlation(times: int, rate: float) -> Array:
-    """Return the correlation of the misfit at two times, shape (time, time)."""
-    return np.asarray(toeplitz(np.exp(-np.arange(times) / (rate * MISFIT_TIME))))
-
-
-class FreeEstimates:
-    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
-
-    ``coefficients`` (regressor, time) are the latest ones, which give the noise.
-    """
-
-    constants: Constants
-    misfit: Array
-    of_viscosity: FreeCoefficient
-
-    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals, self.whitens = ensemble, signals, True
-        self.products = products_at_times(signals.columns)
-        realizations, times = signals.columns.shape[1:]
-        recorded = ensemble.recorded_angle
-        self.axis = Axis(
-            times,
-            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
-            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
-            realizations=realizations,
-        )
-        products, power = without_angle(self.products), np.einsum("tii->i", self.products)
-        prior = signals.prior_precision, signals.positive
-        self.constants = fit_constants(products.sum(axis=0)[:-1], power[1:-1], *prior)
-        mixed = self.products[:, U, 1:] @ np.append(-self.constants.values, 1.0)
-        self._update(mixed / floored(self.products[:, U, U]))
-
-    def _update(self, stiffness: Array) -> None:
-        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
-        self.coefficients = np.vstack([stiffness, constants])
-
-    def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
-        """Estimate stiffness beside a viscosity, which is a constant if it is None."""
-        signals = self.signals
-        known, variance = np.zeros((2, self.axis.times))
-        if viscosity is not None:
-            self.coefficients[V] = known = viscosity.mean()
-            variance = viscosity.variance()
-        weighted, sandwich, noise = self._weighted()
-        free = FreeCoefficient.of(U, weighted, sandwich)
-        self.of_viscosity = FreeCoefficient.of(V, weighted, sandwich)
-        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
-        precision = signals.prior_precision / noise
-        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
-        products = weighted.constants - weighted.low[U] @ free.solved
-        products[:, -1] -= weighted.low[V] @ known + weighted.low[U] @ free.moved(known)
-        found = fit_constants(products, power, precision, signals.positive)
-        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
-        covariance = found.covariance * np.outer(stronger, stronger)
-        self.constants = found._replace(covariance=covariance)
-        values = free.values(found.values, known)
-        self._update(values)
-        self.coefficients[V] += known
-        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        error = free.error(covariance, variance, self.misfit, self.ensemble.sampling_rate)
-        return self._estimate(U, values, error)
-
-    def viscosity(self, stiffness: Mixture) -> FreeEstimate:
-        """Estimate viscosity beside the stiffness that was estimated last."""
-        free, constants = self.of_viscosity, self.constants
-        values = free.values(constants.values[1:], stiffness.mean())
-        error = free.error(
-            constants.covariance[1:, 1:],
-            stiffness.variance(),
-            self.misfit * [0.0, 1.0],
-            self.ensemble.sampling_rate,
-        )
-        return self._estimate(V, values, error)
-
-    def _weighted(self) -> tuple[Weighted, Weighted, float]:
-        """Return products that give the estimates and products that give their covariance.
-
-        The third is the mean variance of the noise. The inverse of the first products around the
-        second, a sandwich, gives the covariance. Both are the same where the noise is whitened. It
-        is not whitened where the residual's products with velocity show that it is misfit, not
-        noise, which whitening would amplify.
-        """
-        signals, times = self.signals, self.axis.times
-        residual = signals.residual(self.coefficients)
-        covariance = residual.T @ residual / max(signals.independent - 1, 1)
-        torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
-        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
-        covariance.flat[:: times + 1] += WHITE_SHARE * noise
-        filters = whitening_filters(
-            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
-        )
-        if self.whitens:
-            weighted = Weighted.by(signals, filters, residual)
-            self.whitens = weighted.excess[V] < MAX_EXCESS
-            if self.whitens:
-                return weighted, weighted, noise
-        white = Weighted.by(signals, np.eye(times) / math.sqrt(noise), residual)
-        colouring = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
-        return white, Weighted.by(signals, colouring, residual), noise
-
-    def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
-        """Return the free estimate of a signal's coefficient, with its error.
-
-        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
-        move, the error is very large, however small the noise.
-        """
-        own = self.products[:, signal, signal]
-        power = floored(own)
-        mean = float(np.sum(values * power) / np.sum(power))
-        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
-        size, still = max(abs(mean), least), own < power
-        precision = inverse_of(error + np.diag(still * (UNKNOWN * size) ** 2)) * size**2
-        return FreeEstimate(self.axis, np.where(still, mean, values) / size, precision, size)
-
-    def read_out(self) -> tuple[Array, Array]:
-        """Return what the constants add to stiffness, viscosity and inertia, and its variances."""
-        weights = np.zeros((3, len(self.constants.values)))
-        weights[:, : self.signals.readout.shape[1] - 1] = self.signals.readout[:, 1:]
-        weights[V, 0] = 0.0
-        covariance = self.constants.covariance
-        return weights @ self.constants.values, np.sum(weights @ covariance * weights, axis=1)

@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from heapq import nlargest
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps
-from tvsysid.methods.adaptive.prior import size_priors
 from tvsysid.numerics import Array
 
 # positions that are tried at most
@@ -65,11 +64,8 @@ class Switches(NamedTuple):
     """Switches at ``positions`` beside a smooth part, and their ``score``.
 
     Each may also lie in a window of positions with their ``probabilities``. ``log_volume`` is the
-    log of the weight of all positions together, in samples.
-
-    ``gain`` is that of the last step of the search. REACH is added to the gain of the first step,
-    which then counts as 2 REACH at least. A smooth part is not searched if further switches had to
-    gain more than that, or MAX_GAIN, to make it the best.
+    log of the weight of all positions together, in samples. ``gain`` is what the last step of the
+    search added to the score.
     """
 
     positions: Array
@@ -89,29 +85,29 @@ class Switches(NamedTuple):
         """Move switches to their most probable positions, each beside the others, in turn."""
         smooth, count = self.smooth, len(self.positions)
         axis, own = smooth.estimate.axis, smooth.steps(self.positions)
-        prior = size_priors(axis.periodic)[int(own.log_evidence(axis.periodic).argmax())]
-        around, weights = list(own.positions[:, None]), [np.ones(1)] * count
+        prior = int(own.log_evidence(axis.periodic).argmax())
+        places = [(each, np.ones(1)) for each in self.positions[:, None]]
         for _ in range(SWEEPS if count > 1 else count):
             before = own.positions
-            for place in range(count):
-                others = own.take(np.delete(np.arange(count), place))
-                window = windows.around(round(own.positions[place]), smooth)
-                value = others.log_evidence_with(window, axis, prior)
+            for _ in range(count):  # the first switch is moved, and becomes the last
+                others = own.take(slice(1, None))
+                window = windows.around(round(own.positions[0]), smooth)
+                value = others.log_evidence_with(window, axis)[prior]
                 best = int(np.argmax(value))
-                if not np.isfinite(value[best]):
-                    continue
-                new = window.take(slice(best, best + 1))
-                own = Steps.joined([own.take(slice(place)), new, own.take(slice(place + 1, None))])
-                around[place], weights[place] = window.positions, np.exp(value - value[best])
+                moved, place = own.take(slice(1)), places.pop(0)
+                if np.isfinite(value[best]):
+                    moved = window.take(slice(best, best + 1))
+                    place = window.positions, np.exp(value - value[best])
+                own, places = others.joined(moved), [*places, place]
             if np.array_equal(own.positions, before):
                 break
         order = np.argsort(own.positions)
         return self._replace(
             positions=own.positions[order],
             score=smooth.score_of(own),
-            windows=tuple(around[place] for place in order),
-            probabilities=tuple(weights[place] / weights[place].sum() for place in order),
-            log_volume=float(sum(math.log(each.sum() * windows.spacing) for each in weights)),
+            windows=tuple(places[place][0] for place in order),
+            probabilities=tuple(places[place][1] / places[place][1].sum() for place in order),
+            log_volume=float(sum(math.log(each.sum() * windows.spacing) for _, each in places)),
         )
 
     def without_doubles(self, windows: Windows) -> Switches:
@@ -158,50 +154,52 @@ def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Switches]:
     """
     best, first = max(map(BY_SCORE, smooths)), list[Switches]()
     for smooth in smooths:
-        none = Switches(np.zeros(0), smooth, smooth.score, -math.inf)
         bound = smooth.score + smooth.residual / 2 - grid.log_positions
-        first.append(_one_or_two(none, grid) if bound > best - REACH else none)
+        found = Switches(np.zeros(0), smooth, smooth.score, -math.inf)
+        if bound > best - REACH:
+            value, positions = max(one_or_two(smooth, grid), key=itemgetter(0))
+            # Searched only if a gain as large, and REACH more, would make it the best.
+            gain = max(value, REACH) + REACH
+            found = Switches(positions, smooth, smooth.score + value, gain)
+        first.append(found)
     return first
 
 
-def _one_or_two(none: Switches, grid: Grid) -> Switches:
-    """Return the best of no switch, one switch, and two opposite ones."""
-    steps, variance = none.smooth.beside(grid.first), FIRST_SIZE**2
-    ratio = 1 + variance * steps.power
-    single = 0.5 * (variance * steps.cross**2 / ratio - np.log(ratio)) - grid.log_positions
-    ends = steps.take(grid.paired)
-    gram = grid.pair_gram - ends.explained.T @ ends.explained
-    ratio = 1 + variance * np.maximum((ends.power[:, None] + ends.power) / 2 - gram, 0.0)
-    square = variance / 2 * (ends.cross[:, None] - ends.cross) ** 2 / ratio
-    # Pairs that are far below the largest square cannot be the best: they need no logarithm.
-    top = square.argmax()
-    able = np.flatnonzero(square >= square.flat[top] - math.log(ratio.flat[top]))
-    pairs = 0.5 * (square.flat[able] - np.log(ratio.flat[able])) - 2 * grid.log_positions
-    best, pair = int(single.argmax()), int(pairs.argmax())
-    both = divmod(int(able[pair]), len(square))
-    value, places = max((0.0, []), (single[best], [best]), (pairs[pair], sorted(both)))
-    positions = (ends if len(places) > 1 else steps).positions[places]
-    return Switches(positions, none.smooth, none.score + value, max(value, REACH) + REACH)
+def one_or_two(smooth: SmoothFit, grid: Grid) -> Iterator[tuple[float, Array]]:
+    """Yield the log evidence and positions of no switch, the best one, and the best opposite two.
+
+    The sizes of two opposite switches are those of one column, which is their difference.
+    """
+    yield 0.0, np.zeros(0)
+    steps, variance = smooth.beside(grid.first), FIRST_SIZE**2
+    pairs = steps.take(grid.paired)
+    gram = grid.pair_gram - pairs.explained.T @ pairs.explained
+    power = (pairs.power[:, None] + pairs.power) / 2 - gram
+    cross = (pairs.cross[:, None] - pairs.cross) / math.sqrt(2)
+    for tried, powers, products in ((steps, steps.power, steps.cross), (pairs, power, cross)):
+        ratio = 1 + variance * np.maximum(powers, 0.0)
+        value = 0.5 * (variance * products**2 / ratio - np.log(ratio))
+        best = np.unravel_index(value.argmax(), value.shape)
+        yield value[best] - len(best) * grid.log_positions, tried.positions[np.sort(best)]
 
 
-def best_switch(switches: Switches, steps: Steps, grid: Grid) -> Switches:
+def best_switch(switches: Switches, grid: Grid) -> Switches:
     """Return the best set one step from a set of switches.
 
-    A step removes a switch, moves one, replaces two neighbours by one, or adds one. ``steps`` are
-    those of the grid beside the smooth part.
+    A step removes a switch, moves one, replaces two neighbours by one, or adds one.
     """
     smooth, count = switches.smooth, len(switches.positions)
-    axis, own = smooth.estimate.axis, smooth.steps(switches.positions)
+    own, steps = smooth.steps(switches.positions), smooth.beside(grid.steps)
     removals = [[place] for place in range(count)]
     removals += [[place, place + 1] for place in range(count - 1)]
-    removals += [[0, count - 1]] * (axis.periodic and count > 2)
+    removals += [[0, count - 1]] * (smooth.estimate.axis.periodic and count > 2)
     removals += [[]] * (count < MAX_SWITCHES)
     options = []
     for removed in removals:
         rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
         if len(removed) == 1:
             options.append((smooth.score_of(rest), list(rest.positions)))
-        value = rest.log_evidence_with(steps, axis)
+        value = rest.log_evidence_with(steps, smooth.estimate.axis).max(axis=0)
         best = int(np.argmax(value))
         score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
         options.append((score, [*rest.positions, steps.positions[best]]))
@@ -219,9 +217,9 @@ def joint_update(estimate: FreeEstimate, positions: Array) -> Iterator[Array]:
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
     cut = round(positions[0]) % times if periodic and len(positions) else 0
-    weights = np.roll(np.diag(estimate.precision), -cut)
+    precision = np.sum(estimate.whitener**2, axis=0)
     edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
-    sums = np.cumsum([weights, weights * np.roll(estimate.values, -cut)], axis=1)
+    sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
     power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
     before = np.tri(len(edges), k=-1, dtype=bool)
@@ -242,54 +240,45 @@ def propose_switches(
     """Return sets of switches near the best score, best first, and the empty one.
 
     The search begins with one set for each smooth part. It always goes on beside the smooth part
-    that has the best score.
+    that has the best score. It does not begin beside a smooth part with a set at which it ended
+    beside another.
     """
-    found: dict[tuple[float, ...], Switches] = {}
-
-    def note(switches: Switches) -> None:
-        known = found.get(tuple(switches.positions), switches)
-        found[tuple(switches.positions)] = max(switches, known, key=BY_SCORE)
-
-    for each in first:
-        note(each)
-    still_open = {each.smooth: each for each in first}
-    steps, closed_at = dict[SmoothFit, Steps](), set()
+    found, still_open = list(first), {each.smooth: each for each in first}
+    begun, ended = set[SmoothFit](), set[tuple[float, ...]]()
     for _ in range(MAX_STEPS):
-        best = max(map(BY_SCORE, found.values()))
+        best = max(map(BY_SCORE, found))
         able = [
             each
             for each in still_open.values()
             if each.score + min(each.gain, MAX_GAIN) > best
-            and (each.smooth in steps or tuple(each.positions) not in closed_at)
+            and (each.smooth in begun or tuple(each.positions) not in ended)
         ]
         if not able:
             break
         switches = max(able, key=BY_SCORE)
         smooth = switches.smooth
-        if smooth not in steps:
-            steps[smooth] = smooth.beside(grid.steps)
+        if smooth not in begun:
+            begun.add(smooth)
             switches = switches.refined(grid.windows)
-            note(switches)
-        after = best_switch(switches, steps[smooth], grid)
+            found.append(switches)
+        after = best_switch(switches, grid)
         if after.score > best - SLACK:
-            note(after)
-        if after.gain > MIN_GAIN:
-            still_open[smooth] = after
-        else:
-            closed_at.add(tuple(switches.positions))
-            del steps[smooth], still_open[smooth]
-    best, none = max(map(BY_SCORE, found.values())), smooths[0]
+            found.append(after)
+        still_open[smooth] = after
+        if after.gain <= MIN_GAIN:
+            ended.add(tuple(switches.positions))
+            del still_open[smooth]
+    best, none = max(map(BY_SCORE, found)), smooths[0]
     joint = [
         Switches(positions, none, none.score_of(none.steps(positions)))
         for positions in joint_update(none.estimate, first[0].positions)
     ]
-    for each in nlargest(MAX_REFINED, joint, key=BY_SCORE):
-        refined = each.refined(grid.windows)
-        if refined.score > best - SLACK:
-            note(refined)
+    joint = [each.refined(grid.windows) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
+    found += [each for each in joint if each.score > best - SLACK]
     smoothest = max(smooths, key=BY_SCORE)
     empty = Switches(np.zeros(0), smoothest, smoothest.score)
-    sets = [each for each in found.values() if len(each.positions)]
+    best_of = {tuple(each.positions): each for each in sorted(found, key=BY_SCORE)}
+    sets = [each for each in best_of.values() if len(each.positions)]
     best = max(map(BY_SCORE, [empty, *sets]))
     sets = nlargest(MAX_SETS, [each for each in sets if each.score > best - REACH], key=BY_SCORE)
     return [*sets, empty]

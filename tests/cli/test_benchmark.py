@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from tests.cli.conftest import rows_of
 
 
 @pytest.fixture
@@ -26,7 +25,6 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     assert (code, err) == (0, "")
     assert "square-wave stiffness, filtered noise, 40 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
-    assert "s of data per s" in out
     folder = tmp_path / "found"
     assert {"stiffness", "perturbation", "duration_s", "snr_db", "metric", "value"} < set(table)
     assert set(table.perturbation) == {"noise", "prbs"}
@@ -87,43 +85,3 @@ def test_a_method_that_fails_or_warns_is_named_and_the_others_are_kept(
     assert values["faulty:Mine", "failed"] == 2
     assert values["sds", "failed"] == 0
     assert np.isfinite(values["sds", "bias_error"])
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "sketched")  # claims about reflexes have figures of their own
-def test_methods_of_one_and_of_two_pathways_side_by_side(benchmark):
-    code, out, *_ = benchmark(
-        "--system reflex-sine --stiffness sine --perturbation noise --duration 20 --trials 1 "
-        "--method birf --method cascade"
-    )
-    assert code == 0
-    birf, cascade = (
-        next(row for row in rows_of(out) if row[0] == name) for name in ("birf", "cascade")
-    )
-    assert birf.count("-") == cascade.count("-") + 2  # neither gain nor torque of a reflex
-    assert pd.read_csv("found/claims.csv").claim.str.contains("reflex").any()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_system_a_profile_and_a_perturbation_of_one_s_own(benchmark, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "mysystem.py").write_text(
-        "import numpy as np\nimport tvsysid as tv\ndef ramp(time):\n    return 80 + 20 * "
-        "np.mod(time, 1.0)\nclass Joint(tv.simulate.Joint):\n    pass\nclass "
-        "Noise(tv.simulate.FilteredNoise):\n    pass\n"
-    )
-    own = "--system mysystem:Joint --stiffness mysystem:ramp --perturbation mysystem:Noise"
-    code, *_, table = benchmark(f"{own} --duration 8 --period 1 --rate 125 --trials 1 -m birf")
-    assert code == 0
-    assert set(table.system) == {"mysystem:Joint"}
-    assert set(table.quantity.dropna()) == {"stiffness", "viscosity", "inertia"}
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_titles_of_tables_tell_systems_apart(benchmark):
-    _, out, *_ = benchmark(
-        "--system joint --system reflex --trials 1 --duration 20 --perturbation prbs --method birf"
-    )
-    title = "square-wave stiffness, PRBS, 20 s, 10 dB, 1 trial"
-    assert {title, f"reflex, {title}"} <= set(out.splitlines())

@@ -113,25 +113,6 @@ def test_a_method_that_cannot_serve_is_skipped_and_the_others_go_on(identify):
     assert err.count("\n") == 1
 
 
-@pytest.mark.usefixtures("sketched")
-def test_a_diagnosis_takes_channels(identify, tvsysid):
-    code, out, _ = tvsysid(f"inspect [red]joint.npz --diagnose {SIGNALS} {EMG}")
-    assert code == 0
-    assert "[red]joint.npz (angle, torque): 18 realizations" in out
-
-
-@pytest.mark.usefixtures("only_identified")
-def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
-    angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
-    np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})
-    options = "--angle [/bold]angle --method birf --out [b]out"
-    code, _, err = tvsysid(f"identify degrees.npz {SIGNALS} {options}")
-    assert code == 0
-    assert "warning: " in err
-    assert "[/bold]angle" in err
-    assert (tmp_path / "[b]out" / "stiffness.csv").is_file()
-
-
 def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     joint = tv.simulate.ScheduledJoint(
         relation=np.polynomial.Polynomial([28.9, 155.0, 310.0]),

@@ -166,31 +166,6 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(identif
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "not_held_out", "joint")
-def test_a_period_twice_too_long_is_noted_once(identify):
-    _, out, err = identify("--period 4 --method birf")
-    assert (out + err).count("repeats every") == 1
-    assert "note: stiffness repeats every 2 s; what does not repeat, " in err
-
-
-@pytest.mark.usefixtures("joint")
-def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
-    words = "identify joint.mat --angle angle --torque torque --rate 1000 --period 99"
-    note, *_ = tvsysid(words)[2].splitlines()
-    assert note == "note: at 1000 Hz this takes minutes; seconds with --decimate 100"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "only_identified")
-def test_trials_and_degrees(identify, joint):
-    angle, torque = (joint[name].reshape(4, 10_000).T for name in ("angle", "torque"))
-    savemat("joint.mat", {"angle": np.degrees(angle), "torque": -torque})
-    _, out, _ = identify("--columns trials --angle-unit deg --torque-sign -1 --method birf")
-    assert "12 realizations of 2 s" in out
-    assert written().stiffness.mean() == pytest.approx(100, abs=3)
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_delay_is_corrected_and_said_with_its_effect(identify, tvsysid):
     tvsysid("simulate joint.mat --duration 40 --perturbation prbs --snr 20")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.cli.conftest import IDENTIFY, rows_of
 
-from tvsysid.cli.options import decimation
+from tvsysid.cli.options import rate_options
 
 
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
@@ -68,14 +68,13 @@ def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
 
 
 @pytest.mark.parametrize(
-    ("recorded", "option"),
+    ("recorded", "options"),
     [
-        (1000, "--decimate 100"),
-        (1024, "--decimate 128"),
-        (2048, "--decimate 128"),
-        (960, "--decimate 96"),
-        (200, ""),
+        (1000, "--rate 1000 --decimate 100"),
+        (1024, "--rate 1024 --decimate 128"),
+        (200, "--rate 200"),
+        (None, "--rate HZ --decimate 100"),
     ],
 )
-def test_the_usual_rate_divides_that_of_the_recording(recorded, option):
-    assert decimation(recorded) == option
+def test_the_usual_rate_divides_that_of_the_recording(recorded, options):
+    assert rate_options(recorded) == options

@@ -49,7 +49,7 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
         said.append(capsys.readouterr().out)
     assert ["record at least 20 realizations" in text for text in said] == [True, False]
     both = f"{np.hypot(4.0, 1.96 * 0.5):.1f}"
-    assert ["sds", "19", "42 s", "4.0", "1.0", both, "0.10 s"] in rows_of(said[0])
+    assert ["sds", "19", "42 s", "4.0", "1.0", both, "0.10"] in rows_of(said[0])
     assert "birf does not suffice: it takes 0.3 s to follow a step" in said[0]
 
 
@@ -61,7 +61,6 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
             "--pilot pilot.mat --noise 1",
             "the pilot shows system, stiffness and noise; leave out",
         ),
-        ("--noise 1 --snr 10", "--noise and --snr: give one of them"),
         (
             "--rate 100 --context 1",
             "options that describe a recording (such as --angle and --rate) need --pilot FILE",

@@ -5,45 +5,28 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from importlib import import_module
 from io import TextIOWrapper
 
 from cyclopts import App, CycloptsError, Parameter, default_name_transform
 
-from tvsysid.cli.benchmark import benchmark
-from tvsysid.cli.check_method import check_method
+from tvsysid import __version__
 from tvsysid.cli.console import errors, output
-from tvsysid.cli.experiment import experiment
-from tvsysid.cli.explore import explore
-from tvsysid.cli.identify import identify
-from tvsysid.cli.inspect import inspect
-from tvsysid.cli.leaderboard import leaderboard
-from tvsysid.cli.methods import methods
 from tvsysid.cli.options import NAMES
-from tvsysid.cli.plan import plan
-from tvsysid.cli.report import report
-from tvsysid.cli.simulate import simulate
 from tvsysid.errors import InputError, one_line
 
 COMMANDS = (
-    *(benchmark, leaderboard, experiment, report, identify, explore, inspect),
-    *(methods, check_method, simulate, plan),
+    *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
+    *("methods", "check_method", "simulate", "plan"),
 )
-INTERRUPTED = "interrupted; what is finished is kept, and a study is resumed by the same command"
+INTERRUPTED = "interrupted; finished work is kept, and the same command resumes a study"
 NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
-
-
-def version() -> str:
-    """Return the text of ``--version``."""
-    from tvsysid import __version__
-
-    return f"tvsysid {__version__}"
 
 
 def default_text(value: object) -> str | None:
     """Return a default value as it is typed; None for one that need not be shown."""
-    if isinstance(value, list | tuple):
-        value = ", ".join(map(str, value))
-    return str(value) if value and value is not True else None
+    text = ", ".join(value) if isinstance(value, list) else str(value)
+    return text if value and value is not True else None
 
 
 def option_name(name: str) -> str:
@@ -57,7 +40,7 @@ app = App(
     "impedance.\n\nAll units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
     help_format="markdown",
     help_flags="--help",
-    version=version,
+    version=f"tvsysid {__version__}",
     console=output,
     error_console=errors,
     default_parameter=Parameter(
@@ -70,7 +53,7 @@ app = App(
     result_action="return_value",
 )
 for command in COMMANDS:
-    app.command(command)
+    app.command(getattr(import_module(f"tvsysid.cli.{command}"), command))
 
 
 def main() -> None:
@@ -82,20 +65,17 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
     try:
         sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
-        code, text = app(sys.argv[1:], print_error=False, exit_on_error=False), ""
-    except KeyboardInterrupt as interrupted:
-        code, text = 130, str(interrupted) or INTERRUPTED
+        sys.exit(app(sys.argv[1:], print_error=False, exit_on_error=False) or 0)
+    except KeyboardInterrupt:
+        code, text = 130, INTERRUPTED
     except CycloptsError as error:
         error.verbose = False
-        words = " ".join(["tvsysid", *(error.command_chain or ())])
         problem = str(error).partition(" Available commands")[0].rstrip(".")
+        words = " ".join(["tvsysid", *(error.command_chain or ())])
         code, text = 2, f"{problem} (see {words} --help)"
-    except InputError as error:
-        code, text = 2, str(error)
     except OSError as error:
         code, text = 2, f"{error.filename or 'system'}: {error.strerror or error}"
-    except MemoryError:
-        code, text = 2, NO_MEMORY
-    if text:
-        errors.print(f"tvsysid: {one_line(text)}", soft_wrap=True)
-    sys.exit(code or 0)
+    except (InputError, MemoryError) as error:
+        code, text = 2, str(error) or NO_MEMORY
+    errors.print(f"tvsysid: {one_line(text)}", soft_wrap=True)
+    sys.exit(code)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import attrs
 
 from tvsysid.cli.console import errors, remark, say
-from tvsysid.cli.options import Flag, Flattened, Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.running import UNITS, command_line, run_study, show_claims, show_end, show_scores
 from tvsysid.errors import InputError
 
@@ -62,8 +62,8 @@ class Settings:
     snr_db: list[float] | None = None
     viscosity: list[Literal["constant", "covarying"]] | None = None
     methods: Methods | None = None
-    trials: Whole | None = None
-    seed: Whole | None = None
+    trials: int | None = None
+    seed: int | None = None
 
 
 def benchmark(
@@ -125,17 +125,17 @@ def benchmark(
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
     from tvsysid.study import Study, cores
 
-    if study_toml is None:
-        study = study_called(preset or "quick", PRESETS, **given(**attrs.asdict(settings)))
-    elif preset is None:
-        study = Study.from_toml(study_toml, **given(**attrs.asdict(settings)))
-    else:
+    options = given(**attrs.asdict(settings))
+    if study_toml and preset:
         raise InputError(f"{study_toml} and --preset {preset}: give one of them")
+    if study_toml:
+        study = Study.from_toml(study_toml, **options)
+    else:
+        study = study_called(preset or "quick", PRESETS, **options)
     if dry_run:
         _show_plan(study, workers.workers or cores())
         return 0
-    results = run_study(study, out, workers)
-    return 0 if write(results, out, command_line()) else 1
+    return write(run_study(study, out, workers), out, command_line())
 
 
 def _show_plan(study: Study, workers: int) -> None:
@@ -158,11 +158,8 @@ def _show_plan(study: Study, workers: int) -> None:
         remark("error", f"{label} fails: {reason}")
 
 
-def write(results: xr.Dataset, out: Path, command: str) -> bool:
-    """Write tables, figures and report, and print a summary.
-
-    Return whether every method gave a result in every trial.
-    """
+def write(results: xr.Dataset, out: Path, command: str) -> int:
+    """Write tables, figures and report, print a summary, and return the exit code."""
     from tvsysid.figures.words import count, described
     from tvsysid.report import problems
     from tvsysid.studies import published
@@ -178,25 +175,9 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     say(UNITS)
     if more := len(groups[MAX_TABLES:]):
         say(f"and {more} more scenarios in summary.csv and report.html")
-    if (written.claims.verdict != "not studied").any():
-        need = f"other scenarios: --preset {', '.join(literature.presets)}"
-        show_claims(written.claims, "simulations", need)
-    _show_times(results)
+    need = f"other scenarios: --preset {', '.join(literature.presets)}"
+    show_claims(written.claims, "simulations", need)
     return show_end(out, written.files, problems(results))
-
-
-def _show_times(results: xr.Dataset) -> None:
-    """Print how long each stage of the trials took, and how much data it got through per second."""
-    from tvsysid.study import time_spent
-
-    simulated = float(results.duration_s.sum()) * results.sizes["trial"]
-    spent = {name: seconds for name, seconds in time_spent(results).items() if seconds}
-    total = sum(spent.values())
-    stages = ", ".join(f"{name} {_duration_text(seconds)}" for name, seconds in spent.items())
-    say(
-        f"\ncomputing time: {_duration_text(total)} in all workers, {simulated / total:,.0f} s of "
-        f"data per s: {stages}"
-    )
 
 
 def _duration_text(seconds: float) -> str:

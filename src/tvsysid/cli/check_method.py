@@ -25,14 +25,15 @@ def check_method(method: str, /) -> int:
     from tvsysid.check import check_method as check
     from tvsysid.methods import parse
 
-    checks = check(parse(method))
-    for item in checks:
-        sign = "✓" if item.passed else "✗"
-        advice = " (recommended)" if not (item.required or item.passed) else ""
-        style = "" if item.passed else "red" if item.required else "yellow"
-        say(f"{sign} {item.name}{advice}: {item.message}", style)
-    if any(item.required and not item.passed for item in checks):
-        say(f"{method} does not pass")
-        return 1
-    say(f"{method} passes; use it: tvsysid benchmark --method {method}")
-    return 0
+    passed = True
+    for item in check(parse(method)):
+        if item.passed:
+            say(f"✓ {item.name}: {item.message}")
+        elif item.required:
+            passed = False
+            say(f"✗ {item.name}: {item.message}", "red")
+        else:
+            say(f"✗ {item.name} (recommended): {item.message}", "yellow")
+    advice = f"passes; use it: tvsysid benchmark --method {method}"
+    say(f"{method} {advice if passed else 'does not pass'}")
+    return 0 if passed else 1

@@ -1,4 +1,4 @@
-"""Print text, remarks, tables and progress."""
+"""Print text, remarks, tables, warnings and progress."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from string import Formatter
 from typing import Any, Literal
 
 from rich import box
@@ -24,8 +23,7 @@ from tvsysid.progress import Progress
 output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
 
-NUMBER = re.compile(r"-|[-+]?\d[-+.e\d]*( ± [\d.]+| s| min)?")
-STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
+METHOD_AND_TEXT = re.compile(r"(?:(\S+): )?(.*)", re.DOTALL)
 
 
 def say(text: str, style: str = "") -> None:
@@ -35,23 +33,13 @@ def say(text: str, style: str = "") -> None:
 
 def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
     """Print a line on standard error."""
-    errors.print(Text.assemble((f"{kind}:", STYLES[kind]), f" {one_line(text)}"), soft_wrap=True)
+    style = "red" if kind == "error" else "yellow"
+    errors.print(Text.assemble((f"{kind}:", style), f" {one_line(text)}"), soft_wrap=True)
 
 
 def say_written(out: Path, names: Iterable[str]) -> None:
     """Print which files were written to a folder."""
     say(f"wrote {', '.join(names)} to {out}/")
-
-
-class _Cells(Formatter):
-    """Formatter to which a value that is missing, None or NaN is a dash."""
-
-    def get_value(self, key: int | str, args: Any, kwargs: Mapping[Any, Any]) -> Any:
-        return kwargs.get(key)
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        is_known = value is not None and not (isinstance(value, float) and math.isnan(value))
-        return super().format_field(value, format_spec) if is_known else "-"
 
 
 def show_table(
@@ -60,17 +48,17 @@ def show_table(
     columns: Mapping[str, str],
     spaced: bool = False,
 ) -> None:
-    """Print a table.
+    """Print a table, if it has rows.
 
     Parameters
     ----------
     title
         Line above the table.
     records
-        Values of each row, by name.
+        Values of each row by name. A value that is missing, None or NaN is printed as a dash.
     columns
-        Format of a cell from these values, by heading. A column that is unknown in all rows is left
-        out. Numbers are aligned right and never broken; other texts are folded.
+        Name of the values by heading. A format may follow: ``"mean:.1f"``. Values with a format
+        are aligned right and never broken; others are folded. A column without values is left out.
     spaced
         Whether to separate rows by empty lines.
     """
@@ -82,17 +70,23 @@ def show_table(
         pad_edge=False,
     )
     cells = []
-    for heading, form in columns.items():
-        column = [printable(_Cells().vformat(form, (), record)) for record in records]
-        if set(column) != {"-"}:
-            is_number = all(map(NUMBER.fullmatch, column))
-            side: Literal["left", "right"] = "right" if is_number else "left"
-            table.add_column(heading, justify=side, no_wrap=is_number, overflow="fold")
-            cells.append(column)
+    for heading, column in columns.items():
+        name, _, form = column.partition(":")
+        texts = [_cell(record.get(name), form) for record in records]
+        if set(texts) != {"-"}:
+            side: Literal["left", "right"] = "right" if form else "left"
+            table.add_column(heading, justify=side, no_wrap=bool(form), overflow="fold")
+            cells.append(texts)
     for row in zip(*cells, strict=True):
         table.add_row(*row)
-    say(f"\n{title}", "bold")
-    output.print(table)
+    if records:
+        say(f"\n{title}", "bold")
+        output.print(table)
+
+
+def _cell(value: object, form: str) -> str:
+    is_known = value is not None and not (isinstance(value, float) and math.isnan(value))
+    return printable(format(value, form)) if is_known else "-"
 
 
 @contextmanager
@@ -101,7 +95,7 @@ def shown_progress(title: str) -> Iterator[Progress]:
 
     Say so if the first call reports steps that are done: the work is resumed.
     """
-    # A thread that refreshes the bar would make it unsafe to copy this process.
+    # A thread that refreshes the bar would make it unsafe to fork this process.
     bar = Bar(console=errors, transient=True, auto_refresh=False, disable=not errors.is_terminal)
     task = bar.add_task(title, total=None)
 
@@ -122,12 +116,7 @@ def shown_warnings() -> Iterator[None]:
         try:
             yield
         finally:
-            texts = (_method_and_text(str(warning.message)) for warning in caught)
-            for text, methods in by_text(texts).items():
+            # A warning begins with the method that gave it, if any.
+            parts = (METHOD_AND_TEXT.findall(str(each.message))[0] for each in caught)
+            for text, methods in by_text(parts).items():
                 remark("warning", ": ".join(filter(None, [", ".join(methods), text])))
-
-
-def _method_and_text(message: str) -> tuple[str, str]:
-    """Split a warning into the method that it begins with, if any, and the rest."""
-    method, _, text = message.partition(": ")
-    return (method, text) if text and " " not in method else ("", message)

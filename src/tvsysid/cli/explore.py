@@ -10,7 +10,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import NAMES, Cutting, ReadingOptions, Whole, given
+from tvsysid.cli.options import NAMES, Cutting, ReadingOptions, given
 from tvsysid.recordings.reading import Reading, Segmentation
 
 
@@ -22,7 +22,7 @@ def explore(
     segmentation: Cutting = Segmentation(),
     method: str = "adaptive",
     align_channels: bool = True,
-    port: Whole = 0,
+    port: int = 0,
     browser: bool = True,
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.
@@ -60,16 +60,10 @@ def explore(
     named = {NAMES.get(name, name): value for name, value in options.items()}
     page = open_page(file, port=port, method=method, align_channels=align_channels, **named)
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
-    if browser and _has_screen():
+    has_screen = {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() or sys.platform != "linux"
+    if browser and has_screen:  # a text browser would take over the terminal
         webbrowser.open(page.url)
     try:
         page.wait()
-    except KeyboardInterrupt:
+    finally:
         page.close()
-        raise KeyboardInterrupt("interrupted; the page is closed") from None
-
-
-def _has_screen() -> bool:
-    """Return whether a browser has a screen; a text browser would take over the terminal."""
-    displays = {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
-    return sys.platform in ("win32", "darwin") or bool(displays)

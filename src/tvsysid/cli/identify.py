@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +18,7 @@ from tvsysid.cli.console import (
     shown_progress,
     shown_warnings,
 )
-from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, decimation
-from tvsysid.cli.references import unnamed_references
+from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, rate_options
 from tvsysid.cli.running import command_line, make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -28,12 +29,35 @@ if TYPE_CHECKING:
     from tvsysid.signals import Recording
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]
+MAX_TESTED_CHANNELS = 8
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 NO_PERIOD = (
     "--period is missing: the duration of one repetition of the behaviour (s); for a joint that is "
     "held still, any will do (--period 2); where nothing repeats, give the channel with a variable "
     "that the joint follows (--scheduling)"
 )
+IMPEDANCE = {  # names and formats, by heading
+    "method": "method",
+    "mean": "stiffness (N·m/rad):.1f",
+    "±\n95 %": "half_band (N·m/rad):.1f",
+    "lowest": "lowest (N·m/rad):.1f",
+    "at\n(s)": "lowest at (s):.2f",
+    "highest": "highest (N·m/rad):.1f",
+    "at\n(s) ": "highest at (s):.2f",
+    "inertia": "inertia (kg·m²):.4f",
+    "VAF": "VAF (%):.1f",
+    "held\nout": "held out:.1f",
+}
+FURTHER = {
+    "method": "method",
+    "quantity": "quantity",
+    "unit": "unit",
+    "over": "over",
+    "mean": "mean:.4g",
+    "± 95 %": "half_band:.3g",
+    "lowest": "lowest:.4g",
+    "highest": "highest:.4g",
+}
 
 
 def identify(
@@ -156,7 +180,7 @@ def identify(
         make_folder(out)
         rate = recording.sampling_rate
         if segmentation.decimate is None and rate > SLOW_RATE:
-            remark("note", f"at {rate:g} Hz this takes minutes; seconds with {decimation(rate)}")
+            remark("note", f"at {rate:g} Hz this takes minutes; seconds with {rate_options(rate)}")
         prepared = prepare_recording(
             recording,
             segmentation,
@@ -179,11 +203,10 @@ def identify(
     account = _account(found, prepared, recording, file, reading)
     written = write_folder(out, account, command_line(), sheet)
     _show_impedance(account)
-    _show_further(found)
     _show_diagnosis(account)
     _show_settings(found)
     say_written(out, written)
-    return 1 if found.failed else 0
+    return int(bool(found.failed))
 
 
 def _account(
@@ -210,7 +233,7 @@ def _account(
         held_out,
         source=source,
         turned=prepared.corrections,
-        unnamed_references=tuple(unnamed_references(found, recording, file, reading)),
+        unnamed_references=tuple(_unnamed_references(found, recording, file, reading)),
     )
     repeats = prepared.diagnosed is found.ensemble
     try:
@@ -223,53 +246,47 @@ def _account(
     return attrs.evolve(account, diagnosis=diagnosis)
 
 
+def _unnamed_references(
+    found: Comparison, recording: Recording, file: Path, reading: Reading
+) -> Iterator[str]:
+    """Yield a sentence for each channel of the file that was not read and drives the angle.
+
+    Nothing is tested where a method has a reference or a scheduling variable.
+    """
+    from tvsysid.preprocess import segment, subtract_mean
+    from tvsysid.recommendation import find_unnamed_references
+    from tvsysid.recordings import describe_file
+
+    kinds = {item.kind for method in found.methods.values() for item in method.inputs}
+    if kinds & {"reference", "scheduling"}:
+        return
+    channels, ensemble = describe_file(file, reading.header), found.ensemble
+    shapes = {channels.pop(name).shape for name in reading.names}
+    others = {name: each for name, each in channels.items() if each.shape in shapes}
+    for name, channel in list(others.items())[:MAX_TESTED_CHANNELS]:
+        with suppress(InputError):  # it holds no numbers
+            values = channel.read(name).ravel(order="F")
+            with_channel = attrs.evolve(recording, channels={name: values})
+            context = ensemble.context / ensemble.sampling_rate
+            cut = subtract_mean(segment(with_channel, ensemble.duration, context), [name])
+            for sentence in find_unnamed_references(cut, [name]):
+                yield sentence.replace("--method", f"--channel {name}={name} --method")
+
+
 def _show_impedance(account: Account) -> None:
-    """Print the stiffness to report, and a row for each method."""
-    from tvsysid.report.answer import answer, with_reflex
+    """Print the stiffness to report, a row for each method, and what else they estimate."""
+    from tvsysid.report.answer import answer, further, reflex_shape, with_reflex
 
     say("\n  ".join(answer(account)))
-    columns = {
-        "method": "{method}",
-        "mean": "{stiffness (N·m/rad):.1f}",
-        "±\n95 %": "{half_band (N·m/rad):.1f}",
-        "lowest": "{lowest (N·m/rad):.1f}",
-        "at\n(s)": "{lowest at (s):.2f}",
-        "highest": "{highest (N·m/rad):.1f}",
-        "at\n(s) ": "{highest at (s):.2f}",
-        "inertia": "{inertia (kg·m²):.4f}",
-        "VAF": "{VAF (%):.1f}",
-        "held\nout": "{held_out:.1f}",
-    }
     found, is_valid = account.found, account.trust.level != "none"
     table = found.summary()
-    table["held_out"] = table.method.map(account.held_out_mean)
+    table["held out"] = table.method.map(account.held_out_mean)
     title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
-    show_table(title if is_valid else f"not valid: {title}", table.to_dict("records"), columns)
+    validity = "" if is_valid else "not valid: "
+    show_table(validity + title, table.to_dict("records"), IMPEDANCE)
     if is_valid and (labels := with_reflex(account)):
         remark("note", f"the stiffness of {', '.join(labels)} includes the torque of the reflex")
-
-
-def _show_further(found: Comparison) -> None:
-    """Print further estimates of the methods, and the shape of a reflex."""
-    from tvsysid.report.answer import further, reflex_shape
-
-    columns = {
-        "method": "{method}",
-        "quantity": "{quantity}",
-        "unit": "{unit}",
-        "over": "{over}",
-        "mean": "{mean:.4g}",
-        "± 95 %": "{half_band:.3g}",
-        "lowest": "{min:.4g}",
-        "highest": "{max:.4g}",
-    }
-    records = []
-    for each in further(found):
-        if (values := each.values).size:
-            ends = {"mean": values.mean(), "min": values.min(), "max": values.max()}
-            records.append(each._asdict() | ends)
-    if records:
-        show_table("further estimates", records, columns)
+    show_table("further estimates", [each._asdict() for each in further(found)], FURTHER)
     for label, model in found.models.items():
         if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")
@@ -294,8 +311,9 @@ def _show_settings(found: Comparison) -> None:
     """Print which settings were chosen from the data, and the options that repeat them."""
     from tvsysid.methods import to_text
 
-    for label, item in found.evidence.items():
-        say(f"{label}: {item}")
-    if found.evidence:
-        labels = [to_text(found.methods[label]) for label in found.evidence]
-        say(f"the same settings again: --method {' --method '.join(map(shlex.quote, labels))}")
+    options = []
+    for label, evidence in found.evidence.items():
+        say(f"{label}: {evidence}")
+        options += ["--method", to_text(found.methods[label])]
+    if options:
+        say(f"the same settings again: {shlex.join(options)}")

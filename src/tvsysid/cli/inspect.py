@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import attrs
 
 from tvsysid.cli.console import errors, remark, say, show_table, shown_warnings
-from tvsysid.cli.options import USUAL_RATE, Cutting, Flag, ReadingOptions, decimation
+from tvsysid.cli.options import Cutting, Flag, ReadingOptions, rate_options
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from tvsysid.quality import Diagnosis
-    from tvsysid.recommendation import Recommendation
     from tvsysid.recordings import Channel
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -81,49 +80,32 @@ def inspect(
             f"{picture}: unknown ending {picture.suffix!r}; give one of {', '.join(PICTURES)}"
         )
     channels = describe_file(file, reading.header)
-    records = [{"name": name, "channel": channel} for name, channel in channels.items()]
-    show_table(file.name, records, {"channel": "{name}", "content": "{channel.described}"})
+    records = [{"name": name, "content": each.described} for name, each in channels.items()]
+    show_table(file.name, records, {"channel": "name", "content": "content"})
     try:
         save(recorded_channels(channels, file.name), picture)
         say(f"wrote {picture}")
     except InputError as error:
         remark("note", str(error))
-    if not diagnose:
+    if diagnose:
+        _show_diagnosis(file, picture.parent, reading, segmentation, reference)
+    else:
         _show_next(file, channels)
-        return
-    from tvsysid.report import write_diagnosis
-
-    diagnosis, recommendation = _diagnose(file, reading, segmentation, reference)
-    # A file may hold several pairs of channels: a page for each.
-    stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
-    page = picture.with_name(f"{stem}.diagnosis.html")
-    name = f"{file.name} ({reading.angle}, {reading.torque})"
-    write_diagnosis(page, {name: diagnosis}, command_line())
-    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
-    for check in diagnosis.findings:
-        say(f"{check.name} ({check.strength})", "bold")
-        say(f"  seen:   {check.what}")
-        say(f"  effect: {check.fault.effect}")
-        say(f"  remedy: {check.fault.remedy}")
-    for line in diagnosis.notes:
-        say(line)
-    if recommendation is not None:
-        say(f"method for these data: {recommendation.sentence}")
-    say(f"wrote {page}")
 
 
-def _diagnose(
-    file: Path, reading: Reading, segmentation: Segmentation, reference: str | None
-) -> tuple[Diagnosis, Recommendation | None]:
-    """Diagnose a recording, and recommend a method if its behaviour repeats.
+def _show_diagnosis(
+    file: Path, folder: Path, reading: Reading, segmentation: Segmentation, reference: str | None
+) -> None:
+    """Diagnose a recording, print and write the findings, and recommend a method.
 
     The recording is not decimated, because that would hide a clipped signal. Checks that need a low
-    rate decimate themselves.
+    rate decimate themselves. A method is recommended if the behaviour repeats.
     """
     from tvsysid.comparison import prepare_recording
     from tvsysid.quality import diagnose
     from tvsysid.quality.resampling import lowered
     from tvsysid.recommendation import recommend
+    from tvsysid.report import write_diagnosis
 
     repeats = segmentation.period is not None
     if not repeats:
@@ -140,19 +122,33 @@ def _diagnose(
     ensemble = prepared.diagnosed
     with errors.status("diagnosing"):
         diagnosis = diagnose(ensemble, reference, repeats=repeats, recording=recording)
-        if not repeats:
-            return diagnosis, None
-        return diagnosis, recommend(lowered(ensemble), reference, diagnosis=diagnosis)
+        # A file may hold several pairs of channels: a page for each.
+        stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
+        page = folder / f"{stem}.diagnosis.html"
+        name = f"{file.name} ({reading.angle}, {reading.torque})"
+        write_diagnosis(page, {name: diagnosis}, command_line())
+    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
+    for check in diagnosis.findings:
+        say(f"{check.name} ({check.strength})", "bold")
+        say(f"  seen:   {check.what}")
+        say(f"  effect: {check.fault.effect}")
+        say(f"  remedy: {check.fault.remedy}")
+    for line in diagnosis.notes:
+        say(line)
+    if repeats:
+        with errors.status("choosing a method"):
+            found = recommend(lowered(ensemble), reference, diagnosis=diagnosis)
+        say(f"method for these data: {found.sentence}")
+    say(f"wrote {page}")
 
 
-def _show_next(file: Path, channels: dict[str, Channel]) -> None:
+def _show_next(file: Path, channels: Mapping[str, Channel]) -> None:
     """Print the command that identifies the file."""
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = rates.pop() if len(rates) == 1 else None
-    at = f"{rate:g} {decimation(rate)}".rstrip() if rate else f"HZ --decimate {USUAL_RATE:g}"
     say(
         f"identify it with\ntvsysid identify {shlex.quote(str(file))} --angle CHANNEL --torque "
-        f"CHANNEL --rate {at} --period SECONDS"
+        f"CHANNEL {rate_options(rate)} --period SECONDS"
     )
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("where each column of a matrix is a trial by itself, add --columns trials")

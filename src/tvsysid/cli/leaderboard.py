@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tvsysid.cli.console import errors, remark, show_table, shown_warnings
-from tvsysid.cli.options import Methods, Whole, WorkerOptions, Workers, given
+from tvsysid.cli.options import Methods, WorkerOptions, Workers, given
 from tvsysid.cli.running import run_study, show_end
 
 
@@ -13,8 +13,8 @@ def leaderboard(
     *,
     method: Methods | None = None,
     scenario: list[str] | None = None,
-    trials: Whole | None = None,
-    seed: Whole | None = None,
+    trials: int | None = None,
+    seed: int | None = None,
     workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-leaderboard"),
 ) -> int:
@@ -64,11 +64,11 @@ def leaderboard(
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)
     columns = {
-        "rank": "{rank}",
-        "entry": "{entry}",
-        "score (%)": "{score:.2f}",
-        "± (%)": "{score_error:.2f}",
-        "in 95 % band (%)": "{coverage:.1f}",
+        "rank": "rank:d",
+        "entry": "entry",
+        "score (%)": "score:.2f",
+        "± (%)": "score_error:.2f",
+        "in 95 % band (%)": "coverage:.1f",
     }
     show_table("leaderboard", table.to_dict("records"), columns)
     if study.trials == 1:
@@ -77,4 +77,4 @@ def leaderboard(
             "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
         )
     failed = [each for each in problems(results) if each["kind"] == "failed"]
-    return 0 if show_end(out, FILES, failed) else 1
+    return show_end(out, FILES, failed)

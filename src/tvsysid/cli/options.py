@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 import attrs
-from cyclopts import Parameter, Token
+from cyclopts import Parameter
 
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
@@ -14,17 +13,6 @@ NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration", "snr_db"
 """Names of options that differ from the names of the settings."""
 USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
-
-
-def _whole(kind: object, tokens: Sequence[Token]) -> int:
-    """Return a whole number; cyclopts itself rounds 1.5 to 2."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ValueError("expected a whole number") from None
-
-
-Whole = Annotated[int, Parameter(converter=_whole)]
 
 
 @attrs.frozen
@@ -40,7 +28,7 @@ class Workers:
         `tvsysid[dask]`.
     """
 
-    workers: Whole | None = None
+    workers: int | None = None
     scheduler: str | None = None
 
 
@@ -60,11 +48,14 @@ Methods = Annotated[
 ]
 
 
-def decimation(rate: float) -> str:
-    """Return the option that makes a recording of a high rate (Hz) quick to identify."""
+def rate_options(rate: float | None) -> str:
+    """Return the options for a recording of this rate (Hz), and to identify it quickly."""
     from tvsysid.preprocess.trials import nearest_rate
 
-    return f"--decimate {nearest_rate(rate, USUAL_RATE):g}" if rate > SLOW_RATE else ""
+    if rate is None:
+        return f"--rate HZ --decimate {USUAL_RATE:g}"
+    decimated = f" --decimate {nearest_rate(rate, USUAL_RATE):g}" if rate > SLOW_RATE else ""
+    return f"--rate {rate:g}{decimated}"
 
 
 def given(**options: object) -> dict[str, Any]:

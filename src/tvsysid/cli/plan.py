@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
-from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, Whole, given
+from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, given
 from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -36,7 +36,7 @@ def plan(
     reading: ReadingOptions = Reading(),
     segmentation: Cutting = Segmentation(),
     verify: Flag = False,
-    seed: Whole = 0,
+    seed: int = 0,
     out: Path = Path("tvsysid-plan"),
 ) -> None:
     """Plan how much to record for a given precision of the stiffness.
@@ -94,20 +94,18 @@ def plan(
     from tvsysid.validators import with_settings
 
     joint = given(system=system, stiffness=stiffness, noise=noise, snr_db=snr)
-    if pilot is not None and joint:
-        raise InputError(
-            f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
-            "--stiffness, --noise and --snr"
-        )
     if pilot is None and reading != Reading():
         raise InputError(
             "options that describe a recording (such as --angle and --rate) need --pilot FILE"
         )
-    if noise is not None and snr is not None:
-        raise InputError("--noise and --snr: give one of them")
     if pilot is None:
         cutting = given(period=segmentation.period, rate=segmentation.decimate)
         first: Setup = Protocol(**joint, **cutting)
+    elif joint:
+        raise InputError(
+            f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
+            "--stiffness, --noise and --snr"
+        )
     else:
         first = _pilot(pilot, reading, segmentation)
     setups = [
@@ -150,25 +148,21 @@ def _show(found: Plan) -> None:
             f"least {MIN_REALIZATIONS} realizations"
         )
     columns = {
-        "method": "{method}",
-        "realizations": "{realizations}",
-        "record": "{duration}",
-        "± noise": "{half_width:.1f}",
-        "± bias": "{bias:.1f}",
-        "± both": "{both:.1f}",
-        "follows a step in": "{rise_time:.2f} s",
+        "method": "method",
+        "realizations": "realizations:d",
+        "record": "record",
+        "± noise": "half_width:.1f",
+        "± bias": "bias:.1f",
+        "± both": "both:.1f",
+        "follows a step in (s)": "rise_time:.2f",
     }
     for setup in found.setups:
         answers = [each for each in found.answers if each.setup == setup]
-        records = [
-            {
-                **each._asdict(),
-                "duration": each.duration if each.realizations else None,
-                "bias": found.multiple * each.bias,
-                "both": math.hypot(each.half_width, found.multiple * each.bias),
-            }
-            for each in answers
-        ]
+        records = []
+        for each in answers:
+            record, bias = each.duration if each.realizations else None, found.multiple * each.bias
+            both = math.hypot(each.half_width, bias)
+            records.append(each._asdict() | {"record": record, "bias": bias, "both": both})
         show_table(setup, records, columns)
         for each in answers:
             if each.why:

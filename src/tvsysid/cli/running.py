@@ -5,10 +5,10 @@ from __future__ import annotations
 import shlex
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from tvsysid.cli.console import remark, say_written, show_table, shown_progress
 from tvsysid.cli.options import Workers
@@ -25,24 +25,19 @@ if TYPE_CHECKING:
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
 SCHEDULER_TIMEOUT = "10s"
-PROBLEMS: dict[str, tuple[Literal["error", "warning"], str]] = {  # kinds of remarks, and words
-    "failed": ("error", "failed in"),
-    "skipped": ("warning", "skipped in"),
-    "warning": ("warning", "in"),
-}
-SCORES = {  # formats, by heading
-    "method": "{method}",
-    "drawn": "{realizations}",
-    "mean": "{mean_stiffness:.1f}",
-    "bias": "{bias_error:.1f}",
-    "random": "{random_error:.1f}",
-    "total": "{total_error:.1f}",
-    "rise": "{rise_time:.2f}",
-    "VAF": "{vaf:.1f}",
-    "VAF\n1-10 Hz": "{bandpassed_vaf:.1f}",
-    "reflex\ngain": "{reflex_gain total_error:.1f}",
-    "reflex\nVAF": "{reflex pathway_vaf:.1f}",
-    "time": "{seconds:.3f}",
+SCORES = {  # names and formats, by heading
+    "method": "method",
+    "drawn": "realizations:d",
+    "mean": "mean_stiffness:.1f",
+    "bias": "bias_error:.1f",
+    "random": "random_error:.1f",
+    "total": "total_error:.1f",
+    "rise": "rise_time:.2f",
+    "VAF": "vaf:.1f",
+    "VAF\n1-10 Hz": "bandpassed_vaf:.1f",
+    "reflex\ngain": "reflex_gain total_error:.1f",
+    "reflex\nVAF": "reflex pathway_vaf:.1f",
+    "time": "seconds:.3f",
 }
 UNITS = (
     "stiffness and its errors in N·m/rad (those of the reflex gain in N·m·s/rad), rise and time in "
@@ -90,12 +85,10 @@ def _executor(workers: Workers) -> Iterator[tuple[Executor | None, int | None]]:
         client: Any = Client(  # type: ignore[no-untyped-call]
             workers.scheduler, timeout=SCHEDULER_TIMEOUT
         )
-    except ImportError as error:
-        raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
-    except (OSError, ValueError, TypeError) as error:
+    except (ImportError, OSError, ValueError, TypeError) as error:
         raise InputError(
             f"--scheduler {workers.scheduler}: no Dask scheduler answers there ({error}); check "
-            "the address"
+            "the address, and that Dask is installed: pip install 'tvsysid[dask]'"
         ) from error
     with client:
         threads = sum(client.nthreads().values())
@@ -110,20 +103,22 @@ def show_scores(title: str, summary: pd.DataFrame) -> None:
 
 
 def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
-    """Print the verdicts on published claims; ``need`` says what the other claims need."""
-    studied = claims[claims.verdict != "not studied"]
-    title = f"published claims about {about}"
-    if missing := len(claims) - len(studied):
-        title += f"; {missing} more need {need}"
-    columns = {"claim": "{claim}", "verdict": "{verdict}"}
-    show_table(title, studied.to_dict("records"), columns)
+    """Print the verdicts on published claims, if any; ``need`` says what other claims need."""
+    studied = claims[claims.verdict != "not studied"].to_dict("records")
+    missing = len(claims) - len(studied)
+    more = f"; {missing} more need {need}" if missing else ""
+    if studied:
+        columns = {"claim": "claim", "verdict": "verdict"}
+        show_table(f"published claims about {about}{more}", studied, columns)
 
 
-def show_end(out: Path, files: Iterable[str], problems: Sequence[Problem]) -> bool:
-    """Print failures, warnings and files; return whether no method failed."""
+def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> int:
+    """Print failures, warnings and files; return the exit code, 1 if a method failed."""
+    code = 0
     for each in problems:
-        kind, words = PROBLEMS[each["kind"]]
-        text = "{method}: {words} {count} of {trials}; the first: {first}"
-        remark(kind, text.format(words=words, **each))
+        failed = each["kind"] == "failed"
+        text = "{method}: {kind} in {count} of {trials}; the first: {first}"
+        remark("error" if failed else "warning", text.format(**each))
+        code |= failed
     say_written(out, [*files, RESULTS])
-    return not any(each["kind"] == "failed" for each in problems)
+    return code

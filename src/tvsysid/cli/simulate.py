@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Flag, Flattened, Whole, decimation
+from tvsysid.cli.options import Flag, Flattened, rate_options
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Simulated:
     stiffness: str | None = None
     duration: float = 150.0
     snr: float = 10.0
-    seed: Whole = 0
+    seed: int = 0
     rate: float = 1000.0
 
 
@@ -61,7 +61,7 @@ def simulate(
     simulated: Annotated[Simulated, Flattened] = Simulated(),
     perturbation: str = "noise",
     overwrite: Flag = False,
-    participant: Whole | None = None,
+    participant: int | None = None,
 ) -> None:
     """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
@@ -128,17 +128,15 @@ def _write_system(file: Path, simulated: Simulated, perturbation: Perturbation) 
     except Exception as error:  # a system of one's own may raise anything
         raise InputError(f"system {simulated.system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)
-    last = first + round(simulated.duration * rate)
-    signals = _signals(simulation)
-    write_simulation(file, {name: signals[name][first:last] for name in signals}, rate)
-    at = f"{rate:g} {decimation(rate)}".rstrip()
+    inner = slice(first, first + round(simulated.duration * rate))
+    write_simulation(file, {name: each[inner] for name, each in _signals(simulation).items()}, rate)
     period = getattr(getattr(system, "stiffness", None), "period", PERIOD_S)
     channels = simulation.recording.channels
     named = "".join(f" --channel {name}={name}" for name in channels)
     say(
         f"wrote {file}: {simulated.duration:g} s at {rate:g} Hz; identify it with\ntvsysid "
-        f"identify {shlex.quote(str(file))} --angle angle --torque torque --rate {at} --period "
-        f"{period:g}{named}"
+        f"identify {shlex.quote(str(file))} --angle angle --torque torque {rate_options(rate)} "
+        f"--period {period:g}{named}"
     )
     if "disturbance" in channels:
         say("in closed loop: add --method kbr:reference=disturbance,weighting=residual")
@@ -175,10 +173,8 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
     simulation = Participant(number).simulate(perturbation=perturbation)
     signals, recording = _signals(simulation), simulation.recording
     trials, rate = len(recording.trials), recording.sampling_rate
-    columns = {
-        each: signals[each].reshape(trials, -1).T
-        for each in ("angle", "torque", "target", "stiffness")
-    }
+    names = ("angle", "torque", "target", "stiffness")
+    columns = {each: signals[each].reshape(trials, -1).T for each in names}
     write_simulation(file, columns, rate)
     key = re.sub(r"\W", "-", name)
     say(

@@ -71,14 +71,16 @@ class Account:
 
 
 class Further(NamedTuple):
-    """Estimate beside impedance over time: its method, name, unit, axes and values."""
+    """Estimate beside impedance over time: its mean, the half width of its band, its extremes."""
 
     method: str
     quantity: str
     unit: str
     over: str
-    values: Array
+    mean: float
     half_band: float
+    lowest: float
+    highest: float
 
 
 def answer(account: Account) -> list[str]:
@@ -202,10 +204,9 @@ def further(found: Comparison) -> Iterator[Further]:
             lower, upper = estimate.limits()
             half = mean_of(upper - lower) / 2
             known = estimate.values[np.isfinite(estimate.values)]
-            over = ", ".join(estimate.axes)
-            yield Further(
-                label, name.replace("_", " "), unit_name(estimate.unit), over, known, half
-            )
+            if known.size:
+                words = (name.replace("_", " "), unit_name(estimate.unit), ", ".join(estimate.axes))
+                yield Further(label, *words, known.mean(), half, known.min(), known.max())
 
 
 def reflex_shape(details: Mapping[str, float]) -> str:

@@ -229,15 +229,9 @@ def _beside(account: Account) -> list[page.Section]:
     """Return the section on the reflex and further estimates, if there are any."""
     found = account.found
     rows = [
-        page.Row(
-            (
-                *(each.method, each.quantity, each.unit, each.over),
-                *(page.number(value) for value in (each.values.mean(), each.half_band)),
-                *(page.number(value) for value in (each.values.min(), each.values.max())),
-            )
-        )
-        for each in further(found)
-        if each.values.size
+        page.Row((*words, *map(page.number, numbers)))
+        for *words, mean, half_band, lowest, highest in further(found)
+        for numbers in [(mean, half_band, lowest, highest)]
     ]
     shapes = {
         label: reflex_shape(model.diagnostics.details) for label, model in found.models.items()

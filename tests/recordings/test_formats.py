@@ -1,8 +1,8 @@
 """Every format gives the same recording, states what it knows, and refuses what is no signal."""
 
+import os
 import pickle
 import sys
-import tracemalloc
 
 import h5py
 import numpy as np
@@ -17,6 +17,7 @@ from tests.recordings.files import (
     write_gait,
     write_hdf5,
     write_series,
+    write_text,
 )
 
 import tvsysid as tv
@@ -78,37 +79,26 @@ def test_a_renamed_file_is_refused(tmp_path, signals, name, ending):
         describe_file(tmp_path / f"renamed.{ending}")
 
 
-@pytest.mark.parametrize(
-    "error", [PermissionError(13, "Permission denied"), BlockingIOError(11, "unable to lock file")]
-)
-def test_a_file_that_cannot_be_opened_is_told(file, monkeypatch, error):
+def test_a_file_that_cannot_be_opened_is_told(tmp_path, monkeypatch):
     def refuse(*_, **__):
-        raise error
+        raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(type(file), "open", refuse)
-    with refused(rf"cannot be read \(.*{error.strerror}\)\. Close it in other programs"):
-        describe_file(file)
+    monkeypatch.setattr(type(tmp_path), "open", refuse)
+    (tmp_path / "ankle.csv").touch()
+    os.truncate(tmp_path / "ankle.csv", 9)
+    with refused(r"cannot be read \(.*Permission denied\)\. Is it whole and closed in other"):
+        describe_file(tmp_path / "ankle.csv")
 
 
-@pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.npz"])
-def test_an_enormous_file_is_read_in_part(tmp_path, signals, name):
-    file = tmp_path / name
-    WRITERS[name](file, *signals)
-    if file.suffix == ".npz":
-        np.savez_compressed(file, pos=signals[0], tq=signals[1], big=np.zeros(20_000_000))
-    else:
-        with h5py.File(file, "r+") as root:
-            for key in ("big", "vast"):  # a terabyte each, which takes no place on disk
-                shape, chunks = (1000, 125_000_000), (1, 1_000_000)
-                big = root.create_dataset(key, shape=shape, chunks=chunks, dtype="f8")
-                big.attrs["MATLAB_class"] = np.bytes_("double")
-    tracemalloc.start()
+def test_an_enormous_file_is_read_in_part(tmp_path, signals):
+    file = tmp_path / "ankle.h5"
+    write_hdf5(file, *signals)
+    with h5py.File(file, "r+") as root:
+        for key in ("big", "vast"):  # a terabyte each, which takes no place on disk
+            root.create_dataset(key, (1000, 125_000_000), "f8", chunks=(1, 1_000_000))
     np.testing.assert_array_equal(read(file).angle, signals[0])
-    assert tracemalloc.get_traced_memory()[1] < 20e6
-    tracemalloc.stop()
-    if file.suffix != ".npz":
-        with refused(r"Unable to allocate .* save the part that is needed"):
-            read(file, angle="big", torque="vast")
+    with refused(r"Unable to allocate .* Save the part that is needed"):
+        read(file, angle="big", torque="vast")
 
 
 def test_groups_dimensions_and_packed_values_of_netcdf(tmp_path, signals):
@@ -129,8 +119,11 @@ def test_groups_dimensions_and_packed_values_of_netcdf(tmp_path, signals):
     [
         (np.ones(600) + 1j, "expected real numbers, got values of type complex128"),
         (np.array(["a"] * 600), "expected real numbers, got text"),
-        (np.array([[1.0], [1.0, 2.0]], dtype=object), "pickled objects, which are never read"),
-        (np.ones(599), r"different lengths: other \(599\), tq \(600\); name channels that were"),
+        (
+            np.array([[1.0], [1.0, 2.0]], dtype=object),
+            "an array that cannot be read .Object",
+        ),
+        (np.ones(599), r"lengths or trials: other \(599\), tq \(600\); name channels"),
         (np.ones((10, 20, 3)), r"expected a vector or a matrix, got an array of shape"),
         (np.zeros(0), "expected samples, got an empty array"),
         (np.full(600, np.nan), "600 of 600 values are NaN"),
@@ -151,13 +144,13 @@ def test_nothing_is_unpickled(tmp_path):
     for ending in ("mat", "npy.npz", "nc"):
         (tmp_path / f"trap.{ending}").write_bytes(pickle.dumps(Trap()))
     for file in tmp_path.iterdir():
-        with refused("cannot be read|expected real numbers, got pickled objects"):
+        with refused("cannot be read"):
             read(file)
 
 
 @pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.nc"])
 def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
-    """What is not followed is listed, and spoils nothing else. NetCDF files are refused."""
+    """What is not followed is listed. Files of libraries that follow links are refused."""
     secret = tmp_path / "secret"
     secret.write_bytes(signals[0].tobytes())
     write_hdf5(tmp_path / "other.h5", *signals)
@@ -175,14 +168,13 @@ def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
         root["same"] = h5py.SoftLink("/pos")
         root["inner/again"] = root["/"]
         root["type"], root["empty"] = np.dtype("f8"), h5py.Empty("f8")
-    if name == "ankle.nc":
+    if name != "ankle.h5":
         with refused("save the file with its values in itself"):
             describe_file(file)
         return
     np.testing.assert_array_equal(read(file, angle="same").angle, signals[0])
-    inner = "inner.link" if name == "v73.mat" else "inner/link"
     described = describe_file(file)
-    for path in (inner, "nowhere", "circle", "through", "virtual", "outer"):
+    for path in ("inner/link", "nowhere", "circle", "through", "virtual", "outer"):
         with refused(f"{path}: expected real numbers, got (a link|values in another file), which"):
             described[path].read(path)
 
@@ -197,7 +189,7 @@ def test_names_that_occur_twice_are_refused(tmp_path, signals):
     content = (tmp_path / "a.mat").read_bytes()
     (tmp_path / "a.mat").write_bytes(content + content[128:])
     for file in tmp_path.iterdir():
-        with refused(rf"{file.name}: .*(called '(tq1?|pos)'|Duplicate variable name \"tq\")"):
+        with refused(rf"{file.name}: .*(called '(tq1?|pos)'|Duplicate variable name 'tq')"):
             describe_file(file)
 
 
@@ -220,14 +212,6 @@ def test_columns_without_a_name_are_no_duplicates(tmp_path):
     assert [name for name in names if not name.startswith("Unnamed")] == ["pos", "tq"]
 
 
-@pytest.mark.parametrize("columns", [10_001, 2_000_000])
-def test_more_columns_than_anyone_has_are_refused(tmp_path, columns):
-    lines = ",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns
-    (tmp_path / "wide.csv").write_text(lines)
-    with refused(r"the first line has \d+ columns or more; expected 10000 at most"):
-        describe_file(tmp_path / "wide.csv")
-
-
 def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
     bare = tmp_path / "bare.csv"
     np.savetxt(bare, np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
@@ -235,13 +219,9 @@ def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
         read(bare, angle="1", torque="2")
     recording = read(bare, angle="1", torque="2", header=False)
     np.testing.assert_array_equal([recording.angle, recording.torque], signals)
-    for name, message in {
-        "ankle.csv": r"the first line has names, such as \['pos'\]; read it without",
-        "ankle.npz": r"--no-header \(header=False\) is for text tables; leave it out for a .npz",
-    }.items():
-        WRITERS[name](tmp_path / name, *signals)
-        with refused(message):
-            read(tmp_path / name, header=False)
+    write_text(tmp_path / "ankle.csv", *signals)
+    with refused(r"expected numbers in the first line, got \['pos', 'tq'\]; .* without --no"):
+        read(tmp_path / "ankle.csv", header=False)
 
 
 @pytest.mark.parametrize("text", ["1,2\n3,4,5\n", "1,2\n3,x\n", "1,,2\n3,4\n"])
@@ -297,16 +277,13 @@ def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
         described.write_text(text)
         with refused(message):
             read(file)
+    content = file.read_text()
+    file.write_text("pos\ttq\n" + content)
+    with refused(r"expected numbers in the first line, got \['pos', 'tq'\]"):
+        read(file)
+    file.write_text(content)
     described.unlink()
     with refused(r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
-        read(file)
-
-
-def test_motion_bids_has_no_names_in_it(tmp_path, signals):
-    file = tmp_path / "sub-1_motion.tsv"
-    WRITERS[file.name](file, *signals)
-    file.write_text("pos\ttq\n" + file.read_text())
-    with refused(r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
         read(file)
 
 
@@ -353,5 +330,5 @@ def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
 def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / "a.edf").write_bytes(b"0       ")
     monkeypatch.setitem(sys.modules, "edfio", None)
-    with refused("these files need edfio; pip install edfio"):
+    with refused("cannot be read .*edfio.* Install the library: pip install edfio"):
         describe_file(tmp_path / "a.edf")

@@ -42,11 +42,8 @@ def worker_pid():
 def test_a_file_that_kills_its_library_is_an_error_and_the_next_is_read(name, sound, monkeypatch):
     if name.endswith(".c3d"):
         pytest.importorskip("ezc3d", reason="ezc3d is not installed")
-    monkeypatch.setattr(worker, "CPU_S", 1.0)
-    with pytest.raises(
-        tv.InputError,
-        match=rf"{name}: (the library .* crashed|cannot be read)",
-    ):
+    monkeypatch.setattr(worker, "WAIT_S", 5.0)
+    with pytest.raises(tv.InputError, match=rf"{name}: (the library .* crashed|cannot be read)"):
         describe_file(DAMAGED / name)
     assert set(describe_file(sound)) == {"pos", "tq"}
 
@@ -98,21 +95,11 @@ def status(process):
 
 
 @pytest.mark.slow
-def test_a_library_that_waits_is_ended_by_the_clock(sound, monkeypatch):
-    describe_file(sound)
-    os.kill(worker_pid(), signal.SIGSTOP)
-    monkeypatch.setattr(worker, "WAIT_RATIO", 0.1)
-    with pytest.raises(tv.InputError, match=r"sound\.mat: the library .* did not end in 3 s"):
-        describe_file(sound)
-
-
-@pytest.mark.slow
 def test_paths_are_those_of_the_caller(sound, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert describe_file("sound.mat")
     (tmp_path / "inner").mkdir()
-    monkeypatch.chdir(tmp_path / "inner")
-    assert describe_file("../sound.mat")
+    for folder, path in ((tmp_path, "sound.mat"), (tmp_path / "inner", "../sound.mat")):
+        monkeypatch.chdir(folder)
+        assert describe_file(path)
     strange = Path(os.fsdecode(b"\xff \xe4.mat"))
     sound.rename(strange)
     assert describe_file(strange)

@@ -261,7 +261,7 @@ def _unnamed_references(
     if kinds & {"reference", "scheduling"}:
         return
     channels, ensemble = describe_file(file, reading.header), found.ensemble
-    shapes = {channels.pop(name).shape for name in reading.names}
+    shapes = {channels.pop(name).shape for name in set(reading.names.values())}
     others = {name: each for name, each in channels.items() if each.shape in shapes}
     for name, channel in list(others.items())[:MAX_TESTED_CHANNELS]:
         with suppress(InputError):  # it holds no numbers

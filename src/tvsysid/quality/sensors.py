@@ -10,9 +10,9 @@ from tvsysid.preprocess import find_gaps, find_mains
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check, indices
 from tvsysid.quality.fitted import SPREAD_SAMPLES, FittedEnsemble
 from tvsysid.quality.statistics import innovations
-from tvsysid.recordings.plausible import MAX_STANDSTILL_S
 from tvsysid.signals import Array, Recording
 
+MAX_STANDSTILL_S = {"angle": 0.25, "torque": 0.08}
 MIN_TIED_REALIZATIONS = 3  # at a limit at the same time
 TIE_TOLERANCE = 1e-3  # of a standard deviation
 MAX_REPEATED_SHARE = 0.5  # of values tied in the middle, relative to those tied at the limits

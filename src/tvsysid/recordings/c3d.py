@@ -32,9 +32,8 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
         )
     parameters, header = content["parameters"], content["header"]
     about, rate = parameters.get("ANALOG", {}), header["analogs"]["frame_rate"]
-    units = padded(_texts(about, "UNITS"), len(analogs))
-    names = numbered(padded(_texts(about, "LABELS"), len(analogs)))
-    for name, values, unit in zip(names, analogs, units, strict=True):
+    units, labels = (padded(_texts(about, name), len(analogs)) for name in ("UNITS", "LABELS"))
+    for name, values, unit in zip(numbered(labels), analogs, units, strict=True):
         yield name, channel_of(values, unit, rate)
     about, rate = parameters.get("POINT", {}), header["points"]["frame_rate"]
     model_units = {
@@ -43,11 +42,11 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
         for label in _texts(about, f"{kind}S")
     }
     labels = padded(_texts(about, "LABELS"), points.shape[1])
-    marker_unit = "".join(_texts(about, "UNITS"))
-    named = list(zip(labels, numbered(labels), points.swapaxes(0, 1), strict=True))
-    for label, name, position in sorted(named, key=lambda item: item[0] not in model_units):
-        for axis, values in zip("xyz", position, strict=True):
-            yield f"{name}.{axis}", channel_of(values, model_units.get(label, marker_unit), rate)
+    marker_unit, names = "".join(_texts(about, "UNITS")), numbered(labels)
+    for point in sorted(range(len(labels)), key=lambda each: labels[each] not in model_units):
+        unit = model_units.get(labels[point], marker_unit)
+        for axis, values in zip("xyz", points[:, point], strict=True):
+            yield f"{names[point]}.{axis}", channel_of(values, unit, rate)
 
 
 def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:

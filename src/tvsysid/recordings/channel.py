@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,9 +20,8 @@ RATE_NAMES = {
 }  # fmt: skip
 NO_UNITS = ("", "defaultunits", "unknown", "none", "na")
 MAX_JITTER = 0.1  # of a time step: computer clocks stay below it, a lost sample does not
-UNEVEN = "values without evenly spaced times"
 
-Values = ArrayLike | Callable[[], ArrayLike]
+Values = Any  # an array, an object with shape and dtype that becomes one, or a function
 
 
 def stated_unit(unit: object) -> str:
@@ -76,7 +75,7 @@ class Channel:
     unit: str = attrs.field(default="", converter=stated_unit)
     sampling_rate: float | None = attrs.field(default=None, converter=stated_rate)
     trial_starts: tuple[int, ...] = ()
-    values: Values | None = attrs.field(default=None, repr=False, eq=False)
+    values: Values = attrs.field(default=None, repr=False, eq=False)
 
     @property
     def size(self) -> int:
@@ -117,40 +116,45 @@ def channel_of(
     unit: object = "",
     sampling_rate: object = None,
     shape: tuple[int, ...] = (),
-    dtype: np.dtype[Any] | None = None,
+    dtype: Any = None,
 ) -> Channel:
     """Return a channel, with values if they are numbers.
 
     Where the values are a function that reads them, give their shape and type.
     """
     if dtype is None:
-        values = np.asarray(values)
-        shape, dtype = values.shape, values.dtype
+        shape, dtype = values.shape or (), values.dtype
     if dtype.kind in "biufc":
         return Channel(shape, str(dtype), unit, sampling_rate, values=values)
-    kinds = {"V": "records", "m": "dates", "M": "dates", "O": "text or cells"}
-    return Channel(shape, kinds.get(dtype.kind, "text"), unit, sampling_rate)
+    kind = {"V": "records", "O": "text or cells"}.get(dtype.kind, "text or dates")
+    return Channel(shape, kind, unit, sampling_rate)
 
 
 def stated(*attributes: Mapping[Any, object]) -> tuple[object, object]:
     """Return the unit that the first attributes state, and the first sampling rate of all."""
     plain = [{_text(name).lower(): each[name] for name in each} for each in attributes]
     rates = [each[name] for each in plain for name in each if name in RATE_NAMES]
-    return plain[0].get("units", plain[0].get("unit", "")), (rates or [None])[0]
+    return plain[0].get("units", plain[0].get("unit", "")), next(iter(rates), None)
 
 
-def even_rate(times: NDArray[Any]) -> float | None:
-    """Return the rate of samples at these times in s; None if their steps differ by over a tenth.
+def timed(channel: Channel, times: ArrayLike) -> Channel:
+    """Return a channel with the rate of its times in s.
+
+    It cannot be a signal if its time steps differ by over a tenth.
 
     Examples
     --------
-    >>> even_rate(np.array([2.0, 2.01, 2.0199, 2.03])), even_rate(np.array([2.0, 2.01, 2.03]))
-    (100.0, None)
+    >>> emg = channel_of(np.arange(4.0))
+    >>> timed(emg, [2.0, 2.01, 2.0199, 2.03]).sampling_rate
+    100.0
+    >>> timed(emg, [2.0, 2.01, 2.02, 2.04]).dtype
+    'values without evenly spaced times'
     """
     steps = np.diff(np.asarray(times, dtype=float))
     step = float(steps.mean()) if len(steps) else 0.0
-    is_even = 0 < step < math.inf and np.abs(steps - step).max() <= MAX_JITTER * step
-    return round(1 / step, 9) if is_even else None
+    if 0 < step < math.inf and np.abs(steps - step).max() <= MAX_JITTER * step:
+        return attrs.evolve(channel, sampling_rate=round(1 / step, 9))
+    return attrs.evolve(channel, values=None, dtype="values without evenly spaced times")
 
 
 def numbered(labels: Sequence[str]) -> list[str]:
@@ -180,15 +184,11 @@ def explained(name: str) -> Iterator[None]:
     except InputError as error:
         text = str(error)
         raise InputError(text if name in text else f"{name}: {text}") from None
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{name}: these files need {error.name}; pip install {error.name}"
-        ) from error
     except Exception as error:  # damaged files raise errors of all kinds
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        remedy = "Is it whole, and is its ending right?"
-        if isinstance(error, PermissionError | BlockingIOError):
-            remedy = "Close it in other programs, or change its permissions"
+        remedy = "Is it whole and closed in other programs, and is its ending right?"
+        if isinstance(error, ModuleNotFoundError):
+            remedy = f"Install the library: pip install {error.name}"
         elif isinstance(error, MemoryError):
-            remedy += " If so, save the part that is needed to a file of its own"
+            remedy = "Save the part that is needed to a file of its own"
         raise InputError(f"{name}: cannot be read ({reason}). {remedy}") from error

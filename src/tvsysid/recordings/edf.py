@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel, channel_of, numbered
@@ -28,6 +25,4 @@ def read_edf(file: Path) -> Iterator[tuple[str, Channel]]:
         )
     signals: Any = content.signals
     for name, signal in zip(numbered([each.label for each in signals]), signals, strict=True):
-        shape = (signal.samples_per_data_record * content.num_data_records,)
-        about = signal.physical_dimension, signal.sampling_frequency
-        yield name, channel_of(partial(getattr, signal, "data"), *about, shape, np.dtype(float))
+        yield name, channel_of(signal.data, signal.physical_dimension, signal.sampling_frequency)

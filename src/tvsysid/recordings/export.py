@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from tvsysid import __version__
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.recordings.write import checked, whole_file
+from tvsysid.recordings.write import checked, whole_file, write_table
 from tvsysid.signals import Recording
 
 if TYPE_CHECKING:
@@ -36,7 +36,17 @@ DESCRIPTIONS = {
     "time_varying_vaf": "Variance of the torque that is accounted for",
 }
 COLUMN_UNITS = {**UNITS, "time_s": "s", "time_varying_vaf": "%"}
-LIMITS = {"_lower": "lower limit of its 95 % band", "_upper": "upper limit of its 95 % band"}
+LIMITS = {
+    "lower": ", lower limit of its 95 % band",
+    "upper": ", upper limit of its 95 % band",
+    "": "",
+}
+DATASET = {
+    "Name": "Joint impedance identified by tvsysid",
+    "BIDSVersion": BIDS_VERSION,
+    "DatasetType": "derivative",
+    "GeneratedBy": [{"Name": "tvsysid", "Version": __version__}],
+}
 
 
 def write_nwb(
@@ -100,21 +110,19 @@ def write_nwb(
         root["identifier"], root["session_description"] = file.stem, description
         root["session_start_time"] = root["timestamps_reference_time"] = began
         root.create_dataset("file_create_date", data=[began], maxshape=(None,))
-        identity = f"{file.stem} {began}"
-        _set_type(root, "NWBFile", identity)
+        _set_type(root, "NWBFile")
         root.attrs["nwb_version"] = NWB_VERSION
         for name, values in signals.items():
             series = root.create_group(f"acquisition/{name}")
-            _set_type(series, "TimeSeries", identity)
+            _set_type(series, "TimeSeries")
             data = series.create_dataset("data", data=values, compression="gzip", shuffle=True)
             data.attrs["unit"] = units.get(name, "unknown")
             start = series.create_dataset("starting_time", data=float(recording.start))
             start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
 
 
-def _set_type(group: h5py.Group, kind: str, identity: str) -> None:
-    """State the type of a group, and an identifier that is the same whenever it is written."""
-    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, f"{identity} {group.name}"))
+def _set_type(group: h5py.Group, kind: str) -> None:
+    identifier = str(uuid.uuid4())
     group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier})
 
 
@@ -166,26 +174,20 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
     file = Path(folder).joinpath(*above, "motion", stem)
     meanings = {column: _meaning(column) for column in table.columns}
     _write_json(file.with_suffix(".json"), {"Sources": [name], **meanings})
-    with whole_file(file) as temporary:
-        table.to_csv(temporary, sep="\t", index=False, float_format="%.6g", na_rep="n/a")
+    write_table(file, table, missing="n/a")
     described = Path(folder) / "dataset_description.json"
     if not described.exists():
-        about = {
-            "Name": "Joint impedance identified by tvsysid",
-            "BIDSVersion": BIDS_VERSION,
-            "DatasetType": "derivative",
-            "GeneratedBy": [{"Name": "tvsysid", "Version": __version__}],
-        }
-        _write_json(described, about)
+        _write_json(described, DATASET)
     return file
 
 
 def _meaning(column: str) -> dict[str, str]:
     """Return what a column holds, and its unit."""
-    limit = next((ending for ending in LIMITS if column.endswith(ending)), "")
-    quantity = column.removesuffix(limit)
+    quantity, _, limit = column.rpartition("_")
+    if limit not in LIMITS:
+        quantity, limit = column, ""
     text = DESCRIPTIONS.get(quantity, quantity.replace("_", " ").capitalize())
-    about = {"Description": f"{text}, {LIMITS[limit]}" if limit else text}
+    about = {"Description": text + LIMITS[limit]}
     return about | ({"Units": COLUMN_UNITS[quantity]} if quantity in COLUMN_UNITS else {})
 
 

@@ -1,21 +1,26 @@
-"""Which format a file has, and which channels it holds."""
+"""Which format a file has, and which channels it holds.
+
+A reader is a generator: it takes a file and yields names and channels while the file is open. To
+add a format, write one in a module of its own, and name it in ``READERS``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
 import attrs
+import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import RATE_NAMES, Channel, explained
 from tvsysid.recordings.worker import Result, run_isolated
 
 READERS = {
-    ".mat": "mat:read_mat_5",
+    ".mat": "mat:read_mat",
     ".csv": "tables:read_text",
     ".tsv": "tables:read_text",
     "_motion.tsv": "tables:read_motion",
@@ -30,6 +35,8 @@ READERS = {
     ".bdf": "edf:read_edf",
 }
 """Readers, as ``module:function``, by the ending of the file's name."""
+NAMELESS = {"tables:read_text": "tables:read_nameless"}
+"""Readers of tables whose first line has no names."""
 ISOLATED = ("mat", "hdf5", "netcdf", "c3d")
 """Modules whose libraries crash or never end on damaged files."""
 
@@ -43,6 +50,7 @@ def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
         File of any format that :func:`tvsysid.read_recording` reads.
     header
         Whether the first line of a text table has names; if not, columns are called 1, 2, ...
+        Other formats are read as usual.
 
     Raises
     ------
@@ -51,63 +59,54 @@ def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
     """
     file = Path(path).absolute()
     with explained(str(path)):
-        reader = _reader_of(file)
-        if header:
-            return _call(file, reader, 0, read_channels)
-        if reader == READERS[".csv"]:
-            return dict(resolve_name(f"{__package__}.{reader}")(file, header=False))
-        raise InputError(
-            f"--no-header (header=False) is for text tables; leave it out for a {file.suffix} file"
-        )
+        return _call(read_channels, file, _reader_of(file, header), 0)
 
 
 def read_channels(file: Path, reader: str) -> dict[str, Channel]:
     """Return the channels of a file by name, with the rates that variables beside them state."""
     channels: dict[str, Channel] = {}
     rates: dict[str, object] = {}
-    for name, channel in resolve_name(f"{__package__}.{reader}")(file):
+    for name, channel in _read(file, reader):
         if name in channels:
             raise InputError(f"two channels are called {name!r}; give each a name of its own")
-        place = _place(name)
-        if (
-            name.removeprefix(place).lower() in RATE_NAMES
-            and channel.values is not None
-            and channel.size == 8
-        ):
-            rates[place] = channel.read(name)  # while the file is open
-        later = partial(_call, file, reader, channel.size, read_values, name)
-        is_in_memory = not callable(channel.values)
-        channels[name] = channel if is_in_memory else attrs.evolve(channel, values=later)
+        if name[len(_group(name)) :].lower() in RATE_NAMES and channel.size == 8:
+            rates[_group(name)] = None if channel.values is None else channel.read(name)
+        if channel.values is not None and not isinstance(channel.values, np.ndarray):
+            later = partial(_call, read_values, file, reader, channel.size, name)
+            channel = attrs.evolve(channel, values=later)  # noqa: PLW2901
+        channels[name] = channel
     for name, channel in channels.items():
-        rate = rates.get(_place(name), rates.get(""))
         if channel.sampling_rate is None and channel.size > 8:
+            rate = rates.get(_group(name), rates.get(""))
             channels[name] = attrs.evolve(channel, sampling_rate=rate)
     return channels
 
 
 def read_values(file: Path, reader: str, wanted: str) -> Any:
     """Return the values of a channel that is read when it is needed."""
-    for name, channel in resolve_name(f"{__package__}.{reader}")(file):
-        if name == wanted:
-            return channel.read(name)
-    raise InputError("the file has changed; read it again")
+    return next(channel.read(name) for name, channel in _read(file, reader) if name == wanted)
+
+
+def _read(file: Path, reader: str) -> Iterator[tuple[str, Channel]]:
+    with explained(str(file)):  # here, because errors of libraries may not be pickled
+        yield from resolve_name(f"{__package__}.{reader}")(file)
 
 
 def _call(
-    file: Path, reader: str, size: int, function: Callable[..., Result], *arguments: object
+    function: Callable[..., Result], file: Path, reader: str, size: int, *arguments: object
 ) -> Result:
     """Call a function that reads a file, in another process if the reader's library may crash."""
-    if not reader.startswith(ISOLATED):
-        return function(file, reader, *arguments)
-    return run_isolated(file.stat().st_size + size, function, file, reader, *arguments)
+    if reader.startswith(ISOLATED):
+        return run_isolated(file.stat().st_size + size, function, file, reader, *arguments)
+    return function(file, reader, *arguments)
 
 
-def _place(name: str) -> str:
+def _group(name: str) -> str:
     """Return the group or structure that a channel is in, with the sign that ends it."""
     return name[: max(name.rfind("/"), name.rfind(".")) + 1]
 
 
-def _reader_of(file: Path) -> str:
+def _reader_of(file: Path, header: bool) -> str:
     """Return the reader for a file as ``module:function``."""
     if not file.is_file():
         raise InputError("expected a file, got a folder" if file.is_dir() else "no such file")
@@ -116,10 +115,7 @@ def _reader_of(file: Path) -> str:
         raise InputError(
             f"unknown ending {file.suffix!r}; files that can be read end in {', '.join(READERS)}"
         )
-    with file.open("rb") as stream:
-        head = stream.read(1024)
-    if not head:
+    if not file.stat().st_size:
         raise InputError("the file is empty")
-    # MATLAB writes HDF5 below a header of its own.
-    is_mat_73 = endings == [".mat"] and b"\x89HDF\r\n" in head
-    return "hdf5:read_mat_73" if is_mat_73 else READERS[max(endings, key=len)]
+    reader = READERS[max(endings, key=len)]
+    return reader if header else NAMELESS.get(reader, reader)

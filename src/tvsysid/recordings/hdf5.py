@@ -1,19 +1,18 @@
-"""HDF5 files, and those in MATLAB's layout (MAT 7.3) and in that of NWB."""
+"""HDF5 files, and those in the layout of NWB."""
 
 from __future__ import annotations
 
 import posixpath
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import h5py
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import UNEVEN, Channel, channel_of, even_rate, stated
-from tvsysid.recordings.mat import channels_of, load_objects
+from tvsysid.recordings.channel import Channel, channel_of, stated, timed
 
 NWB_PARTS = ("starting_time", "timestamps", "channel_conversion")  # of a series, beside its data
 
@@ -54,41 +53,12 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     of the file.
     """
     with h5py.File(file, "r") as root:
-        # Attributes of each group and of the groups around it, by path
-        groups: dict[str, Any] = {"": (dict(root.attrs),)}
         for path, item in items_of(root).items():
-            around = groups.get(posixpath.dirname(path), groups[""])
-            if isinstance(item, h5py.Group):
-                groups[path] = (dict(item.attrs), *around)
-            elif isinstance(item, str):
+            if isinstance(item, str):
                 yield path, Channel((), item)
             elif isinstance(item, h5py.Dataset):
-                shape = (0,) if item.shape is None else item.shape
-                about = stated(item.attrs, *around)
-                yield path, channel_of(partial(np.asarray, item), *about, shape, item.dtype)
-
-
-def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Read variables as :func:`tvsysid.recordings.mat.read_mat_5` does, each when it is needed."""
-    with h5py.File(file, "r") as root:
-        # "#refs#" and "#subsystem#" hold the content of objects and cells.
-        items = {path: item for path, item in items_of(root).items() if path[0] != "#"}
-        about = {path: getattr(item, "attrs", {}) for path, item in items.items()}
-        if not any(each.get("MATLAB_object_decode") in (2, 3) for each in about.values()):
-            for path, item in items.items():
-                name = path.replace("/", ".")
-                if isinstance(item, str) or about[path].get("MATLAB_class") == b"char":
-                    yield name, Channel((), item if isinstance(item, str) else "text")
-                elif isinstance(item, h5py.Dataset):
-                    # MATLAB stores columns, HDF5 rows. An empty matrix is stored as its shape.
-                    is_empty = item.shape is None or about[path].get("MATLAB_empty")
-                    shape = (0,) if is_empty else item.shape[::-1]
-                    values = partial(np.transpose, item)
-                    yield name, channel_of(values, shape=shape, dtype=item.dtype)
-            return
-    check_whole(file)
-    for name, values in load_objects(file).items():
-        yield from channels_of(name, values)
+                around = (root[str(group)].attrs for group in PurePosixPath(path).parents)
+                yield path, channel_of(item, *stated(item.attrs, *around))
 
 
 def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -107,21 +77,18 @@ def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
             if getattr(data, "ndim", 0) not in (1, 2):
                 yield series, Channel((), data if isinstance(data, str) else "no signals")
                 continue
-            shape, unit, rate = data.shape[:1], data.attrs.get("unit"), None
-            if isinstance(start, h5py.Dataset):
-                rate = start.attrs.get("rate")
-            elif isinstance(times, h5py.Dataset) and times.shape == shape:
-                rate = even_rate(times[()])
+            shape, about = data.shape[:1], getattr(start, "attrs", {})
             count = data.shape[1] if data.ndim == 2 else 1
             factors = np.full(count, data.attrs.get("conversion", 1.0), dtype=float)
             factors *= gains[()] if isinstance(gains, h5py.Dataset) else 1.0
+            seconds: Any = times if getattr(times, "shape", None) == shape else ()
             for column, factor in enumerate(factors.tolist()):
                 part = np.s_[:, column] if data.ndim == 2 else ()
                 values = partial(_scaled, data, part, factor, data.attrs.get("offset", 0.0))
-                channel = channel_of(values, unit, rate, shape, data.dtype)
-                if rate is None and not start:
-                    channel = Channel(shape, UNEVEN, unit)
-                yield series if count == 1 else f"{series}.{column + 1}", channel
+                unit = data.attrs.get("unit")
+                channel = channel_of(values, unit, about.get("rate"), shape, data.dtype)
+                name = series if count == 1 else f"{series}.{column + 1}"
+                yield name, channel if start else timed(channel, seconds)
 
 
 def _scaled(data: h5py.Dataset, part: object, factor: float, offset: float) -> Any:

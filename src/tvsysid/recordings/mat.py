@@ -1,4 +1,4 @@
-"""MAT files of versions 4 to 7, with structures, and the objects of the Kearney lab's toolbox."""
+"""MAT files of all versions, with structures, and the objects of the Kearney lab's toolbox."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Any
 
 import attrs
 import numpy as np
+from scipy.io.matlab import matfile_version
 
+from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel, channel_of, numbered, padded, stated_rate
+from tvsysid.recordings.hdf5 import check_whole
 
 SEGMENTS = ("onsetPointer", "segLength")  # first samples, counted from 1, and lengths, of a segdat
 NO_SEGMENTS = (
@@ -20,35 +23,28 @@ NO_SEGMENTS = (
 )
 
 
-def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Read variables of a MAT file of version 4 to 7 by name, matrices as time x trial.
+def read_mat(file: Path) -> Iterator[tuple[str, Channel]]:
+    """Read variables of a MAT file by name, matrices as time x trial.
 
     The fields of a structure are channels ``name.field``. The channels of an ``nldat`` object are
     ``name.channel``, with the units and the increment of time that it states.
     """
-    from scipy.io.matlab import MatlabOpaque, MatReadWarning, loadmat  # noqa: PLC0415  # heavy
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are called None
-        warnings.filterwarnings("error", message='Duplicate variable name "(?!None")')
-        variables = loadmat(file, mat_dtype=True)
-    plain = {name: each for name, each in variables.items() if not isinstance(each, MatlabOpaque)}
-    objects = load_objects(file) if len(plain) < len(variables) else {}
-    for name, values in (objects | plain).items():
-        if not name.startswith("__"):
-            yield from channels_of(name, values)
-
-
-def load_objects(file: Path) -> dict[str, Any]:
-    """Read variables by the library that knows MATLAB's objects."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+    if matfile_version(file)[0] == 2:  # version 7.3 is HDF5
+        check_whole(file)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         import matio  # noqa: PLC0415  # heavy
 
-        return dict(matio.load_from_mat(str(file)))
+        variables = matio.load_from_mat(str(file))
+    for warning in map(str, (each.message for each in caught)):
+        if warning.startswith(("Duplicate variable", "Unreadable variable")):
+            raise InputError(f"cannot be read ({warning}); copy it again")
+    for name, values in variables.items():
+        if not name.startswith("__"):
+            yield from _channels_of(name, values)
 
 
-def channels_of(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
+def _channels_of(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
     """Yield one channel for a matrix, several for a structure or an object."""
     kind, fields = getattr(values, "classname", None), getattr(values, "properties", None)
     array = np.asarray(values)
@@ -61,7 +57,7 @@ def channels_of(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
         yield name, Channel(np.shape(values), f"an object of class {kind}")
     elif fields:
         for field, each in fields.items():
-            yield from channels_of(f"{name}.{field}", each)
+            yield from _channels_of(f"{name}.{field}", each)
     else:
         yield name, channel_of(array)
 
@@ -86,7 +82,6 @@ def _signals(
 
 def _cut(channel: Channel, fields: Mapping[str, Any], number: int, count: int) -> Channel:
     """Return the segments of a channel of a ``segdat``, which may have gaps between them."""
-    values = np.asarray(channel.values)
     try:
         table = np.stack([np.atleast_2d(_property(fields, name)) for name in SEGMENTS])
         # Some versions of the toolbox keep a column for each channel. Segments begin at different
@@ -95,7 +90,8 @@ def _cut(channel: Channel, fields: Mapping[str, Any], number: int, count: int) -
             table = table[:, :, number]
         onsets, lengths = table.reshape(2, -1).astype(int).tolist()
         parts = [
-            values[on - 1 : on - 1 + length] for on, length in zip(onsets, lengths, strict=True)
+            channel.values[on - 1 : on - 1 + length]
+            for on, length in zip(onsets, lengths, strict=True)
         ]
         if (table < 1).any() or (table % 1 != 0).any() or [*map(len, parts)] != lengths:
             raise ValueError

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 import xarray as xr
 
 from tvsysid.recordings.channel import Channel, channel_of, stated
@@ -25,9 +23,7 @@ def read_netcdf(file: Path) -> Iterator[tuple[str, Channel]]:
         for name in map(str, group.variables):
             variable = group.variables[name].transpose("time", ..., missing_dims="ignore")
             about = stated(variable.attrs, group.attrs, groups["/"].attrs)
-            values = partial(np.asarray, variable)
-            channel = channel_of(values, *about, variable.shape, variable.dtype)
-            yield f"{path}/{name}".lstrip("/"), channel
+            yield f"{path}/{name}".lstrip("/"), channel_of(variable, *about)
 
 
 def open_groups(file: Path) -> Mapping[str, xr.Dataset]:

@@ -14,7 +14,7 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import Channel, explained
 from tvsysid.recordings.formats import describe_file
-from tvsysid.recordings.plausible import doubts, unlike_trials
+from tvsysid.recordings.plausible import doubts
 from tvsysid.recordings.reading import Reading, read_recording
 from tvsysid.signals import Array, Recording
 
@@ -75,18 +75,15 @@ def read_usable_trials(
             name = label if len(starts) == 1 else f"{label}, trial {number}"
             try:
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
-                if recording.duration < shortest:
-                    raise InputError(
-                        f"it lasts {recording.duration:g} s, and a realization with the ends that "
-                        f"are cut off takes {shortest:g} s"
-                    )
             except InputError as error:
                 refused[name] = str(error)
                 continue
+            if recording.duration < shortest:
+                refused[name] = f"it lasts {recording.duration:g} s, which is less than the "
+                refused[name] += f"{shortest:g} s of a realization and the ends that are cut off"
+                continue
             usable[name] = recording
             _warn(name, doubts(channels, recording, reading))
-    for name, text in unlike_trials(usable):
-        _warn(name, [text])
     joined = join_trials([*usable.values()]) if usable else None
     return UsableTrials(joined, tuple(usable), refused)
 
@@ -128,22 +125,21 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 
     An InputError is raised if they differ in sampling rate, start or channels, or there are none.
     """
-    if not recordings:
-        raise InputError("join_trials: expected recordings, got none")
-    first, starts, length = recordings[0], [], 0
-    for number, item in enumerate(recordings):
-        if _axes(item) != _axes(first):
-            raise InputError(
-                f"join_trials: recording {number} has {_axes(item)}, and the first {_axes(first)}; "
-                "read them alike, or decimate to one rate before"
-            )
+    if len(kinds := dict.fromkeys(map(_described, recordings))) != 1:
+        raise InputError(
+            "join_trials: expected recordings that are alike, got "
+            f"{'; '.join(kinds) or 'none'}; read them alike, or decimate to one rate before"
+        )
+    starts, length = [], 0
+    for item in recordings:
         starts += [length + start for start in item.trial_starts]
         length += len(item)
+    first = recordings[0]
+    recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
 
     def joined(name: str) -> Array:
         return np.concatenate([item.signal(name) for item in recordings])
 
-    recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
     return attrs.evolve(
         first,
         angle=joined("angle"),
@@ -154,43 +150,41 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _axes(recording: Recording) -> str:
+def _described(recording: Recording) -> str:
     """Return in words what joined recordings must share."""
     channels = ", ".join(sorted(recording.channels)) or "none"
-    return f"{recording.sampling_rate} Hz from {recording.start} s, channels: {channels}"
+    return f"{recording.sampling_rate} Hz from {recording.start} s with channels {channels}"
 
 
 def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
-    """Return the channels that a recording is made of, their values, and where trials start."""
+    """Return channels and values of the signals of a recording, and where its trials start."""
     found = describe_file(file, reading.header)
     with explained(file.name):
-        for name in reading.names:
-            if name not in found:
-                raise InputError(f"no channel {name!r}; it holds {_listed(found) or 'nothing'}")
-        channels = {name: found[name] for name in reading.names}
-        matrices = {name: _as_matrix(name, channel) for name, channel in channels.items()}
-        if len({matrix.shape for matrix in matrices.values()}) > 1:
+        names = reading.names
+        if missing := [name for name in names.values() if name not in found]:
+            raise InputError(f"no channel {missing[0]!r}; it holds {_listed(found) or 'nothing'}")
+        channels = {own: found[name] for own, name in names.items()}
+        matrices = {own: _as_matrix(name, found[name]) for own, name in names.items()}
+        layouts = {(matrices[own].shape, channels[own].trial_starts) for own in names}
+        if len(layouts) > 1:
             raise InputError(
-                f"the channels have different lengths: {_listed(channels)}; name channels that "
+                "the channels have different lengths or trials: "
+                f"{_listed({name: found[name] for name in names.values()})}; name channels that "
                 "were sampled together, or cut or resample them to one rate before"
             )
-        if len({channel.trial_starts for channel in channels.values()}) > 1:
-            raise InputError(
-                "the channels are cut into trials at different samples; cut them alike"
-            )
-        segments, (length, columns) = channels[name].trial_starts, matrices[name].shape
+        (((length, columns), segments),) = layouts
         if reading.columns == "trials":
             starts = segments or tuple(range(0, length * columns, length))
-        elif len(segments) > 1:
+        elif segments:
             raise InputError(
                 f"the channels are {len(segments)} segments with gaps between them; read each as a "
                 "trial (--columns trials)"
             )
         else:
             starts = (0,)
-    return channels, {name: each.ravel(order="F") for name, each in matrices.items()}, starts
+    return channels, {own: each.ravel(order="F") for own, each in matrices.items()}, starts
 
 
 def _listed(channels: Mapping[str, Channel]) -> str:
@@ -199,9 +193,9 @@ def _listed(channels: Mapping[str, Channel]) -> str:
 
 def _as_matrix(name: str, channel: Channel) -> Array:
     """Return the values of a channel with an axis of time and one of columns."""
-    values = channel.read(name)
-    if values.ndim < 2 or (values.ndim == 2 and len(values) == 1):
-        values = values.reshape(-1, 1)
+    values = np.atleast_2d(channel.read(name))
+    if len(values) == 1:
+        values = values.T
     if values.ndim != 2:
         raise InputError(
             f"{name}: expected a vector or a matrix, got an array of shape {values.shape}; name "
@@ -213,14 +207,13 @@ def _as_matrix(name: str, channel: Channel) -> Array:
 def _recording(
     reading: Reading, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
 ) -> Recording:
-    """Return the recording of signals of shape (time,), by their names in the file."""
-    angle, torque = (signals[name] for name in reading.names[:2])
+    """Return the recording of signals of shape (time,), by their names in the recording."""
     return Recording(
-        angle=angle * RAD_PER_UNIT[reading.angle_unit],
-        torque=torque * (reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
+        angle=signals["angle"] * RAD_PER_UNIT[reading.angle_unit],
+        torque=signals["torque"] * (reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
         sampling_rate=reading.sampling_rate or math.nan,
         start=reading.start,
-        channels={name: signals[in_file] for name, in_file in reading.channels.items()},
+        channels={name: signals[name] for name in reading.channels},
         trial_starts=trial_starts,
     )
 

@@ -32,21 +32,13 @@ def named_channels(channels: Iterable[str]) -> dict[str, str]:
     {'emg': 'EMG_SIGNAL'}
     """
     if not isinstance(channels, Mapping):
-        if isinstance(channels, str):
-            raise InputError(f"channels: expected a mapping, got {channels!r}; give {{'emg': 'X'}}")
-        pairs = [text.partition("=") for text in channels]
-        for name, equals, in_file in pairs:
-            if not name or not in_file:
-                raise InputError(
-                    f"--channel {name}{equals}{in_file}: expected NAME=CHANNEL, as in "
-                    "emg=EMG_SIGNAL"
-                )
-        names = [name for name, _, _ in pairs]
-        if repeated := [name for name in names if names.count(name) > 1]:
+        pairs = [text.partition("=")[::2] for text in channels]
+        if not all(map(all, pairs)) or len(dict(pairs)) < len(pairs):
             raise InputError(
-                f"--channel {repeated[0]}=… is given twice; give each channel a name of its own"
+                f"--channel {' '.join(channels)}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL, and "
+                "each name once"
             )
-        channels = {name: in_file for name, _, in_file in pairs}
+        channels = dict(pairs)
     if taken := [name for name in ("angle", "torque") if name in channels]:
         raise InputError(
             f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
@@ -151,8 +143,8 @@ class Reading:
         return read(Path(path), self)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names in the file of all channels that are read, the angle and the torque first.
+    def names(self) -> dict[str, str]:
+        """Names in the file of the signals that are read, by their names in the recording.
 
         Raises
         ------
@@ -165,7 +157,7 @@ class Reading:
                     f"{name} is missing; give it (--{OPTION_NAMES.get(name, name)}). `tvsysid "
                     "inspect FILE` lists the channels of a file"
                 )
-        return tuple(map(str, dict.fromkeys((self.angle, self.torque, *self.channels.values()))))
+        return {"angle": str(self.angle), "torque": str(self.torque), **self.channels}
 
 
 @attrs.frozen(kw_only=True)

@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -18,9 +17,8 @@ from typing import TypeVar
 
 from tvsysid.errors import InputError
 
-CPU_S, CPU_S_PER_BYTE = 3.0, 1e-6  # some ten times what an intact file takes
+WAIT_S, WAIT_S_PER_BYTE = 15.0, 1e-5  # some hundred times what an intact file takes
 MEMORY_BYTES, MEMORY_PER_BYTE = 2**30, 20  # values of a compressed file, and their copies
-WAIT_RATIO = 10  # time to wait, relative to the processor time: other programs may be at work
 
 Result = TypeVar("Result")
 
@@ -28,34 +26,30 @@ Result = TypeVar("Result")
 def run_isolated(size: int, function: Callable[..., Result], *arguments: object) -> Result:
     """Call a function of a module in another process, with limits for memory and time.
 
-    Parameters
-    ----------
-    size
-        Bytes of the file and of the values that are read.
-    function
-        Function that reads the file. Its arguments and its result can be pickled.
+    ``size`` is that of the file and of the values that are read, in bytes.
 
     Raises
     ------
     InputError
-        If the process crashes, or takes too long. The function's own errors are raised as well.
+        If the process crashes or takes too long. The function's own errors are raised as well.
     """
     if multiprocessing.current_process().daemon:  # which cannot start processes
         return function(*arguments)
-    seconds, memory = CPU_S + CPU_S_PER_BYTE * size, MEMORY_BYTES + MEMORY_PER_BYTE * size
-    executor = _executor(os.getpid())
+    seconds, executor = WAIT_S + WAIT_S_PER_BYTE * size, _executor(os.getpid())
     try:
-        future = executor.submit(_limited, seconds, memory, function, *arguments)
-        return future.result(WAIT_RATIO * seconds)
-    except (BrokenProcessPool, TimeoutError):
-        _kill(executor)
+        memory = MEMORY_BYTES + MEMORY_PER_BYTE * size
+        return executor.submit(_limited, memory, function, *arguments).result(seconds)
+    except (BrokenProcessPool, TimeoutError, KeyboardInterrupt) as error:
+        _executor.cache_clear()
+        for process in (executor._processes or {}).values():
+            process.kill()
+        executor.shutdown(wait=False, cancel_futures=True)
+        if isinstance(error, KeyboardInterrupt):
+            raise
         raise InputError(
-            f"the library that reads such files crashed, or did not end in {seconds:.0f} s of "
-            "processor time. The file is probably damaged: copy it again"
+            f"the library that reads such files crashed, or did not end in {seconds:.0f} s. The "
+            "file is probably damaged: copy it again"
         ) from None
-    except KeyboardInterrupt:
-        _kill(executor)
-        raise
 
 
 @cache
@@ -72,13 +66,6 @@ def _executor(process: int) -> ProcessPoolExecutor:
     return executor
 
 
-def _kill(executor: ProcessPoolExecutor) -> None:
-    _executor.cache_clear()
-    for process in (executor._processes or {}).values():
-        process.kill()
-    executor.shutdown(wait=False, cancel_futures=True)
-
-
 def _initialize() -> None:
     """Silence the process, leave Ctrl-C to its parent, and end it with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -88,23 +75,16 @@ def _initialize() -> None:
 
 
 def _end_with_parent() -> None:
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
+    multiprocessing.parent_process().join()  # type: ignore[union-attr]  # it has one
     os._exit(1)
 
 
-def _limited(
-    seconds: float, memory: int, function: Callable[..., Result], *arguments: object
-) -> Result:
+def _limited(memory: int, function: Callable[..., Result], *arguments: object) -> Result:
     if sys.platform == "linux":  # others do not limit memory, or do not tell what is used
         import resource  # noqa: PLC0415  # not on Windows
 
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-        memory = min(memory, resource.getpagesize() * os.sysconf("SC_PHYS_PAGES"))
-        for kind, limit in (
-            (resource.RLIMIT_CPU, int(time.process_time() + seconds) + 1),
-            (resource.RLIMIT_AS, resource.getpagesize() * pages + memory),
-        ):
-            hard = resource.getrlimit(kind)[1]
-            resource.setrlimit(kind, (min(limit, hard) if hard > 0 else limit, hard))
+        limit = pages * resource.getpagesize() + memory
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        resource.setrlimit(resource.RLIMIT_AS, (min(limit, hard) if hard > 0 else limit, hard))
     return function(*arguments)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -68,15 +67,18 @@ def write_simulation(
         return
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    separator = "," if file.suffix.lower() == ".csv" else "\t"
+    write_table(file, pd.DataFrame(columns), digits=9)
+
+
+def write_table(path: str | Path, table: pd.DataFrame, digits: int = 6, missing: str = "") -> None:
+    """Write a table to a CSV or TSV file, with so many digits.
+
+    ``missing`` stands where a number is NaN.
+    """
+    file = checked(path, ".csv", ".tsv")
+    separator, form = "," if file.suffix.lower() == ".csv" else "\t", f"%.{digits}g"
     with whole_file(file) as temporary:
-        pd.DataFrame(columns).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
-
-
-def write_table(path: str | Path, table: pd.DataFrame) -> None:
-    """Write a table to a CSV file, with six digits, and nothing where a number is NaN."""
-    with whole_file(path) as temporary:
-        table.to_csv(temporary, index=False, float_format="%.6g")
+        table.to_csv(temporary, sep=separator, index=False, float_format=form, na_rep=missing)
 
 
 def write_models(
@@ -122,34 +124,42 @@ def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
     """Add attributes to a file of :func:`write_models`, which stays whole or as it was."""
     import h5py  # noqa: PLC0415  # heavy
 
-    with whole_file(path) as temporary:
-        shutil.copyfile(path, temporary)
-        with h5py.File(temporary, "r+") as root:
-            for name, value in about.items():
-                root.attrs[name] = printable(value) if isinstance(value, str) else value
+    stream = BytesIO(Path(path).read_bytes())
+    with h5py.File(stream, "r+") as root:
+        for name, value in about.items():
+            root.attrs[name] = printable(value) if isinstance(value, str) else value
+    _save(path, stream)
 
 
 def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
     """Split complex variables into a real and an imaginary part."""
-    for name in [str(name) for name, each in dataset.items() if np.iscomplexobj(each)]:
-        parts = {f"{name}_real": dataset[name].real, f"{name}_imag": dataset[name].imag}
-        dataset = dataset.drop_vars(name).assign(parts)
-    return dataset
+    names = [name for name in dataset if np.iscomplexobj(dataset[name])]
+    parts = {
+        f"{name}_{part}": getattr(dataset[name], part)
+        for name in names
+        for part in ("real", "imag")
+    }
+    return dataset.drop_vars(names).assign(parts)
 
 
 def _save_netcdf(path: str | Path, content: xr.Dataset | xr.DataTree) -> None:
     """Write a NetCDF file by way of memory: HDF5 crashes where a disk is full."""
     stream = BytesIO()
     content.to_netcdf(stream, engine="h5netcdf")
-    with whole_file(path) as temporary:
-        temporary.write_bytes(stream.getvalue())
+    _save(path, stream)
 
 
-def _save_mat(file: Path, content: Mapping[str, object]) -> None:
+def _save_mat(path: str | Path, content: Mapping[str, object]) -> None:
     from scipy.io.matlab import savemat  # noqa: PLC0415  # heavy
 
-    with whole_file(file) as temporary:
-        savemat(temporary, dict(content), do_compression=True, oned_as="column")
+    stream = BytesIO()
+    savemat(stream, dict(content), do_compression=True, oned_as="column")
+    _save(path, stream)
+
+
+def _save(path: str | Path, stream: BytesIO) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_bytes(stream.getvalue())
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -195,12 +205,11 @@ def load_ensemble(path: str | Path) -> Ensemble:
 
 def _write(path: str | Path, signals: Recording | Ensemble) -> None:
     """Write arrays as variables, and all that restores the object as text in JSON."""
-    file, axes = checked(path, ".nc", ".mat"), (*signals.AXES, "sample")
-    fields = attrs.asdict(signals, recurse=False)
-    names, channels = _variables(signals.channels), fields.pop("channels")
-    arrays = {name: each for name, each in fields.items() if isinstance(each, np.ndarray)}
-    settings = {name: each for name, each in fields.items() if name not in arrays}
-    arrays |= {names[own]: each for own, each in channels.items()}
+    file, names = checked(path, ".nc", ".mat"), _variables(signals.channels)
+    settings = attrs.asdict(signals, recurse=False)
+    arrays = {names[own]: each for own, each in settings.pop("channels").items()}
+    for name in [name for name, each in settings.items() if isinstance(each, np.ndarray)]:
+        arrays[name] = settings.pop(name)
     shapes = {name: each.shape for name, each in arrays.items()}  # MATLAB has two axes or more
     kept = {"settings": settings, "channels": names, "shapes": shapes}
     text = json.dumps({type(signals).__name__: kept}, default=lambda number: number.item())
@@ -212,7 +221,7 @@ def _write(path: str | Path, signals: Recording | Ensemble) -> None:
 
     content = xr.Dataset(attrs=about)
     for name, each in arrays.items():
-        content[name] = axes[: each.ndim], each, UNITS.get(name, {})
+        content[name] = (*signals.AXES, "sample")[: each.ndim], each, UNITS.get(name, {})
     _save_netcdf(file, content)
 
 
@@ -239,10 +248,13 @@ def _contents(file: Path) -> dict[str, Any]:
         from scipy.io.matlab import loadmat  # noqa: PLC0415  # heavy
 
         return dict(loadmat(file))
-    from tvsysid.recordings.netcdf import open_groups  # noqa: PLC0415  # heavy
+    import h5py  # noqa: PLC0415  # heavy
 
-    content = open_groups(file)["/"]
-    return {str(name): each.values for name, each in content.variables.items()} | content.attrs
+    from tvsysid.recordings.hdf5 import check_whole  # noqa: PLC0415
+
+    check_whole(file)
+    with h5py.File(file, "r") as root:
+        return {**root.attrs, **{name: item[()] for name, item in root.items()}}
 
 
 def checked(path: str | Path, *endings: str) -> Path:

@@ -1,5 +1,7 @@
 """Test the joint fit of both pathways against plain code and on known joints."""
 
+from functools import partial
+
 import attrs
 import numpy as np
 import pytest
@@ -8,28 +10,26 @@ from tests.independent import ensemble_of, imposed
 from tests.reflexive import reflexive
 
 import tvsysid as tv
-from tvsysid.methods.cascade import data
+from tvsysid.methods.cascade import fit as fitting
 from tvsysid.methods.cascade.columns import (
     deviations,
     intrinsic_filters,
     intrinsic_signals,
+    muscle,
     second_order_fit,
     unresolved,
 )
-from tvsysid.methods.cascade.data import Data, Reflex
-from tvsysid.methods.cascade.evidence import Ridge
-from tvsysid.methods.cascade.problem import Problem
-from tvsysid.methods.cascade.result import covariance_of, doubtful_gain
-from tvsysid.methods.cascade.shape import Shape
+from tvsysid.methods.cascade.fit import Data, Fit, ridge
+from tvsysid.methods.cascade.result import doubtful_gain
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
 
 RATE, TIMES, HISTORY, LAGS = 100.0, 60, 250, 4
-FREE = ("frequency", "damping", "threshold", "delay")
+FREE = [0, 1, 2, 3]  # all numbers of the shape
 NOISE = np.array([1.0, 0.5, 0.2])  # autocorrelation
-KNOWN = Shape(0.043, 14.0, 0.7, 0.1)
+KNOWN = np.array([np.log(14.0), np.log(0.7), 0.1, 0.043])
 CASES = {
     "A": {},
     "C": {"stiffness": "constant", "gain": 0.0},
@@ -44,8 +44,11 @@ def simulated(case, duration):
 
 
 @pytest.fixture
-def problem(random):
-    """Small problem whose velocity is known, so that it is rectified exactly."""
+def fit_of(random):
+    """Function that fits a small problem whose velocity is known, so that it is rectified exactly.
+
+    Its other value are the true coefficients.
+    """
     angle = np.cumsum(random.normal(size=(30, TIMES + HISTORY + LAGS)), axis=1) / 20
     velocity = np.gradient(angle, axis=1) * 20
     signals = intrinsic_signals(angle, LAGS, RATE)[..., HISTORY:-LAGS]
@@ -56,22 +59,23 @@ def problem(random):
     def drive(threshold):
         return deviations(np.maximum(velocity[:, :-LAGS] - threshold, 0.0))
 
-    def problem_of(torque):
-        fitted = np.ones(torque.shape, dtype=bool)
-        data = Data.of(torque, signals, tuple(bases), fitted).weighted(NOISE)
-        reflex = Reflex(drive, FourierSeries(1), TIMES / RATE, RATE, data.times)
-        return Problem(data, reflex, FREE)
+    def fit(torque, shape=KNOWN, free=FREE, harmonics=1):
+        data = Data(
+            deviations(torque), deviations(signals), tuple(bases), FourierSeries(harmonics),
+            TIMES / RATE, RATE, np.arange(30), slice(0, TIMES), NOISE,
+        )  # fmt: skip
+        return Fit(data, drive, free, shape)
 
-    columns = every_column(problem_of(noise), KNOWN)
+    columns = every_column(fit(noise))
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
-    return problem_of(np.tensordot(truth, columns, 1) + noise), truth
+    return partial(fit, np.tensordot(truth, columns, 1) + noise), truth
 
 
-def every_column(problem, shape):
+def every_column(fit):
     """All columns, (column, realization, time)."""
-    data = problem.data
+    data = fit.data
     parts = [x * a.T[:, None] for x, a in zip(data.signals, data.bases, strict=True)]
-    return np.concatenate([*parts, problem.reflex.columns(shape)])
+    return np.concatenate([*parts, fit.reflex_columns()])
 
 
 def matrix_of(correlation, times):
@@ -124,43 +128,47 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
         force += speed / fine
     at = np.arange(100) / RATE - delay
     expected = np.where(at >= 0, np.interp(at, np.arange(fine) / fine, out), 0.0) / RATE
-    found, expected = (
-        Shape(delay, 16.0, damping, 0.0).response(100, RATE),
-        expected / expected.sum(),
-    )
+    expected /= expected.sum()
+    shape = np.array([np.log(16.0), np.log(damping), 0.0, delay])
+    found = muscle(shape, 100, RATE)
     np.testing.assert_allclose(found / found.sum(), expected, atol=5e-4 * expected.max() + 1e-6)
 
 
 @pytest.mark.parametrize("window", [256, 20])
 @pytest.mark.parametrize("harmonics", [12, 0])
-def test_moments_are_those_of_the_whitened_columns(problem, monkeypatch, window, harmonics):
-    monkeypatch.setattr(data, "MAX_WINDOW", window)
-    problem, _ = problem
-    reflex = attrs.evolve(problem.reflex, basis=FourierSeries(harmonics))
-    problem = attrs.evolve(problem, reflex=reflex, data=problem.data.weighted(NOISE))
-    found = problem.at(KNOWN)
-    columns, torque = every_column(problem, KNOWN), problem.data.torque
-    weights = np.zeros((TIMES, TIMES))
-    for inside, _ in problem.data.windows:
+def test_moments_are_those_of_the_whitened_columns(fit_of, monkeypatch, window, harmonics):
+    monkeypatch.setattr(fitting, "MAX_WINDOW", window)
+    fit = fit_of[0](harmonics=harmonics)
+    columns = np.concatenate([every_column(fit), fit.slopes()])
+    torque, weights = fit.data.torque, np.zeros((TIMES, TIMES))
+    for inside, _ in fit.data.windows:
         weights[inside, inside] = np.linalg.inv(matrix_of(NOISE, inside.stop - inside.start))
+    scale = np.sqrt(np.mean(columns**2, axis=(1, 2)))
+    white = columns @ weights
+    for moments in (fit.moments, fit.moments_with_slopes()):
+        count = len(moments.cross)
+        size = np.outer(scale, scale)[:count, :count]
+        expected = np.tensordot(white, columns, ((1, 2), (1, 2)))[:count, :count] / size
+        np.testing.assert_allclose(
+            moments.gram / size, expected, atol=1e-8 * np.abs(expected).max()
+        )
+        np.testing.assert_allclose(moments.cross, np.tensordot(white[:count], torque, 2), rtol=1e-7)
+        assert moments.square == pytest.approx(np.sum(torque @ weights * torque))
+    coefficients = np.arange(len(fit.moments.cross)) / 10
+    expected = np.tensordot(coefficients, columns[: len(coefficients)], 1)
+    np.testing.assert_allclose(np.sum(fit.torques(coefficients), axis=0), expected, atol=1e-9)
 
-    def check(moments, columns, rows):
-        scale = np.sqrt(np.mean(columns**2, axis=(1, 2)))
-        columns = columns[:, rows] / scale[:, None, None]
-        white, (gram, cross, square, _) = columns @ weights, moments
-        gram, cross = gram / np.outer(scale, scale), cross / scale
-        expected = np.tensordot(white, columns, ((1, 2), (1, 2)))
-        np.testing.assert_allclose(gram, expected, atol=1e-8 * np.abs(expected).max())
-        np.testing.assert_allclose(cross, np.tensordot(white, torque[rows], 2), rtol=1e-7)
-        assert square == pytest.approx(np.sum(torque[rows] @ weights * torque[rows]))
 
-    for fold, rows in ((None, slice(None)), (0, problem.data.folds[0])):
-        check(problem.moments(KNOWN, fold), columns, rows)
-    with_slopes = found.moments_with_slopes(problem.data, found.moments)
-    check(with_slopes, np.concatenate([columns, found.slopes()]), slice(None))
-    coefficients = np.arange(problem.own) / 10
-    expected = np.tensordot(coefficients, columns[: problem.own], 1)
-    np.testing.assert_allclose(problem.data.intrinsic(coefficients), expected, atol=1e-9)
+def test_held_out_realizations_are_predicted_from_the_others(fit_of):
+    fit = fit_of[0]()
+    columns, torque = every_column(fit), fit.data.torque
+    weights, rows = np.linalg.inv(matrix_of(NOISE, TIMES)), np.arange(30) % 3 == 1
+    others = columns[:, ~rows]
+    gram = np.tensordot(others @ weights, others, ((1, 2), (1, 2)))
+    prior = np.diag(fit.posterior.precision * fit.posterior.noise_variance)
+    found = np.linalg.solve(gram + prior, np.tensordot(others @ weights, torque[~rows], 2))
+    expected = torque[rows] - np.tensordot(found, columns[:, rows], 1)
+    np.testing.assert_allclose(fit.held_out[rows], expected, atol=1e-6 * np.abs(torque).max())
 
 
 @pytest.fixture
@@ -173,35 +181,29 @@ def regression(random):
 SPREAD = np.array([1e4, 0.5, 2.0, 0.1, 1.0])
 
 
-def test_evidence_is_that_of_the_samples(regression):
+def test_the_noise_variance_is_the_most_probable_one(regression):
     columns, torque, moments = regression
-    found = Ridge.of(moments, SPREAD)
+    found = ridge(moments, SPREAD)
     covariance = np.eye(40) + (columns * SPREAD**2) @ columns.T
     left = torque @ np.linalg.solve(covariance, torque)
-    expected = -20 * np.log(left / (torque @ torque)) - np.linalg.slogdet(covariance)[1] / 2
-    assert found.log_evidence == pytest.approx(expected, abs=1e-5)
     assert found.noise_variance == pytest.approx(left / 40)
-    for place, slope in enumerate(found.by_spread):
-        steps = np.exp(1e-5 * (np.arange(5) == place))
-        above, below = (Ridge.of(moments, SPREAD * each) for each in (steps, 1 / steps))
-        expected = (above.log_evidence - below.log_evidence) / 2e-5
-        assert slope == pytest.approx(expected, rel=1e-4, abs=1e-6)
+    log_determinant = np.linalg.slogdet(2 * np.pi * found.noise_variance * covariance)[1]
+    assert found.log_evidence == pytest.approx(-0.5 * log_determinant - 20, abs=1e-5)
 
 
 def test_what_cannot_be_negative_is_not_and_the_rest_follows(regression, random):
     *_, moments = regression
     positive = random.normal(size=(30, 5)) + 1.0
-    free, found = (Ridge.of(moments, SPREAD, *limits) for limits in ((), (positive,)))
-    assert (positive @ free.coefficients).min() < 0
-    assert (positive @ found.coefficients).min() > -1e-12
-    touched = positive[positive @ found.coefficients < 1e-9]
+    free, found = (ridge(moments, SPREAD, limits) for limits in (None, positive))
+    assert (positive @ free.mean).min() < 0
+    assert (positive @ found.mean).min() > -1e-12
+    assert found.left > free.left
+    touched = positive[positive @ found.mean < 1e-9]
     # Against the limits that are touched, and no others, the posterior density rises.
-    slope = moments.cross - moments.gram @ found.coefficients - found.coefficients / SPREAD**2
+    slope = moments.cross - moments.gram @ found.mean - found.mean / SPREAD**2
     pressing = np.linalg.lstsq(touched.T, -slope, rcond=None)[0]
     np.testing.assert_allclose(touched.T @ pressing, -slope, atol=1e-8)
     assert (pressing > 0).all()
-    gap = 40 * (found.noise_variance - free.noise_variance)
-    assert found.lost * moments.square == pytest.approx(gap)
 
 
 def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
@@ -213,36 +215,34 @@ def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
     assert abs(gain.values.mean() - 4.0) < 0.5
 
 
-def test_steps_lead_to_the_known_shape_and_coefficients(problem):
-    problem, truth = problem
-    found = problem.refined(Shape(0.045, 17.0, 0.8, 0.05))
+def test_steps_lead_to_the_known_shape_and_coefficients(fit_of):
+    fit, truth = fit_of
+    found = fit(np.array([np.log(17.0), np.log(0.8), 0.05, 0.045])).refined()
     np.testing.assert_allclose(found.shape, KNOWN, rtol=0.02)
     known = np.r_[0:9, -3:0]  # the differences are nearly alike
-    scale = problem.prior.scale(found.moments)
-    size = scale[known] * np.abs(truth[known]).max()
+    scale = np.sqrt(np.mean(every_column(found) ** 2, axis=(1, 2)))[known]
+    size = np.abs(scale * truth[known]).max()
     np.testing.assert_allclose(
-        found.coefficients[known] / size, truth[known] / size, rtol=0.01, atol=0.02
+        found.posterior.mean[known] * scale / size, truth[known] * scale / size, atol=0.02
     )
 
 
-def test_covariance_is_the_sandwich_of_the_samples(problem):
-    problem, _ = problem
-    problem = attrs.evolve(problem, free=("frequency",))
-    found = problem.at(KNOWN)
-    sure, left = covariance_of(found), found.left
-    columns = np.concatenate([every_column(problem, KNOWN), found.slopes()]).reshape(-1, left.size)
+def test_covariance_is_the_sandwich_of_the_samples(fit_of):
+    fit = fit_of[0](free=[0])
+    left = fit.left
+    columns = np.concatenate([every_column(fit), fit.slopes()]).reshape(-1, left.size)
     noise, weights = (
         np.kron(np.eye(len(left)), matrix_of(each, left.shape[1]))
-        for each in (autocorrelation(left, 0.0) * np.sum(left**2) / sure.freedom, NOISE)
+        for each in (autocorrelation(left, 0.0) * np.sum(left**2) / fit.freedom, NOISE)
     )
     white = columns @ np.linalg.inv(weights)
-    variance = found.ridge.noise_variance
-    weight = np.diag([*found.ridge.spread**-2, variance / 0.6**2])
+    variance = fit.posterior.noise_variance
+    weight = variance * np.diag([*fit.posterior.precision, 1 / 0.6**2])
     inverse = np.linalg.inv(white @ columns.T + weight)
     expected = inverse @ (white @ noise @ white.T + variance * weight) @ inverse
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
-        sure.matrix / np.outer(size, size), expected / np.outer(size, size), atol=1e-6
+        fit.covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-6
     )
 
 

@@ -97,24 +97,26 @@ def signals_with_reflex(
                 return None
             shown = "positive" if test.direction > 0 else "negative"
         if known is None:
-            chosen = method.solved(ensemble, shown)
+            selection = method.search(ensemble).select(shown)
         else:
-            chosen = method.refitted(ensemble, known.hyperparameters)
+            selection = method.search(ensemble).refit(known.hyperparameters)
     except InputError:  # realizations are too short
         return None
-    found, problem = chosen.fit, chosen.fit.problem
-    data = problem.data
-    if not chosen.shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
+    search, _, _, is_shown, fit = selection
+    data, positive = fit.data, fit.positive
+    if not is_shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
         return None
+    assert positive is not None
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-    gains = problem.positive[:, problem.own :]
-    constants = len(data.signals) - 1, len(problem.free)
+    gains = positive[:, data.own :]
+    constants = len(data.signals) - 1, len(fit.free)
+    reflex = np.concatenate([fit.reflex_columns(), fit.slopes(), data.torque[None]])
     return Signals(
-        columns=np.concatenate([data.signals, found.columns_and_slopes(), data.torque[None]]),
+        columns=np.concatenate([data.signals, reflex]),
         edges=(data.times.start, ensemble.samples - data.times.stop),
         independent=len(data.torque) - 1,
-        prior_precision=np.concatenate([[0.0, 0.0], found.precision()[first:]]),
+        prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
         positive=np.pad(gains[gains.any(axis=1)], ((0, 0), constants)),
-        readout=readout(chosen.search.lags, ensemble.sampling_rate),
-        reflex=model(repr(method), chosen),
+        readout=readout(search.lags, ensemble.sampling_rate),
+        reflex=model(repr(method), selection),
     )

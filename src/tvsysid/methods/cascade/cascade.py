@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Literal
 
 import attrs
-import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.columns import intrinsic_signals, unresolved
-from tvsysid.methods.cascade.data import Data
-from tvsysid.methods.cascade.pathways import PATHWAYS, history
-from tvsysid.methods.cascade.problem import Solution
-from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.search import Chosen, Hyperparameters, Search, by_evidence
+from tvsysid.methods.cascade.pathways import PATHWAYS
+from tvsysid.methods.cascade.search import Search
 from tvsysid.models import Model
-from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Ensemble
 from tvsysid.validators import Validator, boolean, is_whole, optional, positive, text
-
-VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
-NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 
 _three_counts = Validator(
     "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
@@ -169,70 +160,19 @@ class JointCascade(base.Method):
 
     def fit(self, ensemble: Ensemble) -> result.JointCascadeModel:
         """Return the model of an ensemble."""
-        return result.model(repr(self), self.solved(ensemble))
+        return result.model(repr(self), self.search(ensemble).select())
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
         known = model if isinstance(model, result.JointCascadeModel) else None
         if known is not None and known.diagnostics.details["reflex_shown"]:
-            return result.model(repr(self), self.refitted(ensemble, known.hyperparameters))
+            return result.model(repr(self), self.search(ensemble).refit(known.hyperparameters))
         return self.identify(ensemble)
 
-    def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> Chosen:
-        """Return the solution with these hyperparameters, of a reflex that is shown."""
-        search = self._search(ensemble)
-        return Chosen(search, {}, known.reflex, True, search.limited(search.refitted(known)))
-
-    def solved(self, ensemble: Ensemble, shown: str | None = None) -> Chosen:
-        """Return the solutions with each reflex and without one, and the chosen one.
-
-        If ``shown`` names a reflex that is known to be there, only its solution is computed.
-        """
-        search = self._search(ensemble)
-        fits = search.fits(self.constant, (shown,) if shown else ("none", *search.reflexes))
-        name, is_shown = (shown, True) if shown else self._shown(ensemble, fits)
-        found = search.refined(fits[name]) if is_shown else search.unshown(name, fits[name])
-        if not is_shown:
-            fits["none"] = search.limited(fits["none"])
-        return Chosen(search, fits, name, is_shown, search.limited(found))
-
-    def _search(self, ensemble: Ensemble) -> Search:
-        rate, context = ensemble.sampling_rate, ensemble.context
-        lags = base.fitting_lags("JointCascade", self.max_lag, ensemble)
-        signals = intrinsic_signals(ensemble.angle, lags, rate)
-        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
-        edge = base.missing_edge(lags, ensemble)
-        past = round(NEEDED_HISTORY_S * rate)
-        fitted = np.isfinite(history(ensemble, ensemble.angle, past)[:, : ensemble.samples])
-        fitted[:, [*range(edge), *range(-edge, 0)]] = False
-        if not fitted.any():
-            raise InputError(
-                f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
-                f"sample; realizations have {ensemble.duration:g} s with {context / rate:g} s of "
-                "context; give longer ones"
-            )
-        period = ensemble.duration if self.period is None else self.period
-        counts = [min(count, ensemble.samples // 4) for count in self.harmonics[:2]]
-        counts += [0] * (len(signals) - 2)
-        bases = tuple(FourierSeries(count)(ensemble.time / period) for count in counts)
-        data = Data.of(
-            ensemble.torque[:, ensemble.core], signals[..., ensemble.core], bases, fitted
-        )
-        usual_delay = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        delay = None if self.delay == "fit" else float(self.delay or usual_delay)
-        return Search(ensemble, data, lags, self.emg, self.harmonics[2], period, delay)
-
-    def _shown(self, ensemble: Ensemble, fits: Mapping[str, Solution]) -> tuple[str, bool]:
-        """Return the name of the most likely reflex, and whether the data show one."""
-        if len(ensemble) < MIN_TESTED_REALIZATIONS:
-            return by_evidence(fits)
-        if self.emg is not None:
-            return "emg", fits["emg"].better_than(fits["none"]) < MAX_P_VALUE
-        try:
-            test = reflex_test_of(ensemble)
-        except InputError:  # realizations are too short for it
-            return by_evidence(fits)
-        return {1: "positive", -1: "negative"}[test.direction], test.shown
+    def search(self, ensemble: Ensemble) -> Search:
+        """Return the reflexes that may explain the torque of an ensemble."""
+        settings = attrs.asdict(self, recurse=False)
+        return Search(ensemble, **settings | {"period": self.period or ensemble.duration})
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import correlate1d
 
 from tvsysid.numerics import Array
@@ -48,9 +52,10 @@ def second_order_fit(lags: Array) -> Array:
     15 Hz.
     """
     omega = 2 * np.pi * np.linspace(*FITTED_BAND, 60)
-    phase = np.outer(omega, lags)
-    real = np.linalg.pinv(np.stack([np.ones_like(omega), -(omega**2)], axis=1)) @ np.cos(phase)
-    return np.stack([real[0], -(omega @ np.sin(phase)) / (omega @ omega), real[1]])
+    joint = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
+    response = np.exp(-1j * np.outer(omega, lags))
+    joint, response = (np.concatenate([each.real, each.imag]) for each in (joint, response))
+    return np.asarray(np.linalg.pinv(joint) @ response)
 
 
 def readout(lags: int, rate: float) -> Array:
@@ -58,9 +63,8 @@ def readout(lags: int, rate: float) -> Array:
 
     The coefficients are those of the :func:`intrinsic_filters`; see :func:`second_order_fit`.
     """
-    return np.asarray(
-        second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
-    )
+    fit = second_order_fit(np.arange(-lags, lags + 1) / rate)
+    return np.asarray(fit @ intrinsic_filters(lags, rate).T)
 
 
 def deviations(values: Array) -> Array:
@@ -104,3 +108,99 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
             fast = correlate1d(angle, weights[order] * (rate * ratio) ** order)
             out[order - 1, :, inside] = (decimated(fast, ratio) - slow[order])[:, inside]
     return out
+
+
+def muscle(shape: Array, samples: int, rate: float) -> Array:
+    r"""Return the impulse response of delay and muscle at lags from 0 on. Its samples sum to 1.
+
+    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. A reflex's ``shape`` holds
+    log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+    """
+    (frequency, damping), delay = np.exp(shape[:2]), float(shape[3]) * rate
+    # Poles of critical damping would be the same. They are taken apart.
+    root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
+    poles = frequency / rate * (np.array([[root], [-root]]) - damping)
+    first = math.floor(delay + 1e-9)
+    rest, lags = max(0.0, delay - first), np.arange(samples) - first
+    waves = np.where(lags > 0, np.exp(poles * np.maximum(lags - rest, 0.0)), 0.0)
+    sums = np.exp(poles * (1 - rest)) / (1 - np.exp(poles))
+    return np.asarray(((waves[0] - waves[1]) / (sums[0] - sums[1])).real)
+
+
+def convolved(values: Array, response: Array) -> Array:
+    """Convolve values (…, time) with a response (time,) from lag 0 on."""
+    times = values.shape[-1]
+    size = next_fast_len(2 * times, real=True)
+    return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
+
+
+class Columns(NamedTuple):
+    """Columns of the regression: a signal times functions of time, perhaps behind a muscle.
+
+    The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
+    column). The ``muscle`` is the matrix (time, history + time) of its impulse response.
+    """
+
+    signal: Array
+    functions: Array
+    muscle: Array | None = None
+
+    @classmethod
+    def single(cls, values: Array) -> Columns:
+        """Return a single column of values (realization, time)."""
+        return cls(values, np.ones((values.shape[1], 1)))
+
+    def within(self, window: slice, rows: slice) -> Columns:
+        """Return the columns for some realizations and a window of time."""
+        muscle, end = self.muscle, window.stop
+        if muscle is not None:
+            samples = window.stop - window.start
+            history = muscle.shape[1] - muscle.shape[0]
+            muscle, end = muscle[:samples, : history + samples], end + history
+        times = slice(window.start, end)
+        return Columns(self.signal[rows, times], self.functions[times], muscle)
+
+    def products(self, others: Sequence[Columns], weights: Array) -> Array:
+        """Return products with the columns of others, weighted by a matrix (time, time).
+
+        Sums over many realizations come first: one matrix (time, time) for each pair of signals
+        serves all functions of time. Few columns are multiplied by the weights themselves.
+        """
+        columns, rows = self.functions.shape[1], len(self.signal)
+        are_few = columns * rows < len(others) * (columns + rows)
+        left = self.signal * self.functions.T[:, None] if are_few else None
+        if self.muscle is not None:
+            weights = self.muscle.T @ weights
+        if left is not None:
+            weights = left @ weights
+        parts = []
+        for other in others:
+            right = weights if other.muscle is None else weights @ other.muscle
+            if are_few:
+                sums = np.einsum("krt,rt->kt", right, other.signal)
+            else:
+                sums = self.functions.T @ (self.signal.T @ other.signal * right)
+            parts.append(sums @ other.functions)
+        return np.concatenate(parts, axis=1)
+
+
+def products(
+    parts: Sequence[Columns],
+    windows: Sequence[tuple[slice, Array]],
+    known: Array,
+    rows: slice = slice(None),
+) -> Array:
+    """Return products of all columns, of which those of the first ones are ``known``.
+
+    The ``windows`` are stretches of time with the weights of their samples.
+    """
+    ends = np.cumsum([0, *(part.functions.shape[1] for part in parts)])
+    out = np.zeros((ends[-1], ends[-1]))
+    out[: len(known), : len(known)] = known
+    first = int(np.searchsorted(ends, len(known)))
+    for window, weights in windows:
+        inside = [part.within(window, rows) for part in parts]
+        for place in range(first, len(parts)):
+            lower = slice(ends[place], ends[place + 1]), slice(ends[place + 1])
+            out[lower] += inside[place].products(inside[: place + 1], weights)
+    return np.tril(out) + np.tril(out, -1).T

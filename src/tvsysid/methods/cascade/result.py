@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import attrs
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.dataset_layout import UNITS, Labelled
-from tvsysid.methods.cascade.columns import intrinsic_filters, readout, unresolved
+from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
+from tvsysid.methods.cascade.fit import DELAY, HIGHEST, LOWEST, THRESHOLD, Fit
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
-from tvsysid.methods.cascade.problem import Solution
-from tvsysid.methods.cascade.search import DIRECTIONS, Chosen, Hyperparameters
-from tvsysid.methods.cascade.shape import LOGARITHMIC, Terms
+from tvsysid.methods.cascade.search import DIRECTIONS, Hyperparameters, Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
 from tvsysid.numerics.bands import arc_length
-from tvsysid.numerics.gaussian import solve
-from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
 
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
@@ -34,8 +31,8 @@ class JointCascadeModel(TwoPathwayModel):
 
     ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
     that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.unresolved`), if
-    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the solution with
-    the reflex whose gain is stated.
+    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the fit with the
+    reflex whose gain is stated.
     """
 
     fast_response: Array
@@ -55,144 +52,157 @@ class JointCascadeModel(TwoPathwayModel):
         return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 
 
-def model(method: str, chosen: Chosen) -> JointCascadeModel:
-    """Return the model with the chosen reflex if it is shown, else without one.
+class OneSignError(StandardError):
+    """Standard error of an estimate of one sign. Its band has the same sign."""
+
+    def limits(
+        self, values: Array, level: float, simultaneous: bool = False
+    ) -> tuple[Array, Array]:
+        """See :meth:`tvsysid.Estimate.band`."""
+        lower, upper = super().limits(values, level, simultaneous)
+        if np.nanmin(values) < 0:
+            return lower, np.minimum(upper, 0.0)
+        return np.maximum(lower, 0.0), upper
+
+
+def model(method: str, selection: Selection) -> JointCascadeModel:
+    """Return the model with the selected reflex if it is shown, else without one.
 
     The gain is stated in both.
     """
-    ensemble, lags = chosen.search.ensemble, chosen.search.lags
-    used = chosen.fit if chosen.shown else chosen.fits["none"]
-    data, rate = used.problem.data, ensemble.sampling_rate
-    known = np.full(ensemble.samples, np.nan)
-    known[data.times] = 1.0
-    covariance = covariance_of(used)
-    gain_covariance = covariance if chosen.shown else covariance_of(chosen.fit)
-
-    coefficients = used.coefficients[: used.problem.own]
-    fitted, *rest = data.features(readout(lags, rate))
-    estimates = {}
-    for name, features in zip(IMPEDANCE, (data.bases[0], *rest), strict=True):
-        sign = {"stiffness": np.sign(coefficients[0]), "viscosity": 1.0}.get(name)
-        own = coefficients[: features.shape[1]]
-        error = covariance.error(features, known, 0, sign is not None)
-        estimates[name] = Estimate(of_sign(features @ own, sign) * known, UNITS[name], error=error)
-    gain, functions = _gain(chosen, ensemble.time)
-    unit = "N m/V" if chosen.search.emg else UNITS["reflex_gain"]
-    error = gain_covariance.error(functions, known, chosen.fit.problem.own, True)
-    estimates["reflex_gain"] = Estimate(gain * known, unit, error=error)
-
-    response, reflex_lags = _reflex_response(chosen)
-    details = _details(used, chosen, gain_covariance)
-    details["stiffness_fitted"] = float((fitted @ coefficients).mean())
-    over_time = data.over_time(coefficients)
+    search, fits, name, shown, fit = selection
+    ensemble, lags, emg = search.ensemble, search.lags, search.emg
+    used, data = fit if shown else fits["none"], fit.data
+    rate, gain = data.rate, data.gain(ensemble.time / data.period)
+    _, *features = (used.data.features(each) for each in readout(lags, rate))
+    features.insert(0, used.data.bases[0])
+    signs = float(np.sign(used.posterior.mean[0])), 1.0, None
+    estimates = {
+        quantity: _estimate(used, UNITS[quantity], each, sign, 0)
+        for quantity, each, sign in zip(IMPEDANCE, features, signs, strict=True)
+    }
+    unit = "N m/V" if emg else UNITS["reflex_gain"]
+    estimates["reflex_gain"] = _estimate(fit, unit, gain, _gain_sign(fit), data.own)
+    known = np.where(np.isfinite(estimates["stiffness"].values), 1.0, np.nan)[:, None]
+    response, reflex_lags = _reflex_response(selection)
+    over_time = used.data.over_time(used.posterior.mean[: used.data.own])
+    details = _details(selection, used)
+    details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        impulse_response=over_time @ intrinsic_filters(lags, rate) * known[:, None] * rate,
+        impulse_response=over_time @ intrinsic_filters(lags, rate) * known * rate,
         lags=np.arange(-lags, lags + 1) / rate,
-        reflex_response=response * known[:, None] * rate,
+        reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
-        drive=chosen.search.drive(chosen.name, chosen.fit.shape.threshold),
+        drive=search.drive(name, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(
-            chosen.name, data.varies, data.noise, chosen.fit.shape, chosen.fit.parameters
+            name, used.data.varies, used.data.noise, fit.shape, fit.parameters
         ),
         diagnostics=Diagnostics(
-            used.ridge.posterior.effective,
-            warnings=tuple(_warnings(chosen, details, estimates)),
+            used.posterior.effective,
+            warnings=tuple(_warnings(selection, details, estimates)),
             details=details,
         ),
     )
 
 
-def of_sign(values: Array, sign: float | None) -> Array:
-    """Return values of one sign; values of the other sign, from rounding, become 0."""
-    return values if sign is None else sign * np.maximum(sign * values, 0.0)
+def _estimate(fit: Fit, unit: str, features: Array, sign: float | None, start: int) -> Estimate:
+    """Return weighted sums of the coefficients from ``start`` on, where samples are fitted.
+
+    ``features`` (time, coefficient) are the weights.
+    """
+    columns = slice(start, start + features.shape[1])
+    known = np.full(len(features), np.nan)
+    known[fit.data.times] = 1.0
+    values, covariance = features @ fit.posterior.mean[columns], fit.covariance[columns, columns]
+    if sign is not None:  # values of the other sign are rounding
+        values = sign * np.maximum(sign * values, 0.0)
+    variance = np.einsum("tj,tj->t", features @ covariance, features)
+    error = (StandardError if sign is None else OneSignError)(
+        np.sqrt(np.maximum(variance, 0.0)) * known,
+        np.array(fit.freedom),
+        arc_length(features, covariance),
+    )
+    return Estimate(values * known, unit, error=error)
 
 
-def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
-    """Return the reflex gain at times in s, and its functions of time."""
-    problem = chosen.fit.problem
-    assert problem.reflex is not None
-    functions = problem.reflex.basis(time / problem.reflex.period)
-    gain = functions @ chosen.fit.coefficients[problem.own :]
-    return of_sign(gain, problem.positive[-1, problem.own]), functions
+def _gain_sign(fit: Fit) -> float:
+    assert fit.positive is not None
+    return float(fit.positive[-1, fit.data.own])
 
 
-def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
+def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     """Return the weights (time, lag) of the reflex's drive, and the lags in s.
 
     The weights are zero if no reflex is shown.
     """
-    ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
-    shape = chosen.fit.shape
-    max_lags = max(round(MAX_REFLEX_LAG_S * rate), ensemble.context) + 1
-    muscle = shape.response(4 * max_lags, rate)
-    last = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > CUT_SHARE)[-1]
-    first = math.floor(shape.delay * rate + 1e-9)
-    lags = np.arange(first, max(min(int(last) + 1, max_lags), first + 1)) / rate
-    if not chosen.shown:
+    ensemble, fit, data = selection.search.ensemble, selection.fit, selection.fit.data
+    max_lags = max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context) + 1
+    weights = muscle(fit.shape, 4 * max_lags, data.rate)
+    last = np.flatnonzero(np.abs(np.cumsum(weights[::-1])[::-1]) > CUT_SHARE)[-1]
+    first = math.floor(fit.shape[DELAY] * data.rate + 1e-9)
+    lags = np.arange(first, max(min(int(last) + 1, max_lags), first + 1)) / data.rate
+    if not selection.shown:
         return np.zeros((ensemble.samples, 1)), lags[:1]
-    muscle = muscle[first : first + len(lags)]
+    weights = weights[first : first + len(lags)]
     # The gain is that at which the stretch arrives.
-    arrival = ensemble.time[:, None] - lags + shape.delay
-    gain = _gain(chosen, arrival.ravel())[0].reshape(arrival.shape)
-    return gain * muscle / muscle.sum(), lags
+    steps = np.arange(1 - len(lags), ensemble.samples) / data.rate
+    gain = data.gain((steps - lags[0] + fit.shape[DELAY]) / data.period)
+    sign, arriving = _gain_sign(fit), gain @ fit.posterior.mean[data.own :]
+    windows = sliding_window_view(sign * np.maximum(sign * arriving, 0.0), len(lags))
+    return windows[:, ::-1] * weights / weights.sum(), lags
 
 
-def _details(used: Solution, chosen: Chosen, covariance: Covariance) -> dict[str, float]:
-    shape, free, torque = chosen.fit.shape, chosen.fit.problem.free, used.problem.data.torque
-    errors = dict(zip(free, np.sqrt(np.diag(covariance.matrix)[-len(free) :]), strict=False))
-    details = {"reflex_shown": float(chosen.shown), "constant": float(not used.problem.data.varies)}
-    if not chosen.search.emg:
-        details["direction"] = float(DIRECTIONS[chosen.name])
-    for name, value in shape._asdict().items():
-        if name == "threshold" and chosen.search.emg:
-            continue
-        details[name] = value
-        if name in errors:
-            unit = value if name in LOGARITHMIC else 1.0
-            details[f"{name}_error"] = float(errors[name]) * unit
-    details |= explained_shares(torque, dict(zip(PATHWAYS, used.torques(), strict=True)))
-    if chosen.fits:  # else it is a part of the realizations that is fitted again
+def _details(selection: Selection, used: Fit) -> dict[str, float]:
+    _, fits, name, shown, fit = selection
+    details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
+    details |= {"direction": float(DIRECTIONS[name])} if name in DIRECTIONS else {}
+    errors = np.sqrt(np.diag(fit.covariance)[len(fit.covariance) - len(fit.free) :])
+    for number, quantity in enumerate(("frequency", "damping", "threshold", "delay")):
+        if number != THRESHOLD or name in DIRECTIONS:
+            is_log = number < THRESHOLD
+            value = math.exp(fit.shape[number]) if is_log else float(fit.shape[number])
+            details[quantity] = value
+            if number in fit.free:
+                error = float(errors[fit.free.index(number)])
+                details[f"{quantity}_error"] = error * (value if is_log else 1.0)
+    details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, used.torques(), strict=True)))
+    if fits:  # else it is a part of the realizations that is fitted again
         details["vaf_held_out"] = 100 * used.share()
-    fits = {**chosen.fits, **({chosen.name: chosen.fit} if chosen.shown else {})}
-    return details | {f"evidence_{name}": float(fit.objective) for name, fit in fits.items()}
+    evidence = {**fits, name: fit} if shown else fits
+    return details | {f"evidence_{each}": float(evidence[each].objective) for each in evidence}
 
 
 def _warnings(
-    chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]
+    selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
 ) -> Iterator[str]:
-    if not chosen.shown:
+    fit = selection.fit
+    if not selection.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
-    shape, free = chosen.fit.shape, chosen.fit.problem.free
-    bounds, position = Terms.of(free), shape.position(free)
-    at_bound = dict(zip(free, (position == bounds.low) | (position == bounds.high), strict=True))
-    if at_bound.get("delay"):
+    bounds = (fit.shape == LOWEST) | (fit.shape == HIGHEST)
+    if DELAY in fit.free and bounds[DELAY]:
         yield (
-            f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; "
-            "fix it (delay=0.04)"
+            f"the delay ran into its bound of {1e3 * fit.shape[DELAY]:.3g} ms: it is not "
+            "identified; fix it (delay=0.04)"
         )
-    if at_bound.get("threshold") and shape.threshold > 0:
+    threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
+    if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
         yield (
-            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, "
-            "nor is the reflex's gain"
-        )
-    elif details.get("threshold_error", 0.0) > MAX_THRESHOLD_ERROR:
-        yield (
-            f"the threshold is hardly identified ({shape.threshold:.2g} ± "
-            f"{details['threshold_error']:.2g} rad/s), as where all movements are equally fast: "
-            "the reflex's gain rises and falls with it"
+            f"the threshold is hardly identified ({threshold:.2g} ± {error:.2g} rad/s), as where "
+            "all movements are equally fast: the reflex's gain rises and falls with it"
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
-    yield from contradicted(chosen.fit.ridge.lost)
+    unlimited = attrs.evolve(fit, positive=None).posterior
+    yield from contradicted((fit.posterior.left - unlimited.left) / fit.products[0, 0])
     yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
 
 
@@ -226,66 +236,3 @@ def contradicted(lost: float) -> Iterator[str]:
             f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may be "
             "early, or move the angle, or the realizations differ in more than the perturbation"
         )
-
-
-class OneSignError(StandardError):
-    """Standard error of an estimate of one sign. Its band has the same sign."""
-
-    def limits(
-        self, values: Array, level: float, simultaneous: bool = False
-    ) -> tuple[Array, Array]:
-        """See :meth:`tvsysid.Estimate.band`."""
-        lower, upper = super().limits(values, level, simultaneous)
-        return (
-            (lower, np.minimum(upper, 0.0))
-            if np.nanmin(values) < 0
-            else (np.maximum(lower, 0.0), upper)
-        )
-
-
-class Covariance(NamedTuple):
-    """Covariance of the columns' coefficients, followed by the free numbers of the shape.
-
-    ``freedom`` is the number of degrees of freedom of the noise variance.
-    """
-
-    matrix: Array
-    freedom: float
-
-    def error(self, features: Array, known: Array, start: int, one_sign: bool) -> StandardError:
-        """Return the standard error of weighted sums of the coefficients from ``start`` on.
-
-        ``features`` (time, coefficient) are the weights. ``known`` is 1, or NaN where the error is.
-        """
-        columns = slice(start, start + features.shape[1])
-        covariance = self.matrix[columns, columns]
-        variance = np.einsum("tj,tj->t", features @ covariance, features)
-        kind = OneSignError if one_sign else StandardError
-        return kind(
-            np.sqrt(np.maximum(variance, 0.0)) * known,
-            np.array(self.freedom),
-            arc_length(features, covariance),
-        )
-
-
-def covariance_of(found: Solution) -> Covariance:
-    r"""Return the sandwich covariance of a solution's coefficients.
-
-    .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
-              H = \Phi^T Q \Phi + \sigma^2 P^{-1}
-
-    The derivatives by the shape are among the columns. P is the prior's covariance, Q the weights
-    of the samples, and :math:`\Sigma` the noise's autocovariance within a realization, from what
-    is left.
-    """
-    data, left, precision = found.problem.data, found.left, found.precision()
-    freedom = max(1.0, data.number - found.ridge.posterior.effective - len(found.problem.free))
-    inverse = solve(found.moments_with_slopes(data, found.moments), precision).covariance
-    true = data.weighted(data.noise, autocorrelation(left, 0.0))
-    moments = attrs.evolve(found.problem, data=true).moments(found.shape)
-    coloured = found.moments_with_slopes(true, moments).gram
-    matrix = (
-        float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse
-        + found.ridge.noise_variance * (inverse * precision) @ inverse
-    )
-    return Covariance(matrix, freedom)

@@ -3,222 +3,291 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import cached_property, lru_cache, partial
-from typing import NamedTuple
+from itertools import product
+from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
 from scipy.linalg import block_diag
 
-from tvsysid.methods.cascade.columns import deviations, readout
-from tvsysid.methods.cascade.data import Data, Reflex
+from tvsysid.errors import InputError
+from tvsysid.methods.base import fitting_lags, missing_edge
+from tvsysid.methods.cascade.columns import deviations, intrinsic_signals, readout, unresolved
+from tvsysid.methods.cascade.fit import DAMPING, DEFAULT, DELAY, FREQUENCY, THRESHOLD, Data, Fit
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
-from tvsysid.methods.cascade.problem import Problem, Solution
-from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
-from tvsysid.methods.cascade.shape import Shape, first_shapes
+from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.numerics.stretch import stretch
 from tvsysid.signals import Ensemble
 
+VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
+NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
+# Initial shapes of a reflex, in rad/s and s
+FREQUENCIES, THRESHOLDS, DELAYS_S = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5), (0.04, 0.05, 0.06)
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MIN_EVIDENCE_GAIN = 10.0  # log evidence by which a reflex must be better than all else to be shown
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
-CACHED_DRIVES = 4  # of a threshold, of those of its slopes, and of one that is tried
+CACHED_DRIVES = 16  # of the initial thresholds in each direction, and of those that are tried
 
 DIRECTIONS = {"positive": 1, "negative": -1}
 
 
 class Hyperparameters(NamedTuple):
-    """Settings that determine a solution, except its coefficients."""
+    """Settings that determine a fit, except its coefficients."""
 
     reflex: str
     varies: bool
     noise: Array
-    shape: Shape
+    shape: Array
     parameters: Array
+
+
+class Selection(NamedTuple):
+    """Selected reflex, whether it is ``shown``, and its fit among those of a search."""
+
+    search: Search
+    fits: Mapping[str, Fit]
+    name: str
+    shown: bool
+    fit: Fit
 
 
 @attrs.frozen(eq=False)
 class Search:
-    """Data, and the reflexes that may explain them.
+    """Ensemble, and the reflexes that may explain its torque.
 
     A reflex is named ``"none"``, ``"linear"``, ``"positive"`` or ``"negative"`` by its direction,
-    or ``"emg"`` if the channel of this name is given. A ``delay`` of None is fitted. ``harmonics``
-    is the number of harmonics of the gain over a ``period`` in s. ``lags`` is the number of lags
-    of the intrinsic response to either side, in samples.
+    or ``"emg"`` if the channel of this name is given. For the settings, see :class:`JointCascade`.
     """
 
     ensemble: Ensemble
-    data: Data
-    lags: int
-    emg: str | None
-    harmonics: int
     period: float
-    delay: float | None
-
-    @property
-    def reflexes(self) -> tuple[str, ...]:
-        """Return the names of the reflexes that are compared."""
-        return ("linear", *DIRECTIONS) if self.emg is None else ("emg",)
+    harmonics: tuple[int, int, int]
+    constant: bool | None
+    delay: float | Literal["fit"] | None
+    emg: str | None
+    max_lag: float
 
     @cached_property
-    def velocity(self) -> tuple[Array, int]:
-        """Return the velocity at the recorded rate, and the ratio of the rates."""
-        return velocity_of(self.ensemble)
+    def lags(self) -> int:
+        """Return the number of lags of the intrinsic response to either side, in samples."""
+        return fitting_lags("JointCascade", self.max_lag, self.ensemble)
+
+    @cached_property
+    def data(self) -> Data:
+        """Return the times that are fitted in half as many realizations as at the best time.
+
+        They are those of the realizations that are fitted at all of these times.
+        """
+        ensemble, lags, rate = self.ensemble, self.lags, self.ensemble.sampling_rate
+        signals = intrinsic_signals(ensemble.angle, lags, rate)
+        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
+        edge = missing_edge(lags, ensemble)
+        past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
+        fitted = np.isfinite(past[:, : ensemble.samples])
+        fitted[:, [*range(edge), *range(-edge, 0)]] = False
+        if not fitted.any():
+            raise InputError(
+                f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
+                f"sample; realizations have {ensemble.duration:g} s with "
+                f"{ensemble.context / rate:g} s of context; give longer ones"
+            )
+        often = fitted.sum(axis=0)
+        inside = np.flatnonzero(2 * often >= often.max())
+        times = slice(int(inside[0]), int(inside[-1]) + 1)
+        rows = np.flatnonzero(fitted[:, times].all(axis=1))
+        counts = [min(count, ensemble.samples // 4) for count in self.harmonics[:2]]
+        counts += [0] * (len(signals) - 2)
+        changes = any(counts)
+        return Data(
+            deviations(ensemble.torque[:, ensemble.core][rows, times]),
+            deviations(signals[..., ensemble.core][:, rows, times]),
+            tuple(FourierSeries(count)(ensemble.time / self.period) for count in counts),
+            FourierSeries(self.harmonics[2] if changes else 0),
+            self.period, rate, rows, times,
+        )  # fmt: skip
 
     def drive(self, name: str, threshold: float) -> Drive:
         """Return the drive of the named reflex."""
         return Measured(self.emg) if self.emg else Stretch(threshold, DIRECTIONS[name])
 
-    def _past(self, name: str, threshold: float) -> Array:
-        """Return the drive with its history (realization, history + time), less its mean.
+    @cached_property
+    def _past(self) -> Callable[[str, float], Array]:
+        """Return the function that gives a drive with its history, less its mean.
 
-        It is 0 where nothing was recorded.
+        The drive has shape (realization, history + time). It is 0 where nothing was recorded.
         """
-        if name == "linear":  # both directions together are not rectified
-            return self._past("positive", 0.0) + self._past("negative", 0.0)
-        if self.emg is None:
-            values = stretch(*self.velocity, threshold, DIRECTIONS[name])
-        else:
-            values = self.ensemble.signal(self.emg)
-        samples, times = round(HISTORY_S * self.ensemble.sampling_rate), self.data.times
-        past = history(self.ensemble, values, samples)
-        return deviations(past[self.data.rows, times.start : samples + times.stop])
+        ensemble, (velocity, ratio) = self.ensemble, velocity_of(self.ensemble)
+        samples, times = round(HISTORY_S * ensemble.sampling_rate), self.data.times
 
-    def problem(self, name: str, data: Data, is_free: bool = True) -> Problem:
-        """Return the problem with the named reflex, whose shape may be free.
+        @lru_cache(CACHED_DRIVES)
+        def past(name: str, threshold: float) -> Array:
+            if name == "linear":  # both directions together are not rectified
+                return past("positive", 0.0) + past("negative", 0.0)
+            values = (
+                stretch(velocity, ratio, threshold, DIRECTIONS[name])
+                if self.emg is None
+                else ensemble.signal(self.emg)
+            )
+            known = history(ensemble, values, samples)[self.data.rows]
+            return deviations(known[:, times.start : samples + times.stop])
 
-        The gain changes over time if the stiffness does.
+        return past
+
+    def fit(
+        self,
+        name: str,
+        data: Data,
+        shape: Array,
+        *,
+        is_free: bool = True,
+        parameters: Array = DEFAULT,
+    ) -> Fit:
+        """Return the fit with the named reflex, whose shape may be free.
+
+        Hyperparameters that are not given are tuned.
         """
-        if name == "none":
-            return Problem(data)
-        basis = FourierSeries(self.harmonics if data.varies else 0)
-        past = lru_cache(CACHED_DRIVES)(partial(self._past, name))
-        reflex = Reflex(past, basis, self.period, self.ensemble.sampling_rate, data.times)
-        threshold = ("threshold",) * (name in DIRECTIONS)
-        free = ("frequency", "damping", *threshold, *("delay",) * (self.delay is None))
-        return Problem(data, reflex, free if is_free else ())
+        drive = None if name == "none" else partial(self._past, name)
+        numbers = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
+        numbers += [DELAY] * (self.delay == "fit")
+        free = numbers if is_free and drive is not None else []
+        return Fit(data, drive, free, shape, parameters=parameters)
 
-    def fits(self, constant: bool | None, names: Iterable[str]) -> dict[str, Solution]:
-        """Return the solution for each named reflex.
+    def _started(self, name: str) -> Fit:
+        """Return the best constant fit for some initial shapes, improved."""
+        thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
+        data, sizes = self.data.constant, np.zeros(1)
+        fits = [
+            self.fit(name, data, _shape(delay, frequency, threshold), parameters=sizes)
+            for delay, frequency, threshold in product(self._delays, FREQUENCIES, thresholds)
+        ]
+        return max(fits, key=lambda fit: fit.objective).improved()
 
-        If ``constant`` is None, the data choose whether the coefficients change over time.
+    @property
+    def _delays(self) -> tuple[float, ...]:
+        """Return the initial delays in s."""
+        usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
+        return DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
+
+    def fits(self, names: Iterable[str]) -> dict[str, Fit]:
+        """Return the fit with each named reflex.
+
+        Unless ``constant`` is set, the data choose whether the coefficients change over time.
         """
-        still = self.data.constant()
-        begun = {}
-        for name in names:
-            problem = self.problem(name, still)
-            begun[name] = problem.started(first_shapes(self.delay, problem.free))
-        shapes = {name: each.shape for name, each in begun.items()}
-        varying = self.data.varies and not constant
-        data = self.data if varying else still
+        begun = {name: self._started(name) for name in names}
         likely = max(
             begun, key=lambda name: begun[name].objective + MIN_EVIDENCE_GAIN * (name == "none")
         )
-        left = self.problem(likely, data).at(shapes[likely]).left
-        weighted = data.weighted(autocorrelation(left))
-        found = self._solved(weighted, shapes)
-        if varying and constant is None:
-            unchanging = self._solved(weighted.constant(), shapes)
-            if not _is_better(_best(found), _best(unchanging)):
-                found, data = unchanging, still
+
+        def solved(data: Data) -> dict[str, Fit]:
+            return {name: self.fit(name, data, each.shape) for name, each in begun.items()}
+
+        data = self.data.constant if self.constant else self.data
+        left = self.fit(likely, data, begun[likely].shape).left
+        data = attrs.evolve(data, noise=autocorrelation(left))
+        fits = solved(data)
+        if data.varies and self.constant is None:
+            unchanging = solved(data.constant)
+            if not _is_better(_best(fits), _best(unchanging)):
+                fits, data = unchanging, data.constant
+        best = _best(fits)
         if len(data.torque) < MIN_TESTED_REALIZATIONS:
-            return found
-        best = _best(found)
-        data = data.weighted(autocorrelation(left, WHITE_FLOOR))
-        white = attrs.evolve(best.problem, data=data).at(best.shape, best.parameters).share()
+            return fits
+        data = attrs.evolve(data, noise=autocorrelation(left, WHITE_FLOOR))
+        white = attrs.evolve(best, data=data, products=DEFAULT).share()
         is_misfit = white - best.share() > MAX_MISFIT * (1 - white)
-        return self._solved(data, shapes) if is_misfit else found
+        return solved(data) if is_misfit else fits
 
-    def _solved(self, data: Data, shapes: Mapping[str, Shape]) -> dict[str, Solution]:
-        return {name: self.problem(name, data).at(shape) for name, shape in shapes.items()}
+    def select(self, shown: str | None = None) -> Selection:
+        """Return the fits with each reflex and without one, and the selected one.
 
-    def limited(self, found: Solution) -> Solution:
-        """Return the solution with the same hyperparameters, without negative viscosity and gain.
-
-        Stiffness, and the gain of EMG, are of either sign, but the same at all times.
+        If ``shown`` names a reflex that is known to be there, only its fit is computed.
         """
-        problem, rate = found.problem, self.ensemble.sampling_rate
-        weights = readout(self.lags, rate)[:2]
-        weights[0] = 0.0
-        weights[0, 0] = np.sign(found.coefficients[0])
-        repeated = math.ceil(self.period * rate)
-        some = slice(0, repeated, max(1, repeated // MAX_LIMITED_TIMES))
-        rows = np.concatenate([each[some] for each in problem.data.features(weights)])
-        gains = []
-        if problem.reflex is not None:
-            gains = [problem.reflex.basis(self.ensemble.time[some] / self.period)]
-        both = [
-            attrs.evolve(
-                problem, positive=block_diag(rows, *(sign * gain for gain in gains))
-            ).solution(found.shape, found.moments, found.parameters)
-            for sign in ((1, -1) if self.emg else (1,))
-        ]
-        return min(both, key=lambda each: each.ridge.lost)
+        compared = ("linear", *DIRECTIONS) if self.emg is None else ("emg",)
+        fits = self.fits((shown,) if shown else ("none", *compared))
+        name, is_shown = (shown, True) if shown else self._shown(fits)
+        if is_shown:
+            return Selection(self, fits, name, True, self.limited(self._refined(fits[name])))
+        fits["none"] = self.limited(fits["none"])
+        unshown = self.fit(name, fits[name].data, _shape(fits[name].shape[DELAY]), is_free=False)
+        return Selection(self, fits, name, False, self.limited(unshown))
 
-    def refitted(self, known: Hyperparameters) -> Solution:
-        """Return the solution with these hyperparameters."""
-        data = self.data if known.varies else self.data.constant()
-        problem = self.problem(known.reflex, data.weighted(known.noise), is_free=False)
-        return problem.at(known.shape, known.parameters)
+    def refit(self, known: Hyperparameters) -> Selection:
+        """Return the fit with known hyperparameters, of a reflex that is shown."""
+        data = self.data if known.varies else self.data.constant
+        data = attrs.evolve(data, noise=known.noise)
+        fit = self.fit(known.reflex, data, known.shape, is_free=False, parameters=known.parameters)
+        return Selection(self, {}, known.reflex, True, self.limited(fit))
 
-    def refined(self, found: Solution) -> Solution:
-        """Return the best solution with a reflex, with a threshold if it predicts better so.
+    def _shown(self, fits: Mapping[str, Fit]) -> tuple[str, bool]:
+        """Return the name of the most likely reflex, and whether the data show one.
+
+        Of few or short realizations, the evidence decides: the reflex is compared with no reflex,
+        with a linear late response and with the other reflexes.
+        """
+        if len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
+            if self.emg is not None:
+                return "emg", fits["emg"].better_than(fits["none"]) < MAX_P_VALUE
+            with suppress(InputError):  # realizations are too short for it
+                test = reflex_test_of(self.ensemble)
+                return {1: "positive", -1: "negative"}[test.direction], test.shown
+        evidence = {name: fit.objective for name, fit in fits.items()}
+        best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
+        others = [each for name, each in evidence.items() if name != best]
+        return best, evidence[best] - max(others) > MIN_EVIDENCE_GAIN
+
+    def _refined(self, fit: Fit) -> Fit:
+        """Return the best fit with a reflex, with a threshold if it predicts better so.
 
         The threshold stays among the free numbers: bands count that it is not known.
         """
-        best = found.problem.refined(found.shape)
-        if "threshold" not in best.problem.free or best.shape.threshold == 0:
+        best = fit.refined()
+        if best.shape[THRESHOLD] == 0:
             return best
-        others = tuple(each for each in best.problem.free if each != "threshold")
-        without = attrs.evolve(best.problem, free=others)
-        simple = without.refined(best.shape._replace(threshold=0.0))
-        simple = attrs.evolve(simple, problem=best.problem)
+        others = [number for number in best.free if number != THRESHOLD]
+        shape = np.where(np.arange(4) == THRESHOLD, 0.0, best.shape)
+        simple = attrs.evolve(best, free=others, shape=shape, products=DEFAULT, parameters=DEFAULT)
+        simple = attrs.evolve(simple.refined(), free=best.free)
         return best if _is_better(best, simple) else simple
 
-    def unshown(self, name: str, found: Solution) -> Solution:
-        """Return the solution with a reflex of usual shape, without a threshold."""
-        problem = self.problem(name, found.problem.data, is_free=False)
-        return problem.at(Shape(found.shape.delay))
+    def limited(self, fit: Fit) -> Fit:
+        """Return the fit with the same hyperparameters, without negative viscosity and gain.
+
+        Stiffness, and the gain of EMG, are of either sign, but the same at all times.
+        """
+        data, time = fit.data, self.ensemble.time
+        repeated = math.ceil(self.period * data.rate)
+        some = slice(0, repeated, max(1, repeated // MAX_LIMITED_TIMES))
+        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.bases))[0]
+        weights = stiffness, readout(self.lags, data.rate)[1]
+        rows = np.concatenate([data.features(each)[some] for each in weights])
+        gains = [data.gain(time[some] / self.period)] * (fit.drive is not None)
+        both = [
+            attrs.evolve(fit, positive=block_diag(rows, *(sign * gain for gain in gains)))
+            for sign in ((1, -1) if self.emg else (1,))
+        ]
+        return min(both, key=lambda each: each.posterior.left)
 
 
-@attrs.frozen(eq=False)
-class Chosen:
-    """Chosen reflex, whether it is ``shown``, and its solution among the ``fits`` of a search."""
-
-    search: Search
-    fits: Mapping[str, Solution]
-    name: str
-    shown: bool
-    fit: Solution
+def _shape(delay: float, frequency: float = 16.0, threshold: float = 0.0) -> Array:
+    """Return the shape of a reflex with a muscle of usual damping."""
+    return np.array([math.log(frequency), math.log(0.8), threshold, delay])
 
 
-def by_evidence(fits: Mapping[str, Solution]) -> tuple[str, bool]:
-    """Return the reflex of greatest evidence, and whether that is clearly the greatest.
-
-    It is compared with no reflex, with a linear late response and with the other reflexes.
-    """
-    evidence = {name: fit.objective for name, fit in fits.items()}
-    best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
-    return best, all(
-        evidence[best] - other > MIN_EVIDENCE_GAIN
-        for name, other in evidence.items()
-        if name != best
-    )
-
-
-def _best(fits: Mapping[str, Solution]) -> Solution:
+def _best(fits: Mapping[str, Fit]) -> Fit:
     return max(fits.values(), key=lambda fit: fit.objective)
 
 
-def _is_better(best: Solution, rest: Solution) -> bool:
-    """Return whether a solution predicts better; of few realizations, has more evidence."""
-    if len(best.problem.data.torque) < MIN_TESTED_REALIZATIONS:
+def _is_better(best: Fit, rest: Fit) -> bool:
+    """Return whether a fit predicts better; of few realizations, has more evidence."""
+    if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective
     return best.better_than(rest) < MAX_CHANGE_P_VALUE

@@ -1,0 +1,494 @@
+"""Fit both pathways in one regression: moments of its columns, evidence, posterior and steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple, Self
+
+import attrs
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, toeplitz
+
+from tvsysid.methods.cascade.columns import Columns, convolved, deviations, muscle, products
+from tvsysid.methods.cascade.reflex_test import predicts_better
+from tvsysid.numerics import Array
+from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.gaussian import Moments, Posterior, solve
+from tvsysid.numerics.noise import autocorrelation
+
+FOLDS = 3  # interleaved sets of realizations, each predicted from the others
+CACHED_DELAYS = 4  # of the basis of the gain
+MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
+
+DEFAULT: Any = attrs.NOTHING  # a field with this value is computed anew
+
+# A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+FREQUENCY, DAMPING, THRESHOLD, DELAY = range(4)
+# Mean and standard deviation of the prior, bounds, and step of numerical derivatives.
+MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
+    [
+        (math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
+        (math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
+        (0.0, 0.3, 0.0, 2.0, 0.02),
+        (0.045, 0.010, 0.035, 0.075, 1e-4),
+    ]
+).T
+MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
+SMALLEST_STEP = 0.02  # in standard deviations of the prior
+
+FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relative to the noise
+LOG_SIZE_BOUNDS = (-9.0, 3.0)
+DECAY_BOUNDS = (0.6, 6.0)  # of the power with which harmonics fall
+DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
+MAX_ITERATIONS = 100  # of the search for the hyperparameters
+
+
+@attrs.frozen(eq=False)
+class Data:
+    """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
+
+    The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
+    and ``times`` of an ensemble are fitted. ``bases`` are the functions of time (time, function)
+    by which each signal's coefficient changes, at all times. ``gain`` is the basis of the reflex's
+    gain over a ``period`` in s. ``noise`` is the autocorrelation of the noise, from lag 0 on. It
+    weights the samples. If the ``true`` autocorrelation is another one, products of columns are
+    those of the sandwich covariance of the coefficients.
+    """
+
+    torque: Array
+    signals: Array
+    bases: tuple[Array, ...]
+    gain: FourierSeries
+    period: float
+    rate: float
+    rows: NDArray[np.int64]
+    times: slice
+    noise: Array = attrs.field(factory=lambda: np.ones(1))
+    true: Array | None = None
+
+    @property
+    def folds(self) -> list[slice]:
+        """Return the realizations of each fold."""
+        return [slice(first, None, FOLDS) for first in range(min(FOLDS, len(self.torque)))]
+
+    @property
+    def number(self) -> float:
+        """Return the number of samples that are independent of the means."""
+        rows, times = self.torque.shape
+        return float((rows - 1) * times if rows > 1 else times - len(self.windows))
+
+    @property
+    def own(self) -> int:
+        """Return the number of intrinsic columns."""
+        return sum(functions.shape[1] for functions in self.bases)
+
+    @property
+    def varies(self) -> bool:
+        """Return whether any coefficient changes over time."""
+        return self.own > len(self.bases)
+
+    @cached_property
+    def constant(self) -> Data:
+        """Return the data with constant coefficients."""
+        bases = tuple(functions[:, :1] for functions in self.bases)
+        return attrs.evolve(self, bases=bases, gain=FourierSeries(0))
+
+    @cached_property
+    def windows(self) -> list[tuple[slice, Array]]:
+        """Return stretches of time, and the weights (time, time) of the samples in each."""
+        rows, times = self.torque.shape
+        edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
+        inverses = {}
+        for size in {stop - start for start, stop in pairwise(edges)}:
+            inverse = np.asarray(np.linalg.inv(_matrix(self.noise, size)), dtype=np.float64)
+            if rows == 1:  # its mean is not known
+                weight = inverse.sum(axis=0)
+                inverse -= np.outer(weight, weight) / weight.sum()
+            if self.true is not None:
+                inverse = inverse @ _matrix(self.true, size) @ inverse
+            inverses[size] = inverse
+        return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
+
+    @cached_property
+    def arriving(self) -> Callable[[float, int], Array]:
+        """Return the function that gives the basis of the gain behind a delay, for some samples."""
+
+        @lru_cache(CACHED_DELAYS)
+        def arriving(delay: float, samples: int) -> Array:
+            times = np.arange(self.times.stop - samples, self.times.stop) / self.rate
+            return self.gain((times + delay) / self.period)
+
+        return arriving
+
+    @property
+    def columns(self) -> list[Columns]:
+        """Return the torque and the intrinsic columns."""
+        every = zip(self.signals, self.bases, strict=True)
+        own = [Columns(signal, functions[self.times]) for signal, functions in every]
+        return [Columns.single(self.torque), *own]
+
+    @cached_property
+    def fold_products(self) -> list[Array]:
+        """Return the products of torque and intrinsic columns in each fold."""
+        none, parts = np.zeros((0, 0)), self.columns
+        return [products(parts, self.windows, none, rows) for rows in self.folds]
+
+    def features(self, weights: Array) -> Array:
+        """Return the weights (time, column) that sum the signals' weighted coefficients."""
+        return np.concatenate([a * b for a, b in zip(self.bases, weights, strict=True)], axis=1)
+
+    def over_time(self, coefficients: Array) -> Array:
+        """Return the coefficient of each signal at all times (time, signal)."""
+        ends = np.cumsum([functions.shape[1] for functions in self.bases])
+        parts = zip(self.bases, np.split(coefficients, ends[:-1]), strict=True)
+        return np.stack([functions @ own for functions, own in parts], axis=1)
+
+    def squares(self, values: Array) -> Array:
+        """Return the weighted squares of values (realization, time), one for each realization."""
+        parts = [(values[:, times] @ weights * values[:, times]) for times, weights in self.windows]
+        return np.asarray(np.concatenate(parts, axis=1).sum(axis=1))
+
+
+def _matrix(correlation: Array, times: int) -> Array:
+    return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
+
+
+def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
+    """Return the posterior of coefficients whose prior ``spread`` is relative to the noise.
+
+    The noise variance is the most probable one. The mean has the greatest posterior density of all
+    coefficients whose products with each row of ``positive`` (row, coefficient) are not negative.
+    """
+    found = solve(moments, spread**-2)
+    mean, left = found.mean, found.left
+    if positive is not None and (positive @ mean < 0).any():
+        free = found.inverse_factor @ moments.cross
+        inside = nearest_inside(free, found.inverse_factor @ positive.T)
+        mean, left = inside @ found.inverse_factor, left + float(free @ free - inside @ inside)
+    left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
+    noise = left / moments.number
+    precision = found.precision / noise
+    return attrs.evolve(found, mean=mean, left=left, noise_variance=noise, precision=precision)
+
+
+def log_evidence(found: Posterior, square: float) -> float:
+    r"""Return the evidence relative to that of a torque that is all noise.
+
+    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
+              - \tfrac12 \log|S \Phi^T\Phi S + 1|
+    """
+    return -0.5 * (found.number * math.log(found.left / square) + found.log_determinant)
+
+
+def nearest_inside(point: Array, normals: Array) -> Array:
+    """Return the nearest point whose products with no column of ``normals`` are negative."""
+    if not (point @ normals < 0).any():
+        return point
+    size, sizes = np.linalg.norm(point), np.linalg.norm(normals, axis=0)
+    unit = normals / np.maximum(sizes, np.finfo(float).tiny)
+    return np.asarray(point + size * (unit @ scipy.optimize.nnls(unit, -point / size)[0]))
+
+
+class Prior(NamedTuple):
+    r"""Prior of the coefficients: their log standard deviations relative to the noise.
+
+    These are ``offset + design @ parameters`` for columns of unit RMS. That of a family's h-th
+    harmonic is :math:`\log\gamma - \nu \log h`; ``is_decay`` says which parameters are a
+    :math:`\nu`. ``first`` (column,) is the column of each family that is not modulated.
+    """
+
+    offset: Array
+    design: Array
+    is_decay: NDArray[np.bool_]
+    first: NDArray[np.int64]
+
+    @staticmethod
+    @lru_cache(maxsize=4)
+    def of(sizes: tuple[int, ...], gain: int) -> Prior:
+        """Return the prior of the coefficients of signals, and of a reflex's gain.
+
+        There are ``sizes`` of the signals and ``gain`` of the gain: a constant, and two for each
+        harmonic. Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond
+        the acceleration share one size.
+        """
+        families = [np.arange(1, size + 1) // 2 for size in sizes[:FLAT_FAMILIES]]
+        families += [np.zeros(len(sizes) - FLAT_FAMILIES, dtype=int), np.arange(1, gain + 1) // 2]
+        designs = []
+        for family, order in enumerate(families):
+            is_free = (order == 0) & (family >= FLAT_FAMILIES)
+            rows = np.array([is_free, order > 0, -np.log(order.clip(1))])
+            designs.append(rows[rows.any(axis=1)].T)
+        order, design = np.concatenate(families), block_diag(*designs)
+        first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
+        offset = np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE)
+        return Prior(offset, design, (design < 0).any(axis=0), first)
+
+    def spread(self, moments: Moments, parameters: Array) -> Array:
+        """Return the standard deviations of the coefficients relative to the noise."""
+        power = np.maximum(np.diag(moments.gram), 0.0)[self.first] / moments.number
+        scale = np.sqrt(np.where(power > 0, power, 1.0))
+        return np.asarray(np.exp(self.offset + (self.design * parameters).sum(axis=1)) / scale)
+
+    def off(self, parameters: Array) -> Array:
+        """Return the distance of each decay from its mean, in standard deviations."""
+        return np.where(self.is_decay, (parameters - DECAY_MEAN) / DECAY_SPREAD, 0.0)
+
+    def tuned(self, moments: Moments, start: Array) -> Array:
+        """Return the parameters of greatest evidence near a start."""
+        if not len(start):
+            return start
+
+        def cost(parameters: Array) -> tuple[float, Array]:
+            found, off = ridge(moments, self.spread(moments, parameters)), self.off(parameters)
+            slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
+            return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
+
+        bounds = [DECAY_BOUNDS if is_decay else LOG_SIZE_BOUNDS for is_decay in self.is_decay]
+        options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
+        found = scipy.optimize.minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        )
+        return np.asarray(found.x)
+
+
+@attrs.frozen(eq=False)
+class Fit:
+    """Posterior of the coefficients for a shape of the reflex and hyperparameters.
+
+    Parameters
+    ----------
+    data
+        Torque and intrinsic signals.
+    drive
+        Rows (realization, history + time) that drive the reflex for a threshold, as deviations
+        from their mean over realizations; 0 where nothing was recorded. None without a reflex.
+    free
+        Numbers of the shape that are estimated.
+    shape
+        Shape of the reflex.
+    positive
+        The products of the coefficients with each row are not negative, shape (row, column).
+    products
+        Products of the torque, which is first, and all columns.
+    parameters
+        Hyperparameters; by default those of greatest evidence.
+    """
+
+    data: Data
+    drive: Callable[[float], Array] | None
+    free: list[int]
+    shape: Array
+    positive: Array | None = None
+    products: Array = attrs.field()
+    parameters: Array = attrs.field()
+    posterior: Posterior = attrs.field(init=False)
+
+    @products.default
+    def _all_products(self) -> Array:
+        known = np.sum(self.data.fold_products, axis=0)
+        return products(self._columns(), self.data.windows, known)
+
+    @parameters.default
+    def _tuned_parameters(self) -> Array:
+        return self.prior.tuned(self.moments, np.where(self.prior.is_decay, DECAY_MEAN, 0.0))
+
+    @posterior.default
+    def _posterior(self) -> Posterior:
+        spread = self.prior.spread(self.moments, self.parameters)
+        return ridge(self.moments, spread, self.positive)
+
+    @property
+    def prior(self) -> Prior:
+        """Return the prior of the coefficients."""
+        sizes = tuple(functions.shape[1] for functions in self.data.bases)
+        return Prior.of(sizes, 0 if self.drive is None else self._units)
+
+    @property
+    def moments(self) -> Moments:
+        """Return the moments of all columns."""
+        return _moments(self.products, self.data.number)
+
+    @property
+    def objective(self) -> float:
+        """Return the log evidence, and the log densities of shape and hyperparameters."""
+        shape = ((self.shape - MEAN) / SPREAD)[self.free]
+        squares = np.sum(shape**2) + np.sum(self.prior.off(self.parameters) ** 2)
+        return log_evidence(self.posterior, self.moments.square) - 0.5 * float(squares)
+
+    @property
+    def _units(self) -> int:
+        return 2 * self.data.gain.harmonics + 1
+
+    def _driven(self, shape: Array) -> tuple[Array, Array, Array]:
+        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
+        assert self.drive is not None
+        data, drive = self.data, self.drive(float(shape[THRESHOLD]))
+        gain = data.arriving(float(shape[DELAY]), drive.shape[1])
+        return drive, gain, muscle(shape, drive.shape[1], data.rate)
+
+    def reflex(self, shape: Array, coefficients: Array) -> Array:
+        """Return the reflex torque (realization, time) as a deviation from its mean.
+
+        The gain is that at the time of arrival.
+        """
+        drive, gain, response = self._driven(shape)
+        torque = convolved(drive * (gain @ coefficients), response)
+        torque = torque[:, -self.data.torque.shape[1] :]
+        return deviations(torque) if len(torque) == 1 else torque
+
+    def _columns(self) -> list[Columns]:
+        """Return the torque and all columns."""
+        if self.drive is None:
+            return self.data.columns
+        if self._units == 1:
+            return [*self.data.columns, Columns.single(self.reflex(self.shape, np.ones(1)))]
+        drive, gain, response = self._driven(self.shape)
+        times = self.data.torque.shape[1]
+        history, longest = drive.shape[1] - times, min(times, MAX_WINDOW)
+        later = response[history : history + longest]
+        matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
+        return [*self.data.columns, Columns(drive, gain, matrix)]
+
+    def torques(self, coefficients: Array | None = None) -> tuple[Array, Array]:
+        """Return intrinsic and reflex torque (realization, time), less their means."""
+        data = self.data
+        coefficients = self.posterior.mean if coefficients is None else coefficients
+        own, gain = np.split(coefficients, [data.own])
+        torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
+        intrinsic = deviations(torque) if len(torque) == 1 else torque
+        reflex = np.zeros_like(torque) if self.drive is None else self.reflex(self.shape, gain)
+        return intrinsic, reflex
+
+    @property
+    def left(self) -> Array:
+        """Return the residual torque (realization, time)."""
+        return np.asarray(self.data.torque - np.sum(self.torques(), axis=0))
+
+    @cached_property
+    def held_out(self) -> Array:
+        """Return the residual torque (realization, time) of coefficients of the other folds.
+
+        NaN if there is a single fold.
+        """
+        data, left = self.data, np.full_like(self.data.torque, np.nan)
+        spread = self.prior.spread(self.moments, self.parameters)
+        for known, rows in zip(data.fold_products, data.folds, strict=True):
+            if len(data.folds) > 1:
+                own = products(self._columns(), data.windows, known, rows)
+                share = 1 - len(data.torque[rows]) / len(data.torque)
+                others = _moments(self.products - own, share * data.number)
+                torques = self.torques(ridge(others, spread, self.positive).mean)
+                left[rows] = (data.torque - np.sum(torques, axis=0))[rows]
+        return left
+
+    def share(self) -> float:
+        """Return the share of the held-out torque's square that the fit predicts."""
+        return 1 - float(np.sum(self.held_out**2) / np.sum(self.data.torque**2))
+
+    def better_than(self, other: Fit) -> float:
+        """Return the probability that this fit predicts so much better by chance."""
+        squares = self.data.squares
+        return predicts_better(squares(self.held_out), squares(other.held_out))[0]
+
+    def at(self, shape: Array) -> Self:
+        """Return the fit for another shape, with the same hyperparameters."""
+        return attrs.evolve(self, shape=shape, products=DEFAULT)
+
+    def _moved(self, numbers: list[int], values: Array) -> Array:
+        """Return the shape with other numbers, kept within their bounds."""
+        shape = self.shape.copy()
+        shape[numbers] = np.clip(values, LOWEST[numbers], HIGHEST[numbers])
+        return shape
+
+    def reflex_columns(self) -> Array:
+        """Return the columns of the reflex (column, realization, time)."""
+        return np.stack([self.reflex(self.shape, unit) for unit in np.eye(self._units)])
+
+    def slopes(self) -> Array:
+        """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
+        coefficients, slopes = self.posterior.mean[self.data.own :], []
+        for number in self.free:
+            steps = self.shape[number] + STEP[number] * np.array([-1, 1])
+            ends = [self._moved([number], step) for step in steps]
+            earlier, later = (self.reflex(end, coefficients) for end in ends)
+            slopes.append((later - earlier) / (ends[1] - ends[0])[number])
+        return np.array(slopes).reshape(-1, *self.data.torque.shape)
+
+    def moments_with_slopes(self, true: Array | None = None) -> Moments:
+        """Return the moments of all columns, and of the torque's derivatives by the shape.
+
+        With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
+        """
+        data, known = self.data, self.products
+        if true is not None:
+            data, known = attrs.evolve(data, true=true), known[:0, :0]
+        parts = [*self._columns(), *map(Columns.single, self.slopes())]
+        return _moments(products(parts, data.windows, known), data.number)
+
+    @property
+    def freedom(self) -> float:
+        """Return the degrees of freedom of the noise variance."""
+        return max(1.0, self.data.number - self.posterior.effective - len(self.free))
+
+    @cached_property
+    def covariance(self) -> Array:
+        r"""Return the sandwich covariance of the coefficients and the free numbers of the shape.
+
+        .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
+                  H = \Phi^T Q \Phi + \sigma^2 P^{-1}
+
+        The derivatives by the shape are among the columns. P is the prior's covariance, Q the
+        weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
+        from the residual.
+        """
+        left, precision = self.left, self.precision()
+        inverse = solve(self.moments_with_slopes(), precision).covariance
+        coloured = self.moments_with_slopes(autocorrelation(left, 0.0)).gram
+        variance = float(np.sum(left**2)) / self.freedom
+        prior = self.posterior.noise_variance * (inverse * precision) @ inverse
+        return np.asarray(variance * inverse @ coloured @ inverse + prior)
+
+    def precision(self) -> Array:
+        """Return the prior precision of coefficients and shape, times the noise variance."""
+        own = np.concatenate([self.posterior.precision, SPREAD[self.free] ** -2])
+        return np.asarray(self.posterior.noise_variance * own)
+
+    def improved(self) -> Fit:
+        """Return the fit after some Gauss-Newton steps, each halved until it is better.
+
+        A step of the free numbers is solved for with all coefficients.
+        """
+        fit, free = self, self.free
+        for _ in range(MAX_STEPS if free else 0):
+            moments = fit.moments_with_slopes()
+            away = np.zeros(len(moments.cross))
+            away[-len(free) :] = (MEAN - fit.shape)[free]
+            shifted = moments._replace(cross=moments.cross - moments.gram @ away)
+            step = (solve(shifted, fit.precision()).mean + away)[-len(free) :]
+            if np.max(np.abs(step) / SPREAD[free]) < SMALLEST_STEP:
+                break
+            numbers = fit.shape[free]
+            tried = (fit.at(fit._moved(free, numbers + step / 2**n)) for n in range(MAX_HALVINGS))
+            better = next((each for each in tried if each.objective > fit.objective), None)
+            if better is None:
+                break
+            fit = better
+        return fit
+
+    def refined(self) -> Fit:
+        """Return the fit with hyperparameters and shape improved in turn."""
+        fit = self
+        for _ in range(ROUNDS if self.free else 0):
+            fit = fit.improved()
+            fit = attrs.evolve(fit, parameters=fit.prior.tuned(fit.moments, fit.parameters))
+        return fit
+
+
+def _moments(products: Array, number: float) -> Moments:
+    """Return the moments of columns that follow the torque."""
+    return Moments(products[1:, 1:], products[1:, 0], float(products[0, 0]), number)

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
@@ -114,7 +115,8 @@ def test_a_pilot_with_a_reversed_torque_or_a_reflex_is_warned_of():
 
 
 def test_a_pilot_with_another_perturbation_and_amplitude():
-    pilot = Pilot.of(ensemble_of(40.0, "sine", "noise"), amplitude=0.02, perturbation="prbs")
+    pilot = Pilot.of(ensemble_of(40.0, "sine", "noise"))
+    pilot = attrs.evolve(pilot, amplitude=0.02, perturbation="prbs")
     angle = pilot.simulated(20, 1).ensemble.angle
     assert angle.std() == pytest.approx(0.02, rel=0.1)
     assert np.mean(angle**4) / np.mean(angle**2) ** 2 < 2  # of two levels, 1; of a Gaussian, 3
@@ -128,9 +130,8 @@ def test_realizations_that_differ_need_more_of_them():
     ensemble = ensemble_of(40.0, "sine", "noise")
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = attrs.evolve(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
-    methods = {"birf": tv.BasisIRF()}
     same, differs = (
-        measure_excess(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other)
+        measure_excess(tv.BasisIRF(), Pilot.of(each), 12, 0) for each in (ensemble, other)
     )
     assert same < 1.25
     law = attrs.evolve(curve(30 / np.sqrt(COUNTS)), excess=differs)
@@ -160,12 +161,8 @@ def test_answers(planned):
 
 @pytest.mark.parametrize(("context", "period"), [(0.0, 2.0), (0.5, 1.5), (0.5, 0.3)])
 def test_a_recording_that_is_planned_holds_its_realizations(context, period):
-    pilot = attrs.evolve(
-        Pilot.of(ensemble_of(40.0, "sine", "noise").select(np.arange(3))),
-        context=round(100 * context),
-        stiffness=np.ones(round(100 * period)),
-    )
-    for seconds, holds in ((seconds_of(pilot, 19), True), (seconds_of(pilot, 18), False)):
+    setup = SimpleNamespace(context=context, period=period)
+    for seconds, holds in ((seconds_of(setup, 19), True), (seconds_of(setup, 18), False)):
         signals = np.random.default_rng(0).normal(size=(2, round(100 * seconds)))
         count = len(tv.preprocess.segment(tv.Recording(*signals, 100.0), period, context))
         assert (count == 19) == holds
@@ -196,15 +193,22 @@ def test_code_of_the_page_runs(capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_verified():
-    plan = tv.plan(ensemble_of(40.0, "sine", "noise"), 8.0, methods=["birf"])
+    steps = []
+    plan = tv.plan(
+        ensemble_of(40.0, "sine", "noise"),
+        8.0,
+        methods=["birf"],
+        progress=lambda *step: steps.append(step),
+    )
+    assert steps == [(0, 3), (1, 3), (2, 3), (3, 3)]
     assert plan.best.method == "birf"
     assert f"{plan.best.realizations} realizations of 2 s" in str(plan)
-    (found,) = plan.verify(30)
+    ((answer, reached),) = plan.verify().items()
     (law,) = plan.curves.values()
-    assert found.predicted == law.at(found.realizations).random
-    assert law.at(found.realizations).total <= 8 / HALF_BAND
-    assert not law.at(found.realizations - 1).total <= 8 / HALF_BAND
-    assert found.reached == pytest.approx(found.predicted, rel=0.15)
+    assert answer.half_width == HALF_BAND * law.at(answer.realizations).random
+    assert law.at(answer.realizations).total <= 8 / HALF_BAND
+    assert not law.at(answer.realizations - 1).total <= 8 / HALF_BAND
+    assert reached == pytest.approx(answer.half_width, rel=0.15)
 
 
 @pytest.mark.parametrize(

@@ -178,12 +178,10 @@ def _show(found: Plan) -> None:
 def _verify(found: Plan) -> None:
     """Simulate the planned recordings, and print how precise they are."""
     with shown_progress("verifying") as advance:
-        verified = found.verify(progress=advance)
-    planned = [each for each in found.answers if each.realizations is not None]
-    for each, answer in zip(verified, planned, strict=True):
-        noise = [found.multiple * error for error in (each.predicted, each.reached)]
-        both = math.hypot(noise[1], found.multiple * answer.bias)
+        reached = found.verify(progress=advance)
+    for each, noise in reached.items():
+        both = math.hypot(noise, found.multiple * each.bias)
         say(
-            f"{each.method}, {each.setup}: {each.trials} simulations reach ± {noise[1]:.1f} of "
-            f"noise (predicted: {noise[0]:.1f}), ± {both:.1f} with bias"
+            f"{each.method}, {each.setup}: simulations reach ± {noise:.1f} of noise (predicted: "
+            f"{each.half_width:.1f}), ± {both:.1f} with bias"
         )

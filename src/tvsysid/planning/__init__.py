@@ -1,7 +1,7 @@
 """Plan an experiment: how many realizations a required precision of stiffness takes."""
 
-from tvsysid.planning.answers import Answer, Plan, Verified, plan
+from tvsysid.planning.answers import Answer, Plan, plan
 from tvsysid.planning.curves import Curve
 from tvsysid.planning.setups import Pilot, Protocol
 
-__all__ = ["Answer", "Curve", "Pilot", "Plan", "Protocol", "Verified", "plan"]
+__all__ = ["Answer", "Curve", "Pilot", "Plan", "Protocol", "plan"]

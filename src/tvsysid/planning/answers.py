@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
+from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import attrs
@@ -37,7 +39,7 @@ MAX_DURATION_S, MAX_REALIZATIONS = 2400.0, 320  # of the largest ensemble that i
 EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
 DRAWS, STEP_DRAWS = 18, 4  # ensembles of each size, and with a step
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
-TRIALS = 40
+TRIALS, VERIFIED_SEED = 40, 1000  # simulations that verify an answer
 
 
 class Answer(NamedTuple):
@@ -81,23 +83,12 @@ class Answer(NamedTuple):
         return f"{math.ceil(round(10 * self.seconds / size, 6)) / 10:g} {unit}"
 
 
-class Verified(NamedTuple):
-    """Random error (N·m/rad) that was predicted, and that of simulated ``trials``."""
-
-    setup: str
-    method: str
-    realizations: int
-    predicted: float
-    reached: float
-    trials: int
-
-
 @attrs.frozen(eq=False, repr=False)
 class Plan:
     """How much to record, in one or several setups, by one or several methods.
 
     Made by :func:`tvsysid.plan`. ``curves`` are errors against realizations, by (setup, method).
-    ``answers`` has one for each of these.
+    ``answers`` has one for each of these. Half a band of 95 % is ``multiple`` standard errors.
     """
 
     precision: float
@@ -107,16 +98,13 @@ class Plan:
     curves: Mapping[tuple[str, str], Curve]
     answers: tuple[Answer, ...]
 
-    @property
-    def multiple(self) -> float:
-        """Standard errors in half a band of 95 %."""
-        return HALF_BAND
+    multiple = HALF_BAND
 
     @property
     def best(self) -> Answer | None:
         """Answer with the shortest recording; None if nothing suffices."""
         enough = (each for each in self.answers if not each.why)
-        return min(enough, key=lambda each: each.seconds, default=None)
+        return min(enough, key=attrgetter("seconds"), default=None)
 
     def __str__(self) -> str:
         """Answer in a sentence."""
@@ -137,12 +125,8 @@ class Plan:
 
         return plot(self, title)
 
-    def __repr__(self) -> str:
-        return f"Plan({self})"
-
     def _repr_html_(self) -> str:
-        table = self.table()
-        return f"<p>{html.escape(repr(self))}</p>{table.to_html(index=False)}"
+        return f"<p>{html.escape(str(self))}</p>{self.table().to_html(index=False)}"
 
     def table(self) -> pd.DataFrame:
         """Return a table of the ``answers``, with units in the names."""
@@ -153,34 +137,23 @@ class Plan:
         table = pd.DataFrame(self.answers).set_axis(names, axis=1)
         return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
 
-    def verify(
-        self, trials: int = TRIALS, seed: int = 1000, *, progress: Progress = no_progress
-    ) -> list[Verified]:
-        """Simulate each answer again, and return its random error as predicted and as reached.
+    def verify(self, *, progress: Progress = no_progress) -> dict[Answer, float]:
+        """Simulate each answer again, and return the half width in N·m/rad that is reached.
 
         For a plan from a pilot, more of the same is simulated. This verifies the law, and not
         what was taken from the pilot: the simulated scatter is multiplied by the same excess.
         Answers without a number of realizations are left out.
-
-        Raises
-        ------
-        InputError
-            For fewer than two trials.
         """
-        at_least(2).check("verify", "trials", trials)
-        planned = [
-            (each, each.realizations) for each in self.answers if each.realizations is not None
-        ]
-        found = []
-        for done, (each, count) in enumerate(planned):
-            progress(done, len(planned))
-            setup, curve = self.setups[each.setup], self.curves[each.setup, each.method]
-            made = (setup.simulated(count, seed + trial) for trial in range(trials))
-            values, _ = identify_each(self.methods[each.method], (part.ensemble for part in made))
-            known, predicted = successful(values), curve.at(count).random
-            reached = curve.excess * scatter(known)
-            found.append(Verified(each.setup, each.method, count, predicted, reached, len(known)))
-        return found
+        reached = dict[Answer, float]()
+        for done, each in enumerate(self.answers):
+            progress(done, len(self.answers))
+            if each.realizations is not None:
+                setup, count = self.setups[each.setup], each.realizations
+                made = (setup.simulated(count, VERIFIED_SEED + trial) for trial in range(TRIALS))
+                ensembles = (part.ensemble for part in made)
+                values = identify_each(self.methods[each.method], ensembles)[0]
+                reached[each] = HALF_BAND * each.excess * scatter(successful(values))
+        return reached
 
 
 def plan(
@@ -218,7 +191,8 @@ def plan(
     seed
         Random seed of the simulations.
     progress
-        Function that is called with the number of curves done and of all.
+        Function that is called with the number of steps done and of all: three for each method in
+        each setup.
 
     Raises
     ------
@@ -245,70 +219,68 @@ def plan(
     optional(positive).check("plan", "resolution", resolution)
     at_least(RECORDS).check("plan", "draws", draws)
     setups = _by_label(setup)
-    named = [methods] if isinstance(methods, str) else list(methods)
+    named = [methods] if isinstance(methods, str) else methods
     chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
     if not chosen:
         raise InputError("plan: expected at least one method, got none")
     curves: dict[tuple[str, str], Curve] = {}
-    answers: list[Answer] = []
-    excesses: dict[int, dict[str, float]] = {}
+    answers, excess = list[Answer](), dict[tuple[int, str], float]()
+    steps, total = count(1), 3 * len(setups) * len(chosen)
+    progress(0, total)
     for label, each in setups.items():
-        most, excess = _most(each), dict.fromkeys(chosen, 1.0)
-        if isinstance(each, Pilot):
-            which = id(each.recorded)  # all setups of a pilot have the same
-            excesses[which] = excesses.get(which) or measure_excess(each, chosen, draws, seed)
-            excess = excesses[which]
+        most, needed = _most(each), dict[str, int | None]()
         records = [each.simulated(most, seed + number) for number in range(RECORDS)]
-        needed = {}
         for name, method in chosen.items():
-            progress(len(curves), len(setups) * len(chosen))
             curve = measure_curve(method, records, most, draws)
-            curves[label, name] = curve = attrs.evolve(curve, excess=excess[name])
+            progress(next(steps), total)
+            if isinstance(each, Pilot):
+                which = id(each.recorded), name  # all setups of a pilot have the same
+                excess[which] = excess.get(which) or measure_excess(method, each, draws, seed)
+                curve = attrs.evolve(curve, excess=excess[which])
+            progress(next(steps), total)
+            curves[label, name] = curve
             needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
         counts = {name: min(number or most, most) for name, number in needed.items()}
         stepped = each.stepped()
         record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
         for name, method in chosen.items():
-            rise = math.nan
-            if record:
-                rise = measure_rise(method, record, counts[name], STEP_DRAWS)
-            curve, count = curves[label, name], needed[name] or most
+            rise = measure_rise(method, record, counts[name], STEP_DRAWS) if record else math.nan
+            progress(next(steps), total)
+            curve, number = curves[label, name], needed[name] or most
             why = [] if needed[name] else [_why_not(curve, most, precision)]
             if resolution is not None and not rise <= resolution:
                 takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
                 why.append(f"it {takes} to follow a step")
-            random, bias = curve.at(count)
-            answers.append(
-                Answer(
-                    label,
-                    name,
-                    needed[name],
-                    seconds_of(each, count),
-                    HALF_BAND * random,
-                    bias,
-                    rise,
-                    curve.excess,
-                    "; ".join(why),
-                )
+            random, bias = curve.at(number)
+            answer = Answer(
+                label,
+                name,
+                needed[name],
+                seconds_of(each, number),
+                half_width=HALF_BAND * random,
+                bias=bias,
+                rise_time=rise,
+                excess=curve.excess,
+                why="; ".join(why),
             )
+            answers.append(answer)
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 
 def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str, Setup]:
     """Return the setups by label; of a pilot's ensemble, what it shows."""
     several = given if isinstance(given, Sequence) else [given]
-    setups: dict[str, Setup] = {}
     for each in several:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
                 "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
                 f"{type(each).__name__}; segment a Recording first"
             )
-        setup = Pilot.of(each) if isinstance(each, Ensemble) else each
-        setups[str(setup)] = setup
-    if not setups or len(setups) < len(several):
+    setups = [Pilot.of(each) if isinstance(each, Ensemble) else each for each in several]
+    by_label = {str(each): each for each in setups}
+    if not setups or len(by_label) < len(setups):
         raise InputError("plan: expected setups that differ in perturbation or amplitude")
-    return setups
+    return by_label
 
 
 def _most(setup: Setup) -> int:

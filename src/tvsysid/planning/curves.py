@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -121,67 +121,61 @@ class Curve:
         return counts[place] if place < len(counts) else None
 
 
-def sizes(most: int) -> list[int]:
-    """Return the numbers of realizations that are simulated, each twice the one before."""
-    octaves = int(math.log2(most / MIN_REALIZATIONS))
-    return [round(most / 2**step) for step in range(octaves, -1, -1)]
-
-
 def measure_curve(method: Method, records: Sequence[Simulated], most: int, draws: int) -> Curve:
-    """Return the curve of a method from ensembles of simulated records of ``most`` realizations."""
+    """Return the curve of a method from ensembles of simulated records of ``most`` realizations.
+
+    The numbers of realizations go up to ``most``, each twice the one before.
+    """
     rows, why = [], ""
-    for count in sizes(most):
+    for octave in range(int(math.log2(most / MIN_REALIZATIONS)), -1, -1):
+        count = round(most / 2**octave)
         parts = list(cut(records, count, draws))
         truth = np.mean([part.stiffness for part in parts], axis=(0, 1))
-        known, reason = _identify_some(method, [part.ensemble for part in parts])
+        ensembles = [part.ensemble for part in parts]
+        values, reason = identify_each(method, ensembles, MAX_UNCERTAINTY)
+        known, why = successful(values), reason or why
         if len(known) > 1 and np.isfinite(known).all(axis=0).any():
             rows.append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
-        why = reason or why
     return Curve.of(rows, why)
 
 
-def measure_excess(
-    pilot: Pilot, methods: Mapping[str, Method], draws: int, seed: int
-) -> dict[str, float]:
-    """Return how many times as much each method's stiffness scatters in the pilot as simulated.
+def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float:
+    """Return how many times as much a method's stiffness scatters in a pilot as simulated.
 
     Random halves of the pilot are compared with simulated ensembles as large: root mean square
     over time, median of pairs. The result is 1 at least, since a pilot that scatters less by
     chance promises nothing. It counts differences between realizations, a reflex, and noise that
     is neither Gaussian nor stationary.
     """
-    recorded = pilot.recorded
-    half = 0 if recorded is None else len(recorded) // 2
-    if recorded is None or half < MIN_REALIZATIONS:
-        return dict.fromkeys(methods, 1.0)
-    own, random, excess = pilot.as_recorded(), np.random.default_rng(seed), {}
-    size = half * -(-draws // RECORDS)
-    records = [own.simulated(size, seed + number) for number in range(RECORDS)]
-    simulated = [each.ensemble for each in cut(records, half, draws)]
-    orders = [random.permutation(len(recorded)) for _ in simulated]
-    halves = [
-        recorded.select(np.sort(order[at : at + half])) for order in orders for at in (0, half)
+    recorded, own, random = pilot.recorded, pilot.as_recorded(), np.random.default_rng(seed)
+    half = len(recorded) // 2
+    if half < MIN_REALIZATIONS:
+        return 1.0
+    records = [
+        own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)
     ]
-    for label, method in methods.items():
-        known, _ = _identify_some(method, simulated, MAX_UNCERTAINTY / 2)
-        pairs, _ = identify_each(method, halves[: 2 * len(known)])
-        apart = successful(pairs[::2] - pairs[1::2]) if len(pairs) else pairs
-        expected = [known[i] - known[j] for i in range(len(known)) for j in range(i)]
-        is_known = len(expected) and len(apart)
-        ratio = _typical(apart) / _typical(np.array(expected)) if is_known else 1.0
-        excess[label] = max(1.0, ratio)
-    return excess
-
-
-def _typical(differences: Array) -> float:
-    """Return the root mean square over time, median over differences: one may be of a breakdown."""
-    return float(np.median(np.sqrt(np.nanmean(differences**2, axis=1))))
+    simulated = [each.ensemble for each in cut(records, half, draws)]
+    known = successful(identify_each(method, simulated, MAX_UNCERTAINTY / 2)[0])
+    orders = [random.permutation(len(recorded)) for _ in known]
+    pairs = [
+        identify_each(method, (recorded.select(np.sort(order[part])) for order in orders))[0]
+        for part in (slice(half), slice(half, 2 * half))
+    ]
+    apart = successful(np.subtract(*pairs))
+    expected = [known[i] - known[j] for i in range(len(known)) for j in range(i)]
+    if not expected or not len(apart):
+        return 1.0
+    # The median, because a method may break down in one of them.
+    typical, promised = (
+        np.median(np.sqrt(np.nanmean(np.square(each), axis=1))) for each in (apart, expected)
+    )
+    return max(1.0, float(typical / promised))
 
 
 def measure_rise(method: Method, record: Simulated, count: int, draws: int) -> float:
     """Return the time in s in which a method's mean estimate rises from 10 to 90 % of a step."""
     parts = [part.ensemble for part in cut([record], count, draws)]
-    values, _ = identify_each(method, parts)
+    values = identify_each(method, parts)[0]
     low, high = float(record.stiffness.min()), float(record.stiffness.max())
     # The step down, turned over, is one more step up.
     both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
@@ -193,28 +187,15 @@ def measure_rise(method: Method, record: Simulated, count: int, draws: int) -> f
     return float(np.maximum(rise, time[1]))  # no sooner than a sample
 
 
-def _identify_some(
-    method: Method, ensembles: Sequence[Ensemble], max_uncertainty: float = MAX_UNCERTAINTY
+def identify_each(
+    method: Method, ensembles: Iterable[Ensemble], max_uncertainty: float = 0.0
 ) -> tuple[Array, str]:
-    """Identify ensembles until the scatter of the stiffness is known well enough.
-
-    Return the stiffness without failures, shape (estimate, time), and the reason of a failure.
-    """
-    known, why = np.empty((0, ensembles[0].samples)), ""
-    for first in range(0, len(ensembles), RECORDS):
-        more, reason = identify_each(method, ensembles[first : first + RECORDS])
-        known, why = np.concatenate([known, successful(more)]), reason or why
-        if uncertainty(known) < max_uncertainty:
-            break
-    return known, why
-
-
-def identify_each(method: Method, ensembles: Iterable[Ensemble]) -> tuple[Array, str]:
     """Return the stiffness in each ensemble, shape (ensemble, time), and the reason of a failure.
 
-    NaN where the method fails.
+    NaN where the method fails. It ends after some ensembles when the relative standard error of
+    the scatter is below ``max_uncertainty``.
     """
-    found, why = [], ""
+    found, why = list[Array](), ""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for each in ensembles:
@@ -223,12 +204,15 @@ def identify_each(method: Method, ensembles: Iterable[Ensemble]) -> tuple[Array,
             except Exception as error:  # a method may fail on few ensembles
                 why = describe_error(error)
                 found.append(np.full(each.samples, np.nan))
+            is_round = max_uncertainty and len(found) % RECORDS == 0
+            if is_round and uncertainty(successful(np.array(found))) < max_uncertainty:
+                break
     return np.array(found), why
 
 
 def successful(estimates: Array) -> Array:
     """Return the estimates (estimate, time) that are known at some time."""
-    return estimates[np.isfinite(estimates).any(axis=1)]
+    return estimates[np.isfinite(estimates).any(axis=-1)]
 
 
 def scatter(estimates: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -34,12 +34,12 @@ from tvsysid.validators import optional, positive, settings_of, with_settings
 
 SIMULATED_HZ = 1000.0
 PROBE_S = 40.0  # that are simulated to measure the noise
-CONTEXT = 0.5  # s beside each realization
 STEP_SHARE = 0.25  # of a constant stiffness, that a step goes to either side of it
 
+
 REFLEX = (
-    "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and "
-    "the plan does not know of that bias"
+    "a reflex is found, which is not simulated: methods of one pathway include its torque in the "
+    "stiffness, and the plan does not count that bias"
 )
 NEGATIVE = (
     "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in "
@@ -63,7 +63,7 @@ class Protocol:
     system, stiffness, perturbation
         Names as in a study (``"joint"``, ``"sine"``, ``"prbs:switch_interval=0.2"``,
         ``"module:Object"``) or objects. A wave is stretched to the period. With None, the system
-        keeps its own stiffness.
+        keeps its own stiffness, as do systems that take none.
     amplitude
         RMS of the angle in rad.
     noise
@@ -89,6 +89,8 @@ class Protocol:
     period: float = attrs.field(default=2.0, validator=positive)
     rate: float = attrs.field(default=100.0, validator=positive)
 
+    context = 0.5  # s beside each realization
+
     def __attrs_post_init__(self) -> None:
         self._parts  # noqa: B018  # raises for unknown names
 
@@ -96,29 +98,23 @@ class Protocol:
         return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"
 
     @cached_property
-    def _parts(self) -> tuple[Any, Perturbation]:
+    def _parts(self) -> tuple[System, Perturbation]:
         """System with its stiffness, and perturbation."""
         system = resolve(self.system, SYSTEMS, "system")
-        if self.stiffness is not None:
+        if self.stiffness is not None and "stiffness" in settings_of(system):
             profile = resolve(self.stiffness, PROFILES, "profile")
             if isinstance(profile, (SineWave, SquareWave)):
                 offset = profile.offset * self.period / profile.period
                 profile = attrs.evolve(profile, period=self.period, offset=offset)
-            if "stiffness" not in settings_of(system):
-                raise InputError(
-                    f"stiffness: {label_of(self.system)} takes none; give None, and set it in the "
-                    "system"
-                )
             system = with_settings(system, stiffness=profile)
         return system, resolve(self.perturbation, PERTURBATIONS, "perturbation")
 
     def _simulate(self, duration: float, snr_db: float, seed: int) -> Simulation:
         system, perturbation = self._parts
         rate = _fine_rate(self.rate)
-        made: Simulation = system.simulate(
+        return system.simulate(
             duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate
         )
-        return made
 
     @cached_property
     def _snr_db(self) -> float:
@@ -130,30 +126,31 @@ class Protocol:
         if self.noise is None:
             return self.snr_db + gain_db
         probe = self._simulate(PROBE_S, 0.0, 0)
-        noisy, clean = (
-            decimate(each, self.rate).torque for each in (probe.recording, probe.noiseless)
-        )
-        return gain_db + 20 * math.log10(float(np.std(noisy - clean)) / self.noise)
+        noise = probe.recording.torque - probe.noiseless.torque
+        noise = decimate(attrs.evolve(probe.recording, torque=noise), self.rate).torque
+        return gain_db + 20 * math.log10(float(np.std(noise)) / self.noise)
 
     def simulated(self, count: int, seed: int) -> Simulated:
         """Return ``count`` realizations. The same seed gives the same."""
         made = self._simulate(count * self.period, self._snr_db, seed)
-        ensemble = segment(decimate(made.recording, self.rate), self.period, CONTEXT)
+        ensemble = segment(decimate(made.recording, self.rate), self.period, self.context)
         return Simulated(ensemble, made.truth_of(ensemble)["stiffness"])
 
     def stepped(self) -> Protocol | None:
-        """Return the same with a stiffness that steps, or None if the system keeps its own."""
-        if self.stiffness is None:
+        """Return the same with a stiffness that steps, or None if the system has none."""
+        profile = settings_of(self._parts[0]).get("stiffness")
+        if profile is None:
             return None
-        stiffness = self._parts[0].stiffness(np.arange(0, self.period, 1 / self.rate))
-        return attrs.evolve(self, stiffness=_step(stiffness, self.period))
+        time = np.arange(0, self.period, 1 / self.rate)
+        return attrs.evolve(self, stiffness=_step(profile(time), self.period))
 
 
 @attrs.frozen(eq=False)
 class Pilot:
     """Joint, noise and perturbation of a pilot recording, to simulate more of the same.
 
-    Made by :meth:`of`.
+    Made by :meth:`of`. ``attrs.evolve(pilot, amplitude=0.02, perturbation="prbs")`` is the same
+    joint with another perturbation.
 
     Parameters
     ----------
@@ -161,14 +158,12 @@ class Pilot:
         Of the joint; the first two over a realization, shape (time,).
     frequencies, movement, noise
         Spectral densities of the angle and of the torque's noise at frequencies in Hz.
-    sampling_rate, context
-        In Hz, and in samples.
+    recorded
+        Ensemble in which the methods' scatter is compared with the simulated one.
     amplitude
         RMS of the angle that is planned, in rad.
     perturbation
         Perturbation that is planned; None for the pilot's.
-    recorded
-        Ensemble in which the methods' scatter is compared with the simulated one.
     """
 
     stiffness: Array
@@ -177,20 +172,12 @@ class Pilot:
     frequencies: Array
     movement: Array
     noise: Array
-    sampling_rate: float
-    context: int
+    recorded: Ensemble
     amplitude: float = attrs.field(validator=positive)
     perturbation: str | Perturbation | None = None
-    recorded: Ensemble | None = None
 
     @classmethod
-    def of(
-        cls,
-        ensemble: Ensemble,
-        *,
-        amplitude: float | None = None,
-        perturbation: str | Perturbation | None = None,
-    ) -> Pilot:
+    def of(cls, ensemble: Ensemble) -> Pilot:
         """Identify a pilot's ensemble by ``adaptive``, or by ``kbr`` with too few realizations.
 
         The noise is the torque that the model leaves. Both spectra are means over realizations.
@@ -216,24 +203,30 @@ class Pilot:
             warnings.warn(REFLEX, DataQualityWarning, stacklevel=2)
         if np.nanmean(model.stiffness) < 0:
             warnings.warn(NEGATIVE, DataQualityWarning, stacklevel=2)
-        residual = ensemble.torque[:, ensemble.core] - model.predict(ensemble)
-        residual = residual[:, np.isfinite(residual).all(axis=0)]
+        known = np.isfinite(model.stiffness)
+        if not known.any():
+            raise InputError(
+                "pilot: the stiffness could not be identified; record more, or state the joint"
+            )
+        residual = (ensemble.torque[:, ensemble.core] - model.predict(ensemble))[:, known]
         # The mean over realizations took a part of the variance away.
         scale = len(ensemble) / (len(ensemble) - 1) if ensemble.mean_subtracted else 1.0
         frequencies, noise = _density(residual, ensemble.sampling_rate)
         movement = np.interp(frequencies, *_density(ensemble.angle, ensemble.sampling_rate))
+        # The nearest known values stand for those at the ends.
+        stiffness, viscosity = (
+            np.interp(ensemble.time, ensemble.time[known], each[known])
+            for each in (model.stiffness, model.viscosity)
+        )
         return cls(
-            _filled(model.stiffness),
-            _filled(model.viscosity),
-            float(np.nanmean(model.inertia)),
-            frequencies,
-            movement * scale,
-            noise * scale,
-            ensemble.sampling_rate,
-            ensemble.context,
-            math.sqrt(scale) * float(np.std(ensemble.angle)) if amplitude is None else amplitude,
-            perturbation,
-            recorded,
+            stiffness,
+            viscosity,
+            inertia=float(np.nanmean(model.inertia)),
+            frequencies=frequencies,
+            movement=movement * scale,
+            noise=noise * scale,
+            recorded=recorded,
+            amplitude=math.sqrt(scale) * float(np.std(ensemble.angle)),
         )
 
     def __str__(self) -> str:
@@ -253,45 +246,48 @@ class Pilot:
     @property
     def period(self) -> float:
         """Duration of a realization in s."""
-        return len(self.stiffness) / self.sampling_rate
+        return self.recorded.duration
+
+    @property
+    def context(self) -> float:
+        """Context beside each realization in s."""
+        return self.recorded.context / self.recorded.sampling_rate
 
     def simulated(self, count: int, seed: int) -> Simulated:
         """Return ``count`` realizations of the pilot's joint, with Gaussian angle and noise."""
-        rate, context = self.sampling_rate, self.context / self.sampling_rate
-        samples = count * len(self.stiffness) + 2 * (self.context + HALF_WIDTH)
+        rate, context = self.recorded.sampling_rate, self.recorded.context
+        samples = count * len(self.stiffness) + 2 * (context + HALF_WIDTH)
         random = np.random.default_rng(seed)
-        angle, velocity, acceleration = differentiate(self._angle(samples, random), rate)
-        phase = (np.arange(len(angle)) - self.context) % len(self.stiffness)
+        angle, velocity, acceleration = differentiate(self._angle(samples, rate, random), rate)
+        phase = (np.arange(len(angle)) - context) % len(self.stiffness)
         torque = self.stiffness[phase] * angle + self.viscosity[phase] * velocity
         torque += self.inertia * acceleration
         torque += _gaussian(self.noise, self.frequencies, rate, len(torque), random)
-        ensemble = segment(Recording(angle, torque, rate, start=-context), self.period, context)
+        recording = Recording(angle, torque, rate, start=-self.context)
+        ensemble = segment(recording, self.period, self.context)
         return Simulated(ensemble, np.tile(self.stiffness, (len(ensemble), 1)))
 
-    def _angle(self, samples: int, random: np.random.Generator) -> Array:
-        rate = self.sampling_rate
+    def _angle(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         if self.perturbation is None:
             angle = _gaussian(self.movement, self.frequencies, rate, samples, random)
             return angle * self.amplitude / _rms(self.movement, self.frequencies)
-        perturbation = resolve(self.perturbation, PERTURBATIONS, "perturbation")
         made = Joint(stiffness=Constant()).simulate(
             samples / rate,
-            perturbation=perturbation,
+            perturbation=resolve(self.perturbation, PERTURBATIONS, "perturbation"),
             snr_db=math.inf,
             seed=random,
             rate=_fine_rate(rate),
         )
         return decimate(made.recording, rate).angle[:samples] * self.amplitude / RMS_ANGLE
 
+    def stepped(self) -> Pilot:
+        """Return the same with a stiffness that steps between the pilot's extremes."""
+        return attrs.evolve(self, stiffness=_step(self.stiffness, self.period)(self.recorded.time))
+
     def as_recorded(self) -> Pilot:
         """Return the same with the recorded perturbation."""
         amplitude = _rms(self.movement, self.frequencies)
         return attrs.evolve(self, perturbation=None, amplitude=amplitude)
-
-    def stepped(self) -> Pilot:
-        """Return the same with a stiffness that steps between the pilot's extremes."""
-        time = np.arange(len(self.stiffness)) / self.sampling_rate
-        return attrs.evolve(self, stiffness=_step(self.stiffness, self.period)(time))
 
 
 Setup = Protocol | Pilot
@@ -299,8 +295,7 @@ Setup = Protocol | Pilot
 
 def seconds_of(setup: Setup, count: float) -> float:
     """Return the seconds to record for ``count`` realizations with context at both ends."""
-    context = setup.context / setup.sampling_rate if isinstance(setup, Pilot) else CONTEXT
-    lost = 2 * math.ceil(round(context / setup.period, 6))
+    lost = 2 * math.ceil(round(setup.context / setup.period, 6))
     return (count + lost) * setup.period
 
 
@@ -318,9 +313,7 @@ def _step(stiffness: Array, period: float) -> SquareWave:
 
 def _density(values: Array, rate: float) -> tuple[Array, Array]:
     """Return frequencies and spectral density of (realization, time), mean over realizations."""
-    frequencies, power = scipy.signal.welch(
-        values, rate, nperseg=values.shape[1], detrend=False, axis=1
-    )
+    frequencies, power = scipy.signal.welch(values, rate, nperseg=values.shape[1], detrend=False)
     return frequencies, power.mean(axis=0)
 
 
@@ -338,13 +331,3 @@ def _gaussian(
     parts = random.standard_normal((2, len(frequencies)))
     scale = np.sqrt(np.interp(frequencies, at, density) * rate * size) / 2
     return np.asarray(irfft(scale * (parts[0] + 1j * parts[1]), size)[:samples])
-
-
-def _filled(values: Array) -> Array:
-    """Return values (time,) with the nearest known ones at the ends."""
-    known = np.isfinite(values)
-    if not known.any():
-        raise InputError(
-            "pilot: stiffness or viscosity could not be identified; record more, or state the joint"
-        )
-    return np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])

@@ -95,7 +95,7 @@ def test_an_error_names_the_option():
     [
         ("empty.mat", b"", "the file is empty"),
         ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "cannot be read .* is its ending right"),
-        ("noise.mat", bytes(range(256)) * 20, r"noise\.mat: cannot be read"),
+        ("noise.mat", bytes(range(256)) * 20, r"noise\.mat: (cannot be read|the library that)"),
         ("hdf5.mat", b"\x89HDF\r\n\x1a\n" + b" " * 200, "cannot be read"),
         ("binary.csv", bytes(range(128, 256)) * 20, "cannot be read"),
         ("header.csv", b"pos,tq\n", "got an empty array"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +73,7 @@ class Comparison:
         It is computed on the realizations that the model was fitted to. A method with many
         parameters has a high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
         """
-        return self._explained(vaf)
+        return {label: vaf(self._torque, each) for label, each in self.predicted.items()}
 
     @cached_property
     def time_varying_vaf(self) -> dict[str, Array]:
@@ -81,23 +81,24 @@ class Comparison:
 
         Empty for a single realization.
         """
-        return self._explained(time_varying_vaf) if len(self.ensemble) > 1 else {}
+        several = self.predicted if len(self.ensemble) > 1 else {}
+        return {label: time_varying_vaf(self._torque, each) for label, each in several.items()}
 
-    def _explained(self, metric: Callable[[Array, Array], Array]) -> dict[str, Array]:
-        torque = self.ensemble.torque[:, self.ensemble.core]
-        return {label: metric(torque, values) for label, values in self.predicted.items()}
+    @property
+    def _torque(self) -> Array:
+        return self.ensemble.torque[:, self.ensemble.core]
 
     @cached_property
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
-        inputs = {
-            item.kind: item.name for label in self.models for item in self.methods[label].inputs
-        }
+        every = [item for label in self.models for item in self.methods[label].inputs]
+        inputs = {item.kind: item.name for item in every}
+        adaptive = [self.models[label] for label in self._adaptive]
         return recommend(
             self.ensemble,
             inputs.get("reference"),
             inputs.get("scheduling"),
-            model=next(iter(self._adaptive.values()), None),
+            model=adaptive[0] if adaptive else None,
         )
 
     @cached_property
@@ -107,22 +108,21 @@ class Comparison:
         return self.recommendation.select(methods, self.evidence)
 
     @property
+    def recommended(self) -> list[str]:
+        """Labels of the methods to report, best first: those that suit, then ``adaptive``.
+
+        A single method that suits is not a choice among several, and is not recommended for that.
+        """
+        return [*(self.suited if len(self.models) > 1 else []), *self._adaptive]
+
+    @property
     def leading(self) -> str:
-        """Label of the best method that suits the data, or else of ``adaptive``, or the first."""
-        suited = self.suited if len(self.models) > 1 else []
-        return [*suited, *self._adaptive, *self.models][0]
+        """Label of the method whose stiffness is stated: a recommended one, or else the first."""
+        return [*self.recommended, *self.models][0]
 
     @property
-    def is_recommended(self) -> bool:
-        """Whether the ``leading`` method is ``adaptive``, or suits the data best of several."""
-        label = self.leading
-        return label in self._adaptive or (len(self.models) > 1 and label in self.suited)
-
-    @property
-    def _adaptive(self) -> dict[str, AdaptiveModel]:
-        return {
-            label: each for label, each in self.models.items() if isinstance(each, AdaptiveModel)
-        }
+    def _adaptive(self) -> list[str]:
+        return [label for label, each in self.models.items() if isinstance(each, AdaptiveModel)]
 
     def trust(
         self,
@@ -147,13 +147,9 @@ class Comparison:
             diagnosis=diagnosis or given.diagnosis,
             unnamed_references=(*unnamed_references, *given.unnamed_references),
         )
-        return trust_in(
-            self.models[label],
-            self.methods[label],
-            recommendation,
-            label in self.suited,
-            (held_out_vaf or {}).get(label, np.array([])),
-        )
+        vafs = (held_out_vaf or {}).get(label, np.array([]))
+        method, is_suited = self.methods[label], label in self.suited
+        return trust_in(self.models[label], method, recommendation, is_suited, vafs)
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
@@ -167,9 +163,9 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         level, reasons = self.trust()
-        withdrawn = " ".join(["No stiffness is stated.", *reasons])
-        lines = [repr(self), *([withdrawn] if level == "none" else [])]
-        lines += map(": ".join, {**self.skipped, **self.failed}.items())
+        lines = [repr(self), *map(": ".join, {**self.skipped, **self.failed}.items())]
+        if level == "none":
+            lines += ["No stiffness is stated.", *reasons]
         text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
         return text + self.summary().to_html(index=False)
 
@@ -307,7 +303,7 @@ def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """Concatenate tables, each given by its columns."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    return pd.concat([*map(pd.DataFrame, tables)] or [pd.DataFrame()], ignore_index=True)
+    return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
 
 def _bands(model: Model) -> dict[str, Array]:
@@ -315,8 +311,7 @@ def _bands(model: Model) -> dict[str, Array]:
     none = np.full((2, len(model.time)), np.nan)
     bands = dict.fromkeys(IMPEDANCE, none)
     for name, estimate in model.estimates.items():
-        if estimate.axes in OVER_TIME:
-            band = np.reshape(estimate.limits(), (2, -1))
-            # The mean of several realizations has no band.
-            bands[name] = band if band.shape == none.shape else none
+        if estimate.axes in OVER_TIME:  # the mean of several realizations has no band
+            is_single = estimate.values.size == len(model.time)
+            bands[name] = np.reshape(estimate.limits(), (2, -1)) if is_single else none
     return bands

@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 
+import attrs
 import numpy as np
 
-from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import parse
 from tvsysid.methods.cascade.reflex_test import predicts_better
-from tvsysid.progress import no_progress
 from tvsysid.quality import diagnose
 from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.signals import Array, Ensemble
@@ -57,8 +57,7 @@ def delay_to_correct(
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     try:
-        ensembles = [cut(delay) for delay in delays]
-        method, vafs = _held_out_vafs(ensembles, method, jobs)
+        method, vafs = _held_out_vafs([cut(delay) for delay in delays], method, jobs)
     except InputError as error:
         return 0.0, f"{what}; none of it is corrected: {error}"
     means = [each.mean() for each in vafs]
@@ -68,10 +67,10 @@ def delay_to_correct(
     p_value, _ = predicts_better(*(100 - vafs[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
     none, half, every = means
-    done = f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected"
     return float(delays[chosen]), (
-        f"{done}: held-out VAF of {method} is {none:.1f} % as recorded, {half:.1f} with half and "
-        f"{every:.1f} with all of it corrected"
+        f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of {method} "
+        f"is {none:.1f} % as recorded, {half:.1f} with half and {every:.1f} with all of it "
+        "corrected"
     )
 
 
@@ -85,12 +84,9 @@ def _held_out_vafs(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         if len(ensembles[0]) == 1:
-            models = [compare(each, [method]).models[method] for each in ensembles]
-            details = [model.diagnostics.details for model in models]
-            return method, [np.array([each.get("vaf_folds", np.nan)]) for each in details]
+            models = [parse(method).identify(each) for each in ensembles]
+            folds = [each.diagnostics.details.get("vaf_folds", np.nan) for each in models]
+            return method, [np.array([each]) for each in folds]
         found = compare(ensembles[0], ["adaptive"])
-        vafs = [
-            held_out_vaf(each, found.methods, found.models, 2, jobs, no_progress)
-            for each in ensembles
-        ]
-        return "adaptive", [each["adaptive"] for each in vafs]
+        each_found = (attrs.evolve(found, ensemble=each) for each in ensembles)
+        return "adaptive", [each.held_out_vaf(2, jobs=jobs)["adaptive"] for each in each_found]

@@ -40,17 +40,20 @@ def held_out_vaf(
     if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
         return vafs  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
-    pairs = [(label, part) for part in parts for label in models]
-    tasks = [Fold(ensemble, part, methods[label], models[label]) for label, part in pairs]
+    tasks = [
+        Fold(label, ensemble, part, methods[label], model)
+        for part in parts
+        for label, model in models.items()
+    ]
     failed: dict[str, str] = {}
     with single_thread():
         for number, result in enumerate(_results(tasks, jobs)):
-            progress(number, len(pairs))
-            label, part = pairs[number]
+            progress(number, len(tasks))
+            task = tasks[number]
             if isinstance(result, str):
-                failed.setdefault(label, result)
+                failed.setdefault(task.label, result)
             else:
-                vafs[label][part] = result
+                vafs[task.label][task.held_out] = result
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
@@ -60,6 +63,7 @@ def held_out_vaf(
 class Fold(NamedTuple):
     """Realizations to hold out, and a method with its model of all realizations."""
 
+    label: str
     ensemble: Ensemble
     held_out: NDArray[np.int64]
     method: Method
@@ -80,23 +84,22 @@ class Fold(NamedTuple):
         kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
         def deviation(values: Array) -> Array:
-            return values - values[kept].mean(axis=0) if ensemble.mean_subtracted else values
+            return values - mean_known(values[kept]) if ensemble.mean_subtracted else values
 
         torque = deviation(ensemble.torque)
-        blanked = np.array(torque)
+        blanked = torque.copy()
         blanked[held_out] = 0.0  # hide it from a method that reads the torque to predict it
-        names = centered_channels([self.method])
-        channels = {name: deviation(ensemble.channels[name]) for name in names}
-        given = attrs.evolve(
-            ensemble,
-            angle=deviation(ensemble.angle),
-            torque=blanked,
-            channels={**ensemble.channels, **channels},
-        )
-        predicted = self.method.refit(given.select(kept), self.model).predict(given)
-        if ensemble.mean_subtracted:
-            predicted = predicted - mean_known(predicted[kept])
+        channels = dict(ensemble.channels)
+        for name in centered_channels([self.method]):
+            channels[name] = deviation(channels[name])
+        angle = deviation(ensemble.angle)
+        given = attrs.evolve(ensemble, angle=angle, torque=blanked, channels=channels)
+        model = self.method.refit(given.select(kept), self.model)
+        predicted = deviation(model.predict(given))
         return vaf(torque[held_out, ensemble.core], predicted[held_out])
+
+
+_folds: list[Fold] = []  # forked workers inherit it without pickling, which fails for some methods
 
 
 def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
@@ -104,18 +107,14 @@ def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
     if jobs == 1 or sys.platform != "linux":
         yield from map(Fold.result, folds)
         return
+    _folds[:] = folds
     workers = min(len(folds), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
-    with ProcessPoolExecutor(workers, get_context("fork"), _start_worker, (folds,)) as pool:
+    # Ctrl-C ends the parent, which ends its workers.
+    ignored = (signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(workers, get_context("fork"), signal.signal, ignored) as pool:
         yield from pool.map(_result_of, range(len(folds)))
-
-
-_inherited: list[Fold] = []  # folds that a worker inherits, without pickling
-
-
-def _start_worker(folds: Sequence[Fold]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its workers
-    _inherited[:] = folds
+    _folds.clear()
 
 
 def _result_of(number: int) -> Array | str:
-    return _inherited[number].result()
+    return _folds[number].result()

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
-from tvsysid.methods.base import SkippedError
+from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
@@ -72,12 +72,13 @@ def compare(
             progress(number, len(chosen))
             method = chosen[label]
             try:
+                if reason := reason_to_skip(method, ensemble):
+                    skipped[label] = reason
+                    continue
                 if isinstance(method, Tuned) or (tune and method.can_be_tuned):
                     method, evidence[label] = method.tuned(ensemble)
                 model = method.identify(ensemble)
                 predicted[label] = model.predict(ensemble)
-            except SkippedError as error:
-                skipped[label] = error.reason
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
             else:

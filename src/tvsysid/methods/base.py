@@ -70,15 +70,6 @@ class Choice(NamedTuple, Generic[AnyMethod]):
     evidence: Evidence
 
 
-class SkippedError(InputError):
-    """A method cannot identify an ensemble. The message holds the method's class and the reason."""
-
-    @property
-    def reason(self) -> str:
-        """Return the reason without the method's class."""
-        return str(self).partition(": ")[2]
-
-
 class Method(ABC):
     """Base class of methods. A subclass has settings as fields, and implements :meth:`fit`.
 
@@ -277,7 +268,7 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
                 "realizations, or name another channel"
             )
     if reason := reason_to_skip(method, ensemble):
-        raise SkippedError(f"{type(method).__name__}: {reason}")
+        raise InputError(f"{type(method).__name__}: {reason}")
 
 
 def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:

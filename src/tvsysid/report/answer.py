@@ -90,9 +90,7 @@ def answer(account: Account) -> list[str]:
         first, *more = trust.reasons
         return [f"no stiffness is stated. {first}", *more]
     label, model = found.leading, found.models[found.leading]
-    role = (
-        trust.level if trust.level == "doubtful" else "recommended" if found.is_recommended else ""
-    )
+    role = trust.level if trust.level == "doubtful" else "recommended" if found.recommended else ""
     stated = f"{role} ({label})" if role else label
     lines = _over_variable(found, label, stated)
     known = model.stiffness[np.isfinite(model.stiffness)]
@@ -163,7 +161,7 @@ def others(found: Comparison) -> str:
 def why_leading(account: Account) -> str:
     """Return why this method leads; nothing of a recommended one whose stiffness is doubtful."""
     found, label = account.found, account.found.leading
-    if found.is_recommended:
+    if found.recommended:
         if account.trust.level == "doubtful":
             return ""
         if isinstance(found.models[label], AdaptiveModel):

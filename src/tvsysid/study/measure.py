@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tvsysid import metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, one_line
 from tvsysid.methods import Method
-from tvsysid.methods.base import SkippedError
+from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
@@ -55,13 +55,14 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            model = method.identify(ensemble)
-            scores["seconds"] = time.perf_counter() - started
-            texts = [one_line(str(each.message)) for each in caught if _is_of_data(each)]
-            scores |= _scores_of(model, ensemble, truth)
-            scores["warnings"] = "\n".join(dict.fromkeys(texts))
-        except SkippedError as error:
-            scores["warnings"] = one_line(f"{SKIPPED}{error.reason}")
+            if reason := reason_to_skip(method, ensemble):
+                scores["warnings"] = one_line(f"{SKIPPED}{reason}")
+            else:
+                model = method.identify(ensemble)
+                scores["seconds"] = time.perf_counter() - started
+                texts = [one_line(str(each.message)) for each in caught if _is_of_data(each)]
+                scores |= _scores_of(model, ensemble, truth)
+                scores["warnings"] = "\n".join(dict.fromkeys(texts))
         except (Exception, SystemExit) as error:  # another author's method may raise anything
             scores["seconds"] = time.perf_counter() - started
             scores["failure"] = describe_error(error)

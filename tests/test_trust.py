@@ -37,7 +37,7 @@ def judged(model):
         unnamed=(),
         sign=1,
     ):
-        findings = [Finding(name, size, True, f"{name} was seen") for name in faults]
+        findings = [Finding(name, size, f"{name} was seen") for name in faults]
         diagnosis = SimpleNamespace(findings=findings, remarks=()) if faults else None
         known = attrs.evolve(known, diagnosis=diagnosis, unnamed_references=unnamed)
         stiffness = model.estimates["stiffness"]

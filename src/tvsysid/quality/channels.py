@@ -30,20 +30,20 @@ def same_channel(data: FittedEnsemble) -> Measured:
 
     Noise, viscosity and inertia keep that of a joint below 100 %.
     """
-    angle, torque = data.angle, data.torque
-    size = math.sqrt(np.sum(angle**2) * np.sum(torque**2))
+    size = np.linalg.norm(data.angle) * np.linalg.norm(data.torque)
     if size == 0:
         raise NotApplicable("a channel does not move")
-    value = 100 * abs(np.sum(angle * torque)) / size
+    value = 100 * abs(np.sum(data.angle * data.torque)) / size
     return Measured(value, f"the correlation of angle and torque is {value:.4g} %")
 
 
 def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     """Return mean impedance and its standard errors, where they are identifiable."""
     data.require()
-    if not np.isfinite(data.mean_impedance[0]).all():
+    values, errors = data.fit.mean_impedance
+    if not np.isfinite(values).all():
         raise NotApplicable(NOT_IDENTIFIABLE)
-    return data.mean_impedance
+    return values, errors
 
 
 @check(
@@ -76,10 +76,9 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
 )
 def angle_unit(data: FittedEnsemble) -> Measured:
     """Return the size of the movement."""
-    size = np.sqrt(np.mean(data.core("angle") ** 2))
-    return Measured(
-        size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
-    )
+    size = data.core("angle").std()
+    what = f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
+    return Measured(size, what)
 
 
 @check(
@@ -119,7 +118,7 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     because noise in the angle hides the inertia.
     """
     _impedance(data)
-    values, errors = data.smooth_impedance
+    values, errors = data.fit.smooth_impedance
     stiffness, _, inertia = map(float, values)
     if np.any(np.abs(values) < SURE * errors, where=[True, False, True]) or stiffness * inertia < 0:
         raise NotApplicable("stiffness and inertia are not determined well enough")

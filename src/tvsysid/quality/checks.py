@@ -103,19 +103,20 @@ class Finding:
     ----------
     name
         Name of the fault, such as ``"drift"``.
-    value, significant
-        Measured value in the unit of the fault, and whether noise cannot explain it. The value is
-        NaN if the data do not allow the check.
+    value
+        Measured value in the unit of the fault. It is NaN if the data do not allow the check.
     what
         Description of the value in words, or the reason why the data do not allow the check.
+    significant
+        Whether noise cannot explain the value.
     realizations
         Indices of the faulty realizations, for a fault of single realizations.
     """
 
     name: str
     value: float
-    significant: bool
     what: str
+    significant: bool = True
     realizations: tuple[int, ...] = ()
 
     @property
@@ -154,7 +155,7 @@ class Finding:
 
         Examples
         --------
-        >>> Finding("drift", 24.3, True, "").strength
+        >>> Finding("drift", 24.3, "").strength
         '24.3 %, at most 10 is in order'
         """
         if not self.judged:
@@ -173,22 +174,14 @@ class Finding:
         return f"Finding({self.name}: {self.state}; {self.what})"
 
 
-def not_judged(name: str, reason: object) -> Finding:
-    """Return the finding of a check that the data do not allow."""
-    return Finding(name, math.nan, False, str(reason))
-
-
 @single_thread()
-def judge(
-    name: str, *arguments: object, function: Callable[..., Measured] | None = None
-) -> Finding:
-    """Run the check for a fault, by its registered function or by ``function``."""
+def judge(name: str, *arguments: object) -> Finding:
+    """Run the check for a fault."""
     try:
-        measured = (function or _FUNCTIONS[name])(*arguments)
+        value, what, significant, realizations = _FUNCTIONS[name](*arguments)
     except NotApplicable as reason:
-        return not_judged(name, reason)
-    value, what, significant, realizations = measured
-    return Finding(name, float(value), bool(significant), what, realizations)
+        return Finding(name, math.nan, str(reason), significant=False)
+    return Finding(name, float(value), what, bool(significant), realizations)
 
 
 def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import attrs
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import rfft, rfftfreq
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
@@ -57,11 +60,7 @@ class Curves:
     noise: Array
     lag: Array
     correlation: Array
-    chance: Array
-
-    def __attrs_post_init__(self) -> None:
-        for values in attrs.asdict(self, recurse=False).values():
-            values.flags.writeable = False
+    chance: float
 
 
 def curves(data: FittedEnsemble) -> Curves:
@@ -71,8 +70,8 @@ def curves(data: FittedEnsemble) -> Curves:
     window = hann(length)
 
     def power(values: Array) -> Array:
-        spectrum = np.abs(rfft(values[:, :length] * window, axis=1)) ** 2
-        return np.asarray(2 * np.mean(spectrum, axis=0) / (rate * np.sum(window**2)))
+        squares = np.abs(rfft(values[:, :length] * window, axis=1)) ** 2
+        return np.asarray(2 * np.mean(squares, axis=0) / (rate * np.sum(window**2)))
 
     return Curves(
         rfftfreq(length, 1 / rate),
@@ -80,10 +79,10 @@ def curves(data: FittedEnsemble) -> Curves:
         power(fit.torque),
         power(fit.residual),
         *_coherence(data),
-        (np.arange(data.region.start, data.region.stop) - data.ensemble.context) / rate,
-        np.stack([fit.of(half).impedance[0] for half in data.half_orders]),
-        data.relative_stiffness[data.order],
-        data.relative_noise[data.order],
+        data.time,
+        np.stack([fit.of(half).impedance[0] for half in data.halves]),
+        fit.relative_stiffness[data.order],
+        fit.relative_noise[data.order],
         *_correlation(data),
     )
 
@@ -94,25 +93,24 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     spectra = short_time_spectra(data.angle, data.torque, length)
     power = spectra.uu * spectra.yy
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
-    centres = np.arange(len(coherence)) + length // 2 - data.ensemble.context
-    inside = (centres >= 0) & (centres < data.ensemble.samples)
-    return coherence[inside], centres[inside] / data.rate, rfftfreq(length, 1 / data.rate)
+    time = (np.arange(len(coherence)) + length // 2 - data.ensemble.context) / data.rate
+    inside = (time >= 0) & (time < data.ensemble.duration)
+    return coherence[inside], time[inside], rfftfreq(length, 1 / data.rate)
 
 
-def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
+def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     """Return lags, correlations of the residual with angle and speed, and the chance level.
 
     All lags use the same samples.
     """
-    residual, speed = data.white_residual, np.abs(np.gradient(data.angle, axis=1))
+    residual, speed = data.fit.white_residual, np.abs(np.gradient(data.angle, axis=1))
     reach = min(round(MAX_LAG_S * data.rate), residual.shape[1] // 3)
-    lags = np.arange(-reach, reach + 1)
-    inner = slice(reach, residual.shape[1] - reach)
-    correlation = np.zeros((2, len(lags)))
-    for row, signal in zip(correlation, (data.angle, speed - speed.mean(axis=0)), strict=True):
-        cause = data.unpredicted(signal)
-        scale = np.sqrt(np.mean(cause**2) * np.mean(residual**2))
-        if scale > 0:
-            later = (residual[:, reach + lag : inner.stop + lag] for lag in lags)
-            row[:] = [np.mean(cause[:, inner] * each) / scale for each in later]
-    return lags / data.rate, correlation, np.asarray(1.96 / np.sqrt(residual[:, inner].size))
+    signals = (data.angle, speed - speed.mean(axis=0))
+    causes = np.stack([data.unpredicted(signal) for signal in signals])
+    scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2))
+    causes = causes[:, :, reach : residual.shape[1] - reach]
+    later = sliding_window_view(residual, causes.shape[2], axis=1)  # (realization, lag, time)
+    products = np.einsum("crt,rlt->cl", causes, later) / causes[0].size
+    correlation = products / np.where(scale > 0, scale, np.inf)[:, None]
+    lags = np.arange(-reach, reach + 1) / data.rate
+    return lags, correlation, 1.96 / math.sqrt(causes[0].size)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
-from tvsysid.quality.fit import Regressors, SecondOrderFit
-from tvsysid.quality.fitted import LOW_PASS_SAMPLES, MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble
+from tvsysid.quality.fit import LOW_PASS_SAMPLES, SecondOrderFit
+from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble, later
 from tvsysid.quality.statistics import SIGNIFICANT, p_value, p_value_of
-from tvsysid.signals import Array
 
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
@@ -51,81 +51,75 @@ def delay(data: FittedEnsemble) -> Measured:
     the delay must also show where other frequencies count more, without whitening. An early torque
     in a closed loop is not judged.
     """
-    shift, best = _best_shift(data)
-    gain = data.fit.unexplained / best.unexplained if best.unexplained > 0 else math.inf
-    samples = shift if gain > FAR else 0.0
+    samples = _best_shift(data, slice(None))
+    least = max(1 - _shifted(data, samples).explained, np.finfo(float).tiny)
+    gain = (1 - data.fit.explained) / least
+    samples *= gain > FAR
     for _ in range(STEPS):
-        step = _remaining_delay(data.advance(samples))[0]
+        step = _remaining_delay(_shifted(data, samples))[0]
         samples += np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES)
-    aligned = data.advance(samples)
+    aligned = _shifted(data, samples)
     value = 1000 * samples / data.rate
     step, error, change = (1000 * each / data.rate for each in _remaining_delay(aligned))
     significant = p_value(value, error, len(data)) < SIGNIFICANT
     significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)
-    if significant and (reason := _other_cause(data, aligned, value, gain >= CLEAR)):
-        raise NotApplicable(reason)
+    if significant:
+        _require_no_other_cause(data, samples, gain >= CLEAR)
     edge = "at least " if abs(round(samples)) >= _reach(data) else ""
     side = "late" if value > 0 else "early"
     what = f"the torque is {edge}{abs(value):.3g} ± {error:.1g} ms {side}"
     if abs(change) > max(error, FAULTS["delay"].limit):
         what += f" ({value + change:+.2g} ms where lower frequencies count more)"
-    changes = []
-    for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
-        old, new = (each.mean_impedance[0][place] for each in (data, aligned))
-        changes.append(f"{name} {old:.3g} instead of {new:.3g} {unit}")
-    return Measured(value, f"{what}; that makes {' and '.join(changes)}", significant)
+    old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
+    what += (
+        f"; that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity "
+        f"{old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
+    )
+    return Measured(value, what, significant)
 
 
-def _remaining_delay(data: FittedEnsemble) -> tuple[float, float, float]:
+def _remaining_delay(fit: SecondOrderFit) -> tuple[float, float, float]:
     """Return the remaining delay in samples, its standard error, and its change without whitening.
 
     The misfit of a model is alike in all realizations and differs from time to time. So the error
     is that over realizations or that over parts of the realization, whichever is larger.
     """
-    fit = data.fit
     torque = fit.parts.sum(axis=0)
-    jerk = between(torque, -0.5) - between(torque, 0.5)
-    products = []
-    for through in (data.whitened, np.asarray):
+    signals = (fit.parts, between(torque, -0.5) - between(torque, 0.5), fit.residual)
+    delays = []
+    for through in (np.asarray, fit.whitened):
         parts, *targets = (
-            gaussian_filter1d(through(each), LOW_PASS_SAMPLES, axis=-1)
-            for each in (fit.parts, jerk, fit.residual)
+            gaussian_filter1d(through(each), LOW_PASS_SAMPLES, axis=-1) for each in signals
         )
-        regressors = Regressors(parts, data.rate)
-        alone, left = (regressors.fit(each).residual[:, SINC:-SINC] for each in targets)
-        if np.sum(alone**2) <= 0:
+        alone, left = (
+            SecondOrderFit(parts, each, fit.rate).residual[:, SINC:-SINC] for each in targets
+        )
+        power = np.sum(alone**2)
+        if power <= 0:
             raise NotApplicable(NO_RESPONSE)
-        products.append((left * alone, alone**2))
-    (whitened, weights), (plain, plain_weights) = products
-    step = float(whitened.sum() / weights.sum())
-    scores = whitened - step * weights
+        delays.append(float(np.sum(left * alone) / power))
+    scores = (left - delays[1] * alone) * alone / power
     by_part = np.array([each.sum() for each in np.array_split(scores, PARTS, axis=1)])
-    variances = [
-        np.sum(each**2) * len(each) / (len(each) - 1) for each in (scores.sum(axis=1), by_part)
-    ]
-    error = math.sqrt(max(variances)) / weights.sum()
-    return step, error, float(plain.sum() / plain_weights.sum()) - step
+    error = max(math.sqrt(len(each)) * each.std(ddof=1) for each in (scores.sum(axis=1), by_part))
+    return delays[1], error, delays[0] - delays[1]
 
 
-def _other_cause(
-    data: FittedEnsemble, aligned: FittedEnsemble, value: float, is_clear: bool
-) -> str:
-    """Describe what else in these data looks like a delay in ms, or return an empty text."""
-    inertia, smooth = (
-        values[2] for values, _ in (aligned.mean_impedance, aligned.smooth_impedance)
-    )
-    is_noise = not inertia / MAX_INERTIA_RATIO < smooth < MAX_INERTIA_RATIO * inertia
+def _require_no_other_cause(data: FittedEnsemble, samples: float, is_clear: bool) -> None:
+    """Raise NotApplicable if something else in these data looks like a delay in samples."""
+    aligned, value = data.advance(samples), 1000 * samples / data.rate
+    ratio = aligned.fit.smooth_impedance[0][2] / aligned.fit.mean_impedance[0][2]
+    is_noise = not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO
     if is_noise and (abs(value) < LARGE_DELAY_MS or not is_clear):
-        return (
+        raise NotApplicable(
             "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a "
             "delay"
         )
     # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
-    is_loop = value < -FAULTS["delay"].limit and (
+    if value < -FAULTS["delay"].limit and (
         aligned.finding("feedback").value > MIN_LOOP_SHARE
         or (not is_clear and data.finding("feedback").beyond)
-    )
-    return "torque noise moves the angle, which looks like an early torque" if is_loop else ""
+    ):
+        raise NotApplicable("torque noise moves the angle, which looks like an early torque")
 
 
 @check(
@@ -144,12 +138,13 @@ def clock_skew(data: FittedEnsemble) -> Measured:
     The test is by what each half leaves with the other's shift.
     """
     data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
-    shifts, fits = zip(*map(_best_shift, data.halves), strict=True)
-    worse = []
-    for half, other, own in zip(data.halves, reversed(shifts), fits, strict=True):
-        swapped = half.regressors.fit(_later(half, other))
-        worse.append(np.sum(swapped.residual**2, axis=1) - np.sum(own.residual**2, axis=1))
-    skew = 1000 * shifts[1] / data.rate - 1000 * shifts[0] / data.rate
+    shifts, worse = [_best_shift(data, half) for half in data.halves], []
+    for half, *own_and_other in zip(data.halves, shifts, reversed(shifts), strict=True):
+        own, other = (
+            np.sum(_shifted(data, shift).of(half).residual ** 2, axis=1) for shift in own_and_other
+        )
+        worse.append(other - own)
+    skew = 1000 * (shifts[1] - shifts[0]) / data.rate
     what = (
         f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
     )
@@ -164,23 +159,21 @@ def _reach(data: FittedEnsemble) -> int:
     return reach
 
 
-def _later(data: FittedEnsemble, samples: float) -> Array:
-    """Return the torque so many samples later, where it is fitted."""
-    whole, last = round(samples), data.torque.shape[1] - 1
-    fitted = np.arange(data.region.start, data.region.stop)
-    return between(data.torque, samples - whole)[:, np.clip(fitted + whole, 0, last)]
+def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
+    """Return the fit to the torque so many samples later."""
+    torque = later(data.torque, samples)[:, data.region]
+    return SecondOrderFit(data.fit.motion, torque, data.rate)
 
 
-def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrderFit]:
-    """Return the shift of the torque in samples that leaves least of it, and its fit."""
+def _best_shift(data: FittedEnsemble, realizations: NDArray[np.int64] | slice) -> float:
+    """Return the shift of the torque in samples that leaves least of it in some realizations."""
     reach = _reach(data)
 
-    def best(shifts: Array) -> tuple[float, SecondOrderFit]:
-        fits = ((shift, data.regressors.fit(_later(data, shift))) for shift in shifts)
-        return min(fits, key=lambda pair: pair[1].unexplained)
+    def explained(shift: float) -> float:
+        return _shifted(data, shift).of(realizations).explained
 
-    whole, _ = best(np.arange(-reach, reach + 1.0))
-    shift, fit = best(np.clip(whole + FINE_SHIFTS, -reach, reach))
-    if 1 - fit.unexplained < MIN_EXPLAINED:
+    whole = max(np.arange(-reach, reach + 1.0), key=explained)
+    shift = max(np.clip(whole + FINE_SHIFTS, -reach, reach), key=explained)
+    if explained(shift) < MIN_EXPLAINED:
         raise NotApplicable(NO_RESPONSE)
-    return shift, fit
+    return float(shift)

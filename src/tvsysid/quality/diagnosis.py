@@ -21,9 +21,9 @@ from tvsysid.quality import (
     realizations,
     repetition,
     sensors,  # noqa: F401
-    structure,
+    structure,  # noqa: F401
 )
-from tvsysid.quality.checks import FAULTS, Finding, judge, not_judged
+from tvsysid.quality.checks import FAULTS, Finding, judge
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.resampling import MIN_KNOWN_SAMPLES, known_samples
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-OF_RECORDING = ("gaps", "mains")
+OF_MORE_DATA = ("loop-bias", "gaps", "mains")
 # Checks of the ensemble as given. The others run after drifting offsets and delay are removed.
 AS_GIVEN = ("same-channel", "mean-torque", "mean-angle", "angle-offset", "torque-offset")
 # Checks that do not assume that the torque responds to the angle.
@@ -97,13 +97,13 @@ class Diagnosis:
         """Return a row for each check: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        own = ["name", "state", "found", "value"]
-        words = ["unit", "wrong", "limit", "lowest", "what", "effect", "remedy"]
+        own = ["name", "state", "found", "value", "what"]
+        of_fault = ["unit", "wrong", "limit", "lowest", "effect", "remedy"]
         rows = [
-            {name: getattr(check, name) for name in (*own, "what")} | check.fault._asdict()
+            {name: getattr(check, name) for name in own} | check.fault._asdict()
             for check in self.checks
         ]
-        return pd.DataFrame(rows, columns=own + words)
+        return pd.DataFrame(rows, columns=own + of_fault)
 
     @property
     def verdict(self) -> str:
@@ -118,13 +118,13 @@ class Diagnosis:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a line on uncertain checks, a line on checks not judged, and the remarks."""
-        reasons: dict[str, list[str]] = {}
+        names: dict[str, str] = {}  # of checks that are not judged, by reason
         for check in self.checks:
             if not check.judged:
-                reasons.setdefault(check.what, []).append(check.name)
+                names[check.what] = ", ".join(filter(None, [names.get(check.what), check.name]))
         lines = {
             "uncertain": [f"{check.name} ({check.strength})" for check in self.uncertain],
-            "not judged": [f"{', '.join(names)} ({why})" for why, names in reasons.items()],
+            "not judged": [f"{which} ({reason})" for reason, which in names.items()],
         }
         notes = (f"{state}: {'; '.join(parts)}" for state, parts in lines.items() if parts)
         return (*notes, *self.remarks)
@@ -199,37 +199,31 @@ def diagnose(
     mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     given = _fitted(ensemble, reference)
-    offsets = [
-        realizations.offset_line(given, which) * given.finding(f"{which}-offset").found
-        for which in ("angle", "torque")
-    ]
-    steady = given.subtract(*offsets)  # without drifting offsets
+    steady = realizations.without_drifting_offsets(given)
     delay = steady.finding("delay")
     data = steady.advance(delay.value * steady.rate / 1000 if delay.significant else 0.0)
     subjects = dict.fromkeys(AS_GIVEN, given) | {"delay": steady}
-    further = dict.fromkeys(OF_RECORDING, (recording,)) | {"loop-bias": (data, reference)}
     found = {
-        name: judge(name, *further[name])
-        if name in further
-        else subjects.get(name, data).finding(name)
-        for name in FAULTS
-        if name not in further or further[name][-1] is not None
+        name: subjects.get(name, data).finding(name) for name in FAULTS if name not in OF_MORE_DATA
     }
+    if reference is not None:
+        found["loop-bias"] = data.finding("loop-bias", reference)
+    if recording is not None:
+        found |= diagnose_recording(recording)
     reasons = {} if repeats else dict.fromkeys(OF_REPETITION, "the behaviour is not repeated")
     if found["same-channel"].found:
-        others = [name for name in found if name not in OF_ANY_SIGNAL]
+        others = found.keys() - OF_ANY_SIGNAL
         reasons |= dict.fromkeys(others, "angle and torque are one signal")
-    found |= {name: not_judged(name, reason) for name, reason in reasons.items()}
+    found |= {name: Finding(name, math.nan, reason, False) for name, reason in reasons.items()}
     remarks = [] if found["narrow-excitation"].found else [*amount.unmoved_times(given)]
     if repeats and not any(found[name].found for name in MISLEADING):
         remarks += repetition.shorter_period(data)
+    checks = tuple(found[name] for name in FAULTS if name in found)
     description = (
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
     )
     shown = curves(given)
-    return Diagnosis(
-        tuple(found.values()), _measures(data, shown), shown, description, tuple(remarks)
-    )
+    return Diagnosis(checks, _measures(data, shown), shown, description, tuple(remarks))
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:
@@ -242,13 +236,12 @@ def find_reference(ensemble: Ensemble, channel: str) -> Finding:
 
     It finds a fault only if the channel drives the angle as a command does.
     """
-    data = FittedEnsemble.of(ensemble)
-    return judge("loop-bias", data, channel, function=structure.loop_bias_undeclared)
+    return judge("loop-bias", FittedEnsemble.of(ensemble), channel, False)
 
 
 def diagnose_recording(recording: Recording) -> dict[str, Finding]:
     """Run the checks ``gaps`` and ``mains`` on a recording that is not decimated."""
-    return {name: judge(name, recording) for name in OF_RECORDING}
+    return {name: judge(name, recording) for name in ("gaps", "mains")}
 
 
 def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
@@ -265,27 +258,25 @@ def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
         )
     kept = {} if reference is None else {reference: ensemble.signal(reference)}
     data = FittedEnsemble.of(attrs.evolve(ensemble, channels=kept))
-    samples = data.ensemble.samples
-    known = known_samples(samples, data.ensemble.context)
+    known = known_samples(data.ensemble.samples, data.ensemble.context)
     if known < MIN_KNOWN_SAMPLES:
-        context = f"{HALF_WIDTH / data.rate:g} s of context"
         raise InputError(
             f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} "
             f"Hz, but {MIN_KNOWN_SAMPLES} are needed; give longer realizations, or "
-            f"{context if samples >= MIN_KNOWN_SAMPLES else 'a higher rate'}"
+            f"{HALF_WIDTH / data.rate:g} s of context"
         )
     return data
 
 
 def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str]]:
     """Return values that describe an ensemble, with their units."""
-    stiffness, viscosity, inertia = map(float, data.mean_impedance[0])
+    stiffness, viscosity, inertia = map(float, data.fit.mean_impedance[0])
     is_oscillator = stiffness * inertia > 0
     natural = math.sqrt(stiffness / inertia) / (2 * math.pi) if is_oscillator else math.nan
-    angle, explained = data.core("angle"), data.explained
+    angle, explained = data.core("angle"), data.fit.explained
     power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
-    within = int(np.searchsorted(np.cumsum(power), BANDWIDTH_POWER * power.sum()))
-    bandwidth = (within + 1) / data.ensemble.duration
+    within = np.searchsorted(np.cumsum(power), BANDWIDTH_POWER * power.sum())
+    bandwidth = float(within + 1) / data.ensemble.duration
     frequency = shown.coherence_frequency
     coherence = shown.coherence[:, (frequency > 0) & (frequency <= bandwidth)]
     snr_db = 10 * math.log10(max(explained, 1e-9) / max(1 - explained, 1e-9))
@@ -294,7 +285,7 @@ def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str
         "mean viscosity": (viscosity, "N·m·s/rad"),
         "inertia": (inertia, "kg·m²"),
         "natural frequency": (natural, "Hz"),
-        "angle RMS": (float(np.sqrt(np.mean(angle**2))), "rad"),
+        "angle RMS": (float(angle.std()), "rad"),
         "bandwidth of the angle": (bandwidth, "Hz"),
         "condition of lagged angles": (_condition(data), "1"),
         "coherence within the bandwidth": (
@@ -314,5 +305,5 @@ def _condition(data: FittedEnsemble) -> float:
     lags = min(round(MAX_LAG_S * data.rate), (data.angle.shape[1] - 1) // 2)
     spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
     # An eigenvalue below the rounding error is not known. The rounding error replaces it.
-    least = max(spread[0] / spread[-1], np.finfo(float).eps) if spread[-1] > 0 else 0.0
-    return float(1 / least) if least else math.inf
+    least = max(spread[0], np.finfo(float).eps * spread[-1])
+    return float(spread[-1] / least) if least > 0 else math.inf

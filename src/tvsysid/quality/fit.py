@@ -8,38 +8,67 @@ from functools import cached_property
 import attrs
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.numerics.second_order import second_order_fit
+from tvsysid.quality.statistics import filtered, prediction_error
 from tvsysid.signals import Array
 
 MIN_BIN_SAMPLES = 100  # samples of all realizations together
 MIN_BIN_S = 0.05
 MIN_LONG_BINS = 10  # minimum number of bins in a realization, if they are longer than MIN_BIN_S
+NOISE_PAST_S = 0.1  # from which noise is predicted
+# Standard deviation in samples of a low-pass. Near half the sampling rate, noise in the angle, the
+# decimator's aliases and the errors of derivatives look like a delay or a smaller inertia.
+LOW_PASS_SAMPLES = 1.0
 
 
 @attrs.frozen(eq=False)
 class SecondOrderFit:
     r"""Least-squares fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta`.
 
-    ``torque`` is y in N·m, shape (realization, time). ``weights`` are k, b and I in each bin of
-    time, shape (bin, 3). ``unexplained`` is the share of the torque's power that the fit does not
-    explain, 1 for a torque of zero.
+    Each bin of time has its own k and b. I is common to all bins.
+
+    Parameters
+    ----------
+    motion
+        Angle, velocity and acceleration, shape (3, realization, time).
+    torque
+        y in N·m, shape (realization, time).
+    rate
+        Sampling rate in Hz.
     """
 
-    regressors: Regressors
+    motion: Array
     torque: Array
-    weights: Array
-    unexplained: float
+    rate: float
 
-    @property
-    def motion(self) -> Array:
-        """Angle, velocity and acceleration, shape (3, realization, time)."""
-        return self.regressors.motion
+    @cached_property
+    def bins(self) -> NDArray[np.int64]:
+        """Bin of each sample, shape (time,). Few realizations need longer bins."""
+        realizations, samples = self.torque.shape
+        shortest = max(1, round(MIN_BIN_S * self.rate))
+        enough = math.ceil(MIN_BIN_SAMPLES / realizations)
+        length = max(shortest, min(enough, max(samples // MIN_LONG_BINS, 1)))
+        return np.asarray(np.arange(samples) // length).clip(max=max(1, samples // length) - 1)
 
-    @property
+    @cached_property
     def impedance(self) -> Array:
-        """Stiffness, viscosity and inertia at each sample, shape (3, time)."""
-        return self.weights[self.regressors.bins].T
+        """Stiffness, viscosity and inertia at each sample, shape (3, time).
+
+        The least-squares problem is partitioned: acceleration and torque are first regressed on
+        the angle and velocity of each bin, and the inertia is fitted to what is left of both.
+        """
+        products = np.einsum("art,brt->abt", self.motion, [*self.motion, self.torque])
+        edges = np.flatnonzero(np.diff(self.bins, prepend=-1))
+        sums = np.add.reduceat(products, edges, axis=2).transpose(2, 0, 1)  # (bin, 3, 4)
+        inner, cross = np.split(sums[:, :2], 2, axis=2)
+        ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
+        weights = np.linalg.solve(inner + ridge * np.eye(2), cross)
+        left = np.sum(sums[:, 2, 2:], axis=0) - np.einsum("ba,bac->c", cross[..., 0], weights)
+        inertia = left[1] / left[0] if left[0] > 0 else 0.0
+        weights = weights[..., 1] - inertia * weights[..., 0]
+        return np.insert(weights, 2, inertia, axis=1)[self.bins].T
 
     @cached_property
     def parts(self) -> Array:
@@ -51,65 +80,83 @@ class SecondOrderFit:
         """Torque that the fit does not explain in N·m, shape (realization, time)."""
         return np.asarray(self.torque - self.parts.sum(axis=0))
 
-    def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
-        """Return the fit to some of the realizations."""
-        motion = self.motion[:, realizations]
-        return Regressors(motion, self.regressors.rate).fit(self.torque[realizations])
+    @cached_property
+    def explained(self) -> float:
+        """Share of the torque's power that the fit explains, 0 for a torque of zero."""
+        total = float(np.sum(self.torque**2))
+        return 1 - float(np.sum(self.residual**2)) / total if total > 0 else 0.0
 
+    @property
+    def mean_impedance(self) -> tuple[Array, Array]:
+        """Constant stiffness, viscosity and inertia, and their standard errors, shape (3,) each."""
+        return constant_impedance(self.motion, self.torque)
 
-class Regressors:
-    """Angle, velocity and acceleration (3, realization, time), as regressors of any torque.
-
-    The least-squares problem is partitioned. Each bin has its own stiffness and viscosity, and only
-    the inertia is common to all bins. Therefore acceleration and torque are first regressed on the
-    angle and velocity of each bin. The inertia is then fitted to the residuals of both.
-    """
-
-    def __init__(self, motion: Array, rate: float) -> None:
-        self.motion, self.rate = motion, rate
-        self.bins = time_bins(motion.shape[2], motion.shape[1], rate)
-        self._edges = np.flatnonzero(np.diff(self.bins, prepend=-1))
-        self._gram = np.stack([self._moments(each) for each in motion], axis=2)
-        inner = self._gram[:, :2, :2]
-        ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
-        self._ridged = inner + ridge * np.eye(2)
-        self._acceleration_weights = self._solve(self._gram[:, :, 2])
-        self._residual_power = self._residual_product(
-            self._gram[:, :, 2], self._acceleration_weights
+    @property
+    def smooth_impedance(self) -> tuple[Array, Array]:
+        """The same after a low-pass, where noise in the angle hardly lowers the inertia."""
+        smooth = (
+            gaussian_filter1d(each, LOW_PASS_SAMPLES, axis=-1)
+            for each in (self.motion, self.torque)
         )
+        return constant_impedance(*smooth)
 
-    def _moments(self, signal: Array) -> Array:
-        """Return sums of motion times a signal in each bin, shape (bin, 3)."""
-        products = np.einsum("mrt,rt->mt", self.motion, signal)
-        return np.add.reduceat(products, self._edges, axis=1).T
+    @cached_property
+    def whitening(self) -> int:
+        """Samples of the past from which noise is predicted, w; at most a third of all."""
+        return int(max(2, min(round(NOISE_PAST_S * self.rate), self.torque.shape[1] // 3)))
 
-    def _solve(self, moments: Array) -> Array:
-        """Return weights of angle and velocity in each bin, shape (bin, 2)."""
-        return np.asarray(np.linalg.solve(self._ridged, moments[:, :2, None])[..., 0])
+    @cached_property
+    def _whitener(self) -> Array:
+        return prediction_error(self.residual, self.whitening)
 
-    def _residual_product(self, moments: Array, weights: Array) -> float:
-        """Return the product of acceleration with the residual of a signal for these weights."""
-        return float(np.sum(moments[:, 2]) - np.sum(self._gram[:, :2, 2] * weights))
+    def whitened(self, signal: Array) -> Array:
+        """Return a signal through the filter that whitens the residual, shape (..., time - w).
 
-    def fit(self, torque: Array) -> SecondOrderFit:
-        """Fit to a torque, shape (realization, time)."""
-        moments, total = self._moments(torque), np.einsum("rt,rt->", torque, torque)
-        torque_weights = self._solve(moments)
-        product = self._residual_product(moments, torque_weights)
-        inertia = product / self._residual_power if self._residual_power > 0 else 0.0
-        weights = torque_weights - inertia * self._acceleration_weights
-        weights = np.insert(weights, 2, inertia, axis=1)
-        fitted = (self._gram @ weights[..., None])[..., 0]
-        explained = np.sum(weights * (2 * moments - fitted))
-        return SecondOrderFit(self, torque, weights, 1 - explained / total if total > 0 else 1.0)
+        Slow noise, such as that of voluntary torque, would hide what single realizations show.
+        """
+        return filtered(signal, self._whitener)
 
+    @cached_property
+    def white_parts(self) -> Array:
+        """Whitened torque of stiffness, viscosity and inertia, (3, realization, time - w)."""
+        return self.whitened(self.parts)
 
-def time_bins(samples: int, realizations: int, rate: float) -> NDArray[np.int64]:
-    """Return the bin of each sample, shape (time,). Few realizations need longer bins."""
-    shortest = max(1, round(MIN_BIN_S * rate))
-    enough = math.ceil(MIN_BIN_SAMPLES / realizations)
-    length = max(shortest, min(enough, max(samples // MIN_LONG_BINS, 1)))
-    return np.minimum(np.arange(samples) // length, max(1, samples // length) - 1)
+    @cached_property
+    def white_residual(self) -> Array:
+        """Whitened residual, shape (realization, time - w)."""
+        return self.whitened(self.residual)
+
+    @cached_property
+    def correction(self) -> SecondOrderFit:
+        """Correction of the fit, in shares of it, by the whitened residual."""
+        return SecondOrderFit(self.white_parts, self.white_residual, self.rate)
+
+    @cached_property
+    def own_moments(self) -> tuple[Array, Array]:
+        """Second moments in each realization, whitened: of the parts, and with the residual.
+
+        Their shapes are (realization, 3, 3) and (realization, 3).
+        """
+        parts = self.white_parts.transpose(1, 0, 2)
+        return parts @ parts.transpose(0, 2, 1), (parts @ self.white_residual[..., None])[..., 0]
+
+    @property
+    def relative_stiffness(self) -> Array:
+        """Stiffness of each realization over the median, shape (realization,)."""
+        grams, moments = self.own_moments
+        inverse = np.linalg.pinv(grams, hermitian=True)
+        return _over_median(1 + np.einsum("rb,rb->r", inverse[:, 0], moments))
+
+    @property
+    def relative_noise(self) -> Array:
+        """RMS of the whitened residual of each realization over the median, (realization,)."""
+        return _over_median(np.sqrt(np.mean(self.white_residual**2, axis=1)))
+
+    def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
+        """Return the fit to some of the realizations, as deviations from their own mean."""
+        motion, torque = self.motion[:, realizations], self.torque[realizations]
+        motion = motion - motion.mean(axis=1, keepdims=True)
+        return SecondOrderFit(motion, torque - torque.mean(axis=0), self.rate)
 
 
 def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
@@ -125,3 +172,8 @@ def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     values = fit.impedance[0]
     influence = (cross - grams @ values) @ fit.inverse[0]
     return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
+
+
+def _over_median(values: Array) -> Array:
+    usual = np.median(values)
+    return np.asarray(values / usual if usual > 0 else values)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
-from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE, FittedEnsemble
+from tvsysid.quality.fit import SecondOrderFit
+from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble
 from tvsysid.quality.statistics import FOLDS, SIGNIFICANT, p_value, p_value_of, without
 from tvsysid.signals import Array
 
@@ -43,33 +45,26 @@ def drift(data: FittedEnsemble) -> Measured:
     If both respond but contradict each other, the sign may have been turned in between.
     """
     data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
-    if data.explained >= MIN_EXPLAINED:
-        grams, moments = data.own_fits
+    if data.fit.explained >= MIN_EXPLAINED:
+        grams, moments = data.fit.own_moments
         influences = [
             moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
-            for half in data.half_orders
+            for half in data.halves
         ]
         before, after = (1 + each.sum() for each in influences)
         error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
-        value = 100 * (after - before) / max(abs(before), 0.01)
-        what = (
-            f"the stiffness of the second half is {abs(value):.2g} % "
-            f"{'higher' if value > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
-        )
     else:
-        for each in data.halves:
-            each.require()
-        fits = [each.mean_impedance for each in data.halves]
-        (before, after), errors = ([fit[part][0] for fit in fits] for part in (0, 1))
-        if not math.isfinite(after - before):
-            raise NotApplicable(NOT_IDENTIFIABLE)
-        error, value = math.hypot(*errors), 100 * (after - before) / max(abs(before), TINY)
-        what = (
-            f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the "
-            f"second, ± {error:.2g}"
-        )
-    significant = p_value(after - before, error, len(data)) < SIGNIFICANT
-    return Measured(value, what, significant)
+        halves = [data.fit.of(half) for half in data.halves]
+        if min(half.explained for half in halves) < MIN_EXPLAINED:
+            raise NotApplicable(NO_RESPONSE)
+        (first, second), errors = np.array([half.mean_impedance for half in halves])[..., 0].T
+        before, after, error = 1.0, second / first, math.hypot(*errors / first)
+    value = 100 * (after - before) / max(abs(before), 0.01)
+    what = (
+        f"the stiffness of the second half is {abs(value):.2g} % "
+        f"{'higher' if value > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
+    )
+    return Measured(value, what, p_value(after - before, error, len(data)) < SIGNIFICANT)
 
 
 @check(
@@ -100,27 +95,37 @@ def drift(data: FittedEnsemble) -> Measured:
 def offset(data: FittedEnsemble, which: str) -> Measured:
     """Return the change of the realizations' means along a line, from the first to the last."""
     data.require(MIN_TESTED_REALIZATIONS, response=False)
-    values = data.core(which)
-    means, size = values.mean(axis=1), np.sqrt(values.var(axis=1).mean())
+    size = math.sqrt(data.core(which).var(axis=1).mean())
     if size == 0:
         raise NotApplicable(f"the {which} does not move")
-    line, unit = offset_line(data, which), {"angle": "rad", "torque": "N·m"}[which]
-    change, count = float(line[data.order[-1]] - line[data.order[0]]), len(means)
-    power = np.sum(np.linspace(-0.5, 0.5, count) ** 2)
-    error = math.sqrt(np.sum((means - means.mean() - line) ** 2) / (count - 2) / power)
+    change, error = _offset_change(data, which)
+    unit = {"angle": "rad", "torque": "N·m"}[which]
     what = (
         f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± "
         f"{error:.1g} {unit}"
     )
-    return Measured(100 * abs(change) / size, what, p_value(change, error, count) < SIGNIFICANT)
+    significant = p_value(change, error, len(data)) < SIGNIFICANT
+    return Measured(100 * abs(change) / size, what, significant)
 
 
-def offset_line(data: FittedEnsemble, which: str) -> Array:
-    """Return a line about zero through the means of realizations in the order of recording."""
-    means, place = data.core(which).mean(axis=1), np.linspace(-0.5, 0.5, len(data))
-    line = np.empty(len(data))
-    line[data.order] = place * float(place @ means[data.order] / (place @ place))
-    return line
+def _offset_change(data: FittedEnsemble, which: str) -> tuple[float, float]:
+    """Return by how much the means of realizations change along a line, and its standard error."""
+    means, place = data.core(which).mean(axis=1)[data.order], np.linspace(-0.5, 0.5, len(data))
+    power = place @ place
+    change = float(place @ means / power)
+    squares = np.sum((means - means.mean() - change * place) ** 2)
+    return change, math.sqrt(squares / (len(data) - 2) / power)
+
+
+def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
+    """Subtract a line from the offsets of angle and torque where they drift."""
+    place = np.linspace(-0.5, 0.5, len(data))[np.argsort(data.order), None]
+    steady = {
+        which: data.ensemble.signal(which) - place * _offset_change(data, which)[0]
+        for which in ("angle", "torque")
+        if data.finding(f"{which}-offset").found
+    }
+    return data.changed(**steady) if steady else data
 
 
 @check(
@@ -136,21 +141,20 @@ def offset_line(data: FittedEnsemble, which: str) -> Array:
 def unlike_realizations(data: FittedEnsemble) -> Measured:
     """Count realizations of other stiffness, response or noise that are not only misaligned."""
     data.require(MIN_TESTED_REALIZATIONS)
-    grams, moments = data.own_fits
+    grams, moments = data.fit.own_moments
+    stiffness, noise = data.fit.relative_stiffness, data.fit.relative_noise
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
-    stiffness, noise = data.relative_stiffness, data.relative_noise
-    power = np.mean(data.white_residual**2)
-    inverse = np.linalg.pinv(grams, hermitian=True)
+    inverse = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
+    errors = np.sqrt(np.mean(data.fit.white_residual**2) * np.stack([inverse, 1 / whole]))
     values = np.stack([stiffness, 1 + moments.sum(axis=1) / whole])
-    errors = np.sqrt(power * np.stack([inverse[:, 0, 0], 1 / whole]))
     distance = np.abs(values - np.median(values, axis=1, keepdims=True))
     # The stiffness of a realization that hardly moved is uncertain.
     usual = np.maximum(ROBUST * np.median(distance, axis=1, keepdims=True), errors)
-    outlying = (distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)
+    outlying = ((distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)).any(axis=0)
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
     is_loud = level > MAX_DISTANCE * ROBUST * np.median(np.abs(level))
-    outlying = outlying.any(axis=0) | ((noise > MIN_NOISE_RATIO) & is_loud)
+    outlying |= is_loud & (noise > MIN_NOISE_RATIO)
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
     nouns = "is an outlier" if len(found) == 1 else "are outliers"
@@ -196,42 +200,51 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
     if data.finding("wrong-period").found:
         raise NotApplicable("the period is wrong")
     order = data.order[~np.isin(data.order, reported)]
-    count = len(order)
-    if count < 2 * MIN_TESTED_REALIZATIONS:
+    if len(order) < 2 * MIN_TESTED_REALIZATIONS:
         raise NotApplicable(f"it takes {2 * MIN_TESTED_REALIZATIONS} realizations")
+    variances = _shared_variances(_stiffness_changes(data.fit)[order])
+    variance = max(0.0, variances.mean())
+    significant = variance > 0 and p_value_of(variances) < SIGNIFICANT
+    if not significant:
+        data.require()
+    size = math.sqrt(np.mean(data.fit.impedance[0] ** 2) + variance)
+    value = 100 * math.sqrt(variance) / max(size, TINY)
+    what = (
+        f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) "
+        "between realizations"
+    )
+    return Measured(value, what, significant)
+
+
+def _stiffness_changes(fit: SecondOrderFit) -> Array:
+    """Return how far stiffness is from that of all in N·m/rad, shape (realization, part)."""
     # Near half the sampling rate the error of the fit follows the switches of a PRBS, whose clock
     # beats with the sampling.
-    signals = (data.whitened(data.fit.motion), data.white_residual)
+    signals = (fit.whitened(fit.motion), fit.white_residual)
     motion, left = (gaussian_filter1d(each, NOISE_LOW_PASS_SAMPLES, axis=-1) for each in signals)
     alone = without(motion[0], motion[1:])
     edges = np.linspace(0, alone.shape[1], PARTS, endpoint=False).astype(np.int64)
     power = np.add.reduceat(np.mean(alone * motion[0], axis=0), edges)
     if power.min() <= 0:
         raise NotApplicable("the angle does not move at all times")
-    change = np.add.reduceat(alone * left, edges, axis=1)[order] / power
+    return np.asarray(np.add.reduceat(alone * left, edges, axis=1) / power)
+
+
+def _shared_variances(change: Array) -> Array:
+    """Return the variance of changes (realization, part) that parts share, (realization,)."""
     # A line and a step in the middle belong to the check for drift.
-    place = np.linspace(-1, 1, count)
-    slow = np.stack([np.ones(count), place, np.sign(place)], axis=1)
-    change -= slow @ np.linalg.lstsq(slow, change, rcond=None)[0]
-    far = np.abs(np.subtract.outer(np.arange(PARTS), np.arange(PARTS))) > 1
-    variances = np.empty(count)
-    for out in np.array_split(np.arange(count), FOLDS):
+    place = np.linspace(-1, 1, len(change))
+    slow = np.stack([np.ones_like(place), place, np.sign(place)], axis=1)
+    change = change - slow @ np.linalg.lstsq(slow, change, rcond=None)[0]
+    is_far = np.abs(np.subtract.outer(np.arange(PARTS), np.arange(PARTS))) > 1
+    variances = np.empty(len(change))
+    for out in np.array_split(np.arange(len(change)), FOLDS):
         others = np.delete(change, out, axis=0)
-        pattern = np.linalg.eigh(np.where(far, others.T @ others, 0.0))[1][:, -1]
-        weights = np.where(far, np.outer(pattern, pattern), 0.0)
+        pattern = np.linalg.eigh(is_far * (others.T @ others))[1][:, -1]
+        weights = is_far * np.outer(pattern, pattern)
         products = np.einsum("rj,jl,rl->r", change[out], weights, change[out])
         variances[out] = products / (PARTS * np.sum(weights**2))
-    variance = max(0.0, variances.mean())
-    significant = variance > 0 and p_value_of(variances) < SIGNIFICANT
-    if data.explained < MIN_EXPLAINED and not significant:
-        raise NotApplicable(NO_RESPONSE)
-    size = math.sqrt(np.mean(data.fit.impedance[0] ** 2) + variance)
-    value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
-    what = (
-        f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) "
-        "between realizations"
-    )
-    return Measured(value, what, significant)
+    return variances
 
 
 @check(
@@ -246,42 +259,23 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
 def misaligned_realizations(data: FittedEnsemble) -> Measured:
     """Return the share of realizations that the common behaviour explains better when shifted."""
     data.require(MIN_TESTED_REALIZATIONS)
-    if not _varies(data):
+    if not _varies(data.fit):
         raise NotApplicable("stiffness hardly varies within a realization, so that no shift shows")
-    fit, change, rate = data.fit, data.white_fit, data.rate
-    relative = np.pad(change.impedance, ((0, 0), (data.whitening, 0)), "edge")
-    behaviour = (fit.impedance * (1 + relative))[:2]
-    rest = fit.torque - fit.parts[2] * (1 + change.impedance[2, 0])
-    step = max(1, round(SHIFT_STEP_S * rate))
-    reach = behaviour.shape[1] // 4 // step
-    shifts = np.arange(-reach, reach + 1) * step
-    weights = 1 / _local_noise(data)
-
-    def errors(shift: int, which: int | slice = slice(None)) -> Array:
-        """Return the whitened residual if the common behaviour comes so many samples later."""
-        stiffness, viscosity = np.roll(behaviour, shift, axis=1)
-        torque = stiffness * fit.motion[0, which] + viscosity * fit.motion[1, which]
-        return data.whitened(rest[which] - torque)
-
-    left = np.stack([errors(int(shift)) ** 2 @ weights for shift in shifts])
-    best = np.argmin(left, axis=0)
-    gain = 1 - left.min(axis=0) / np.maximum(left[reach], TINY)
-    seconds = shifts[best] / rate
+    shifts, left, slowly_left = _left_by_shifts(data.fit)
+    best, still = np.argmin(left, axis=0), len(shifts) // 2
+    place = best, np.arange(len(data))
+    gain = 1 - left[place] / np.maximum(left[still], TINY)
+    seconds = shifts[best] / data.rate
     # Likelihood ratio for white noise of each realization's own level: the best of all shifts.
-    log_ratio = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
+    samples = data.fit.white_residual.shape[1]
+    log_ratio = 0.5 * samples * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
     is_clear = (gain > MIN_GAIN) & (log_ratio > math.log(left.size / SIGNIFICANT))
-    # Equal filters of both channels leave hardly any noise at high frequency, where only the error
-    # of the fit shows.
-    for each in np.flatnonzero(is_clear).tolist():
-        moved, still = (
-            gaussian_filter1d(errors(int(shift), each), SLOW_LOW_PASS_SAMPLES) ** 2 @ weights
-            for shift in (shifts[best[each]], 0)
-        )
-        is_clear[each] = moved < MAX_SLOW_LEFT * still
+    is_clear &= slowly_left[place] < MAX_SLOW_LEFT * slowly_left[still]
     found = indices(is_clear & (np.abs(seconds) >= MIN_SHIFT_S))
     count = len(found)
-    verb = "fits" if count == 1 else "fit"
-    what = f"{count} of {len(data)} realizations {verb} better when shifted"
+    what = (
+        f"{count} of {len(data)} realizations {'fits' if count == 1 else 'fit'} better when shifted"
+    )
     if found:
         farthest = max(found, key=lambda each: abs(seconds[each]))
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
@@ -290,22 +284,45 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     return Measured(100 * count / len(data), what, significant, found)
 
 
-def _local_noise(data: FittedEnsemble) -> Array:
+def _left_by_shifts(fit: SecondOrderFit) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return shifts of the common behaviour in samples, and the power that each leaves.
+
+    The power has shape (shift, realization). The second is after a low-pass: equal filters of both
+    channels leave hardly any noise at high frequency, where only the error of the fit shows.
+    """
+    change = fit.correction.impedance
+    relative = np.pad(change, ((0, 0), (fit.whitening, 0)), "edge")
+    behaviour = (fit.impedance * (1 + relative))[:2]
+    rest = fit.torque - fit.parts[2] * (1 + change[2, 0])
+    step = max(1, round(SHIFT_STEP_S * fit.rate))
+    reach = behaviour.shape[1] // 4 // step
+    shifts = np.arange(-reach, reach + 1) * step
+    weights, left = 1 / _local_noise(fit), []
+    for shift in shifts:
+        shifted = np.roll(behaviour, shift, axis=1)
+        error = fit.whitened(rest - np.einsum("at,art->rt", shifted, fit.motion[:2]))
+        slow = gaussian_filter1d(error, SLOW_LOW_PASS_SAMPLES)
+        left.append([error**2 @ weights, slow**2 @ weights])
+    return shifts, *np.swapaxes(left, 0, 1)
+
+
+def _local_noise(fit: SecondOrderFit) -> Array:
     """Return the power of the whitened residual about each time, median over realizations.
 
     Voluntary torque may be louder at one time than at another. What few realizations do does not
     count.
     """
-    size = min(max(1, round(NOISE_WINDOW_S * data.rate)), data.white_residual.shape[1])
-    power = uniform_filter1d(data.white_residual**2, size, axis=1, mode="nearest")
+    size = min(max(1, round(NOISE_WINDOW_S * fit.rate)), fit.white_residual.shape[1])
+    power = uniform_filter1d(fit.white_residual**2, size, axis=1, mode="nearest")
     usual = np.median(power, axis=0)
     return np.asarray(np.maximum(usual, MIN_NOISE_POWER * usual.mean() + TINY))
 
 
-def _varies(data: FittedEnsemble) -> bool:
+def _varies(fit: SecondOrderFit) -> bool:
     """Whether the stiffness varies over a realization, alike in odd and even realizations."""
-    stiffness = data.fit.weights[:, 0]
-    halves = [data.fit.of(slice(half, None, 2)).impedance[0] for half in (0, 1)]
-    varies = np.std(stiffness) >= MIN_VARIATION * max(abs(stiffness.mean()), TINY)
-    varies &= np.std(halves, axis=1).min() > 0
+    stiffness = fit.impedance[0]
+    halves = [fit.of(slice(first, None, 2)).impedance[0] for first in (0, 1)]
+    if min(map(np.std, halves)) == 0:
+        return False
+    varies = stiffness.std() >= MIN_VARIATION * abs(stiffness.mean())
     return bool(varies and np.corrcoef(*halves)[0, 1] > MIN_REPEAT)

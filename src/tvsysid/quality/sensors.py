@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from tvsysid.preprocess import find_gaps, find_mains
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check, indices
-from tvsysid.quality.fitted import SPREAD_SAMPLES, FittedEnsemble
-from tvsysid.quality.statistics import innovations
+from tvsysid.quality.fit import SecondOrderFit
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.statistics import innovations, over_usual
 from tvsysid.signals import Array, Recording
 
-MAX_STANDSTILL_S = {"angle": 0.25, "torque": 0.08}
 MIN_TIED_REALIZATIONS = 3  # at a limit at the same time
 TIE_TOLERANCE = 1e-3  # of a standard deviation
 MAX_REPEATED_SHARE = 0.5  # of values tied in the middle, relative to those tied at the limits
 MIN_MIDDLE_SHARE = 0.2  # of samples within half an RMS; Gaussian numbers have 0.38
 MIN_STEP = 1e-6  # of a standard deviation; smaller differences are rounding
 WINDOW_S, MIN_WINDOW_SAMPLES = 0.2, 10  # in which losses are looked for
+BRIEF_S, MIN_BRIEF_SAMPLES = 0.06, 40  # of brief losses; at lower rates they do not show
 STILL_SHARE = 0.1  # of the expected power, below which a signal does not move
 LOUD_RATIO = 4.0  # to the usual power of the residual
 QUIET_WINDOWS = 0.25  # share of a realization's windows that are quieter than its noise
-MIN_LONELINESS = 2.0  # of a spike that is no loss of the other signal
-BRIEF_S, MIN_BRIEF_SAMPLES = 0.06, 40  # of brief losses; at lower rates they do not show
 SILENT_SHARE, SILENT_QUANTILE = 0.2, 0.05  # of the noise's power: a silent torque has less
 NOISE_PAST_SAMPLES = 6  # from which the torque's noise is predicted
 SAME_TORQUE = 1e-9  # of a standard deviation
+# Quantiles over which spikes are measured. A PRBS surprises at every switch, noise never.
+USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
+SPIKE_SAMPLES, SPREAD_SAMPLES = 7, 13  # widths of a median filter, and of a spike's derivatives
+# Distance from the median beside it, over the usual, of a spike, and of one that is no loss.
+MIN_ALONE, MIN_FAR = 1.2, 2.0
+MIN_DISTURBANCE = 4.5  # residual beside a spike in the angle, over the usual
+SCATTER = 2.0  # of the residual's level at one time by chance, over the usual level
 EXCLUDE = "exclude the realizations concerned"
 INTERPOLATE = "interpolate the samples or exclude the realizations; check the cables"
 
@@ -65,24 +73,24 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
         raise NotApplicable(f"it takes {2 * tied_count} realizations")
     deviations, ordered = values - values.mean(axis=0), np.sort(values, axis=0)
     size = np.std(deviations)
-    ranges = ordered[tied_count - 1 :] - ordered[: 1 - tied_count]
-    bottom, top = (ranges[end] <= TIE_TOLERANCE * size for end in (0, -1))
-    tied = (top | bottom).mean()
+    is_tied = ordered[tied_count - 1 :] - ordered[: 1 - tied_count] <= TIE_TOLERANCE * size
+    sides = {"highest": is_tied[-1], "lowest": is_tied[0]}
+    tied = np.mean(is_tied[0] | is_tied[-1])
     if tied == 0:
         return Measured(0.0, f"no {which} stays at a limit")
     middle = len(values) // 2 - tied_count + 1
-    repeats = ranges[middle : middle + tied_count].min(axis=0) <= TIE_TOLERANCE * size
+    repeated = np.mean(is_tied[middle : middle + tied_count].any(axis=0))
     limit = 0.01 * FAULTS[f"clipped-{which}"].limit
-    if repeats.mean() > max(MAX_REPEATED_SHARE * tied, limit):  # as of a multisine
+    if repeated > max(MAX_REPEATED_SHARE * tied, limit):  # as of a multisine
         raise NotApplicable(
             f"the same values of {which} come again and again, not only the extremes"
         )
     if which == "angle" and np.mean(np.abs(deviations) < 0.5 * size) < MIN_MIDDLE_SHARE:
         raise NotApplicable("the angle switches between two levels, as a PRBS does")
-    sides = [name for name, side in (("highest", top), ("lowest", bottom)) if side.any()]
+    names = " and ".join(name for name, side in sides.items() if side.any())
     what = (
         f"at {100 * tied:.1f} % of the times at least {tied_count} realizations have the same "
-        f"{' and '.join(sides)} {which}"
+        f"{names} {which}"
     )
     return Measured(100 * tied, what)
 
@@ -114,7 +122,7 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     "lost-torque",
     "The torque is lost for a while",
     "time during which the angle moves and the torque does not",
-    MAX_STANDSTILL_S["torque"],
+    0.08,
     "s",
     effect="while the torque is held or zero, the joint seems to have no stiffness",
     remedy=EXCLUDE,
@@ -124,7 +132,7 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     "lost-angle",
     "The angle is lost for a while",
     "time during which the torque moves and the angle does not",
-    MAX_STANDSTILL_S["angle"],
+    0.25,
     "s",
     effect="the torque seems to change by itself, which adds noise and mostly lowers the stiffness",
     remedy=EXCLUDE,
@@ -136,55 +144,59 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
     A lost signal stands still, or is only what a subtracted mean left.
     """
     samples = max(MIN_WINDOW_SAMPLES, round(WINDOW_S * data.rate))
-    if data.white_residual.shape[1] < samples:
+    if data.fit.white_residual.shape[1] < samples:
         raise NotApplicable(f"realizations are shorter than {WINDOW_S:g} s")
-    windows = _lost_windows(data, which, samples)
+    windows = (_torque_windows if which == "torque" else _angle_windows)(data.fit, samples)
     # A spike in the other signal moves much, and nothing responds to it.
     other = "angle" if which == "torque" else "torque"
-    is_spike = data.spike_heights[other] > FAULTS[f"{other}-spikes"].limit
-    is_spike &= data.loneliness(other) > MIN_LONELINESS
-    windows &= ~_windows(maximum_filter1d(is_spike, SPREAD_SAMPLES, axis=1), samples).any(axis=2)
+    is_spike = _spike_heights(data)[other] > FAULTS[f"{other}-spikes"].limit
+    is_spike &= _distance_from_median(data, other) > MIN_FAR
+    is_spike = maximum_filter1d(is_spike, SPREAD_SAMPLES, axis=1)
+    windows &= ~_blocks(is_spike, samples).any(axis=2)
     times = np.repeat(windows & (windows.sum() > 1), samples, axis=1)
     if which == "torque":
         times |= _held_torque(data)[:, : times.shape[1]]
     if not times.any():
         return Measured(0.0, f"the {which} is there throughout")
-    seconds, concerned = times.sum() / data.rate, indices(times.any(axis=1))
-    begin = data.seconds(int(np.argmax(times[concerned[0]])))
+    duration, concerned = times.sum() / data.rate, indices(times.any(axis=1))
+    begin = data.time[data.fit.whitening + np.argmax(times[concerned[0]])]
     what = (
-        f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first "
+        f"the {which} does not follow for {duration:.2g} s in {len(concerned)} realizations, first "
         f"in realization {concerned[0]} from about {begin:.2g} s on"
     )
-    return Measured(seconds, what, realizations=concerned)
+    return Measured(duration, what, realizations=concerned)
 
 
-def _lost_windows(data: FittedEnsemble, which: str, samples: int) -> NDArray[np.bool_]:
-    """Return windows in which only the other signal moves, shape (realization, window)."""
-    fit = data.fit
-    response, measured = data.white_parts.sum(axis=0), data.whitened(fit.torque)
-    expected, there, left = (
-        _window_power(each, each, samples) for each in (response, measured, data.white_residual)
+def _torque_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
+    """Return windows in which only the angle moves, shape (realization, window)."""
+    expected, there, left = _window_powers(fit, samples)
+    is_lost = expected > np.maximum(np.median(expected), LOUD_RATIO * np.median(left))
+    is_lost &= there < STILL_SHARE * expected
+    # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss when
+    # whitened.
+    slow, slow_expected = (
+        _blocks(np.gradient(each, axis=1)[:, fit.whitening :], samples).var(axis=2)
+        for each in (fit.torque, fit.parts.sum(axis=0))
     )
-    common = np.abs(_window_power(response, measured, samples))
-    usual = np.median(left)
-    if which == "torque":
-        lost = expected > max(np.median(expected), LOUD_RATIO * usual)
-        lost &= (there < STILL_SHARE * expected) & (common < 2 * STILL_SHARE * expected)
-        # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss
-        # when whitened.
-        there, expected = (
-            _window_power(change, change, samples)
-            for change in (
-                np.gradient(each, axis=1)[:, data.whitening :]
-                for each in (fit.torque, fit.parts.sum(axis=0))
-            )
-        )
-        return np.asarray(lost & (there < 2 * STILL_SHARE * expected))
+    return np.asarray(is_lost & (slow < 2 * STILL_SHARE * slow_expected))
+
+
+def _angle_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
+    """Return windows in which only the torque moves, shape (realization, window)."""
+    expected, there, left = _window_powers(fit, samples)
     # What is loud at this time in most realizations, or at most times in this one, is noise.
-    noise = np.maximum(usual, np.quantile(left, QUIET_WINDOWS, axis=1))[:, None]
+    noise = np.maximum(np.median(left), np.quantile(left, QUIET_WINDOWS, axis=1))[:, None]
     noise = np.maximum(np.median(left, axis=0), noise)
-    is_still = (expected < STILL_SHARE * there) & (common < STILL_SHARE * there)
-    return np.asarray((left > LOUD_RATIO * noise) & is_still)
+    is_lost = (left > LOUD_RATIO * noise) & (expected < STILL_SHARE * there)
+    common = 0.5 * np.abs(expected + there - left)
+    return np.asarray(is_lost & (common < STILL_SHARE * there))
+
+
+def _window_powers(fit: SecondOrderFit, samples: int) -> tuple[Array, ...]:
+    """Return the variance of response, torque and residual, whitened, (realization, window)."""
+    response, left = fit.white_parts.sum(axis=0), fit.white_residual
+    signals = (response, response + left, left)
+    return tuple(_blocks(each, samples).var(axis=2) for each in signals)
 
 
 def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
@@ -195,52 +207,42 @@ def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
     predict at the given rate. At some 100 Hz, so short a time has too few samples.
     """
     given, fit, rate = data.given, data.fit, data.given.sampling_rate
-    count, slow = round(BRIEF_S * rate), max(5, round(BRIEF_S * data.rate))
-    is_fast = count >= MIN_BRIEF_SAMPLES
-    if not is_fast:
-        count = max(MIN_WINDOW_SAMPLES, round(WINDOW_S * rate))
-    sample = np.arange(data.white_region.start, data.white_region.stop) - data.ensemble.context
-    place = np.round(sample / data.rate * rate).astype(np.int64) + given.context
+    is_fast = BRIEF_S * rate >= MIN_BRIEF_SAMPLES
+    count = round((BRIEF_S if is_fast else WINDOW_S) * rate)
+    place = np.round(data.time[fit.whitening :] * rate).astype(np.int64) + given.context
 
-    def at_fit(is_there: NDArray[np.bool_], first: int) -> NDArray[np.bool_]:
-        """Return what is there about the fit's samples, from samples of the given rate on."""
-        about = maximum_filter1d(is_there, count, axis=1)
-        return np.asarray(about[:, np.clip(place - first, 0, about.shape[1] - 1)])
+    def about(is_there: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return what is there about the fit's samples, from samples of the given rate."""
+        spread = maximum_filter1d(is_there, count, axis=1)
+        return np.asarray(spread[:, np.clip(place, 0, spread.shape[1] - 1)])
 
     is_same = np.abs(np.diff(given.torque, axis=1)) <= SAME_TORQUE * given.torque.std()
-    held = at_fit(uniform_filter1d(is_same.astype(float), count, axis=1) > 1 - 0.5 / count, 0)
+    held = about(uniform_filter1d(is_same.astype(float), count, axis=1) > 1 - 0.5 / count)
     if not is_fast:
         return held
     noise = innovations(given.torque - given.torque.mean(axis=0), NOISE_PAST_SAMPLES)
     power = uniform_filter1d(noise**2, count, axis=1, mode="nearest")
     is_silent = power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE)
     measured, expected, left = (
-        _change_power(each, slow) for each in (fit.torque, fit.parts.sum(axis=0), fit.residual)
+        _change_power(each, round(BRIEF_S * data.rate))
+        for each in (fit.torque, fit.parts.sum(axis=0), fit.residual)
     )
-    is_still = measured < STILL_SHARE * expected
-    is_still &= expected > LOUD_RATIO * np.median(left)
-    is_still = maximum_filter1d(is_still, slow, axis=1)[:, data.whitening :]
-    return np.asarray(held | (is_still & at_fit(is_silent, NOISE_PAST_SAMPLES)))
+    is_still = (measured < STILL_SHARE * expected) & (expected > LOUD_RATIO * np.median(left))
+    is_still = maximum_filter1d(is_still, round(BRIEF_S * data.rate), axis=1)[:, fit.whitening :]
+    return np.asarray(held | (is_still & about(is_silent)))
 
 
 def _change_power(values: Array, samples: int) -> Array:
     """Return the variance of a signal's changes over so many samples about each."""
     change = np.gradient(values, axis=1)
     mean, square = (uniform_filter1d(each, samples, axis=1) for each in (change, change**2))
-    return np.asarray(np.maximum(square - mean**2, 0.0))
+    return np.asarray(square - mean**2)
 
 
-def _windows(values: NDArray[np.generic], samples: int) -> NDArray[np.generic]:
-    """Return windows side by side, shape (realization, window, sample)."""
+def _blocks(values: NDArray[Any], samples: int) -> NDArray[Any]:
+    """Return blocks of samples side by side, shape (realization, block, sample)."""
     count = values.shape[1] // samples
     return values[:, : count * samples].reshape(len(values), count, samples)
-
-
-def _window_power(first: Array, second: Array, samples: int) -> Array:
-    """Return products of deviations from each window's mean, summed, (realization, window)."""
-    blocks = [_windows(each, samples) for each in (first, second)]
-    deviations = [block - block.mean(axis=2, keepdims=True) for block in blocks]
-    return np.asarray(np.einsum("rws,rws->rw", *deviations))
 
 
 @check(
@@ -308,15 +310,58 @@ def mains(recording: Recording) -> Measured:
 )
 def spikes(data: FittedEnsemble, which: str) -> Measured:
     """Return the height of the highest spike."""
-    heights = data.spike_heights[which]
+    heights = _spike_heights(data)[which]
     value = heights.max()
     if value == 0:
         return Measured(0.0, "none")
-    realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)
-    beyond = heights > FAULTS[f"{which}-spikes"].limit
-    count = int(np.count_nonzero(beyond))
+    realization, sample = np.unravel_index(np.argmax(heights), heights.shape)
+    is_spike = heights > FAULTS[f"{which}-spikes"].limit
+    count = np.count_nonzero(is_spike)
     what = (
         f"the highest is {value:.3g} times as high as is usual, in realization {realization} at "
-        f"{data.seconds(int(sample)):.3g} s{f'; {count} samples stand out' if count > 1 else ''}"
+        f"{data.time[data.fit.whitening + sample]:.3g} s"
+        f"{f'; {count} samples stand out' if count > 1 else ''}"
     )
-    return Measured(value, what, realizations=indices(beyond.any(axis=1)))
+    return Measured(value, what, realizations=indices(is_spike.any(axis=1)))
+
+
+def _spike_heights(data: FittedEnsemble) -> dict[str, Array]:
+    """Return the height of spikes in angle and torque over the usual, zero elsewhere.
+
+    Neither its past nor its neighbours predict a spike in the angle, and the torque does not
+    respond to it. Neither the fit nor the past predicts one in the torque, and none in the
+    angle explains it. Shape (realization, time - w).
+    """
+    white = data.fit.white_residual
+    angle, torque, residual = (
+        over_usual(np.abs(values), quantile)
+        for values, quantile in (
+            (data.unpredicted(data.angle), USUAL_SURPRISE),
+            (data.unpredicted(data.torque), USUAL_SURPRISE),
+            (white, USUAL_RESIDUAL),
+        )
+    )
+    is_spike = maximum_filter1d(residual, SPREAD_SAMPLES, axis=1) > MIN_DISTURBANCE
+    is_spike &= _distance_from_median(data, "angle") > MIN_ALONE
+    # A residual that is high at this time in most realizations is no spike, but a change of
+    # stiffness within a bin. Spikes at one time leave their mean in all others.
+    level = np.median(np.abs(white - np.median(white, axis=0)), axis=0)
+    usual = max(SCATTER * float(np.median(level)), np.finfo(float).tiny)
+    nearby = maximum_filter1d(angle, 2 * SPREAD_SAMPLES - 1, axis=1)
+    is_angle = nearby > FAULTS["angle-spikes"].limit
+    return {
+        "angle": np.where(is_spike, angle, 0.0),
+        "torque": np.where(
+            (torque > angle) & ~is_angle, residual / np.maximum(1.0, level / usual), 0.0
+        ),
+    }
+
+
+def _distance_from_median(data: FittedEnsemble, which: str) -> Array:
+    """Return the distance of each sample from the median beside it, over the usual.
+
+    A step has none, and a spike all of its height. Shape (realization, time - w).
+    """
+    values = data.signal(which)
+    distance = np.abs(values - median_filter(values, (1, SPIKE_SAMPLES)))
+    return over_usual(distance, USUAL_SURPRISE)[:, data.white_region]

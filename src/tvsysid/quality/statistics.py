@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import convolve1d
 from scipy.special import stdtr
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
@@ -34,31 +35,27 @@ def p_value_of(scores: Array) -> float:
     return p_value(float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(count), count)
 
 
-def gained(target: Array, regressors: Array) -> tuple[float, float]:
-    """Return the share of a signal that regressors predict in held-out realizations, with p-value.
+def gains(target: Array, regressors: Array) -> Array:
+    """Return by how much regressors lower the sum of squares of each held-out realization.
 
     The target has shape (realization, time), and the regressors (regressor, realization, time).
-    The share is negative where they predict nothing. The p-value comes from the scatter of the
-    gain over realizations.
+    The gain is negative where they predict nothing.
     """
-    gain, total = gains(target, regressors), float(np.sum(target**2))
-    return float(gain.sum()) / total if total > 0 else math.nan, p_value_of(gain)
-
-
-def gains(target: Array, regressors: Array) -> Array:
-    """Return by how much regressors lower the sum of squares of each held-out realization."""
-    count = len(target)
     rows = np.ascontiguousarray(regressors.transpose(1, 0, 2))
-    grams = rows @ rows.transpose(0, 2, 1)
-    moments = (rows @ target[..., None])[..., 0]
-    gain = np.empty(count)
+    grams, moments = rows @ rows.transpose(0, 2, 1), (rows @ target[..., None])[..., 0]
+    gain = np.empty(len(target))
     # Neighbours are held out together, because slow noise is alike in them.
-    for out in np.array_split(np.arange(count), FOLDS):
-        kept = np.setdiff1d(np.arange(count), out)
-        weights = solve_regularized(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
-        fitted = np.einsum("a,rab,b->r", weights, grams[out], weights)
-        gain[out] = 2 * moments[out] @ weights - fitted
+    for out in np.array_split(np.arange(len(target)), FOLDS):
+        others = (np.delete(each, out, axis=0).sum(axis=0) for each in (grams, moments))
+        weights = solve_regularized(*others)
+        gain[out] = (2 * moments[out] - grams[out] @ weights) @ weights
     return gain
+
+
+def gained_share(target: Array, regressors: Array) -> float:
+    """Return the share of a signal that regressors predict in held-out realizations."""
+    total = float(np.sum(target**2))
+    return float(gains(target, regressors).sum()) / total if total > 0 else math.nan
 
 
 def without(target: Array, regressors: Array) -> Array:
@@ -76,10 +73,15 @@ def prediction_error(signal: Array, order: int) -> Array:
     return np.concatenate([[1.0], -weights[::-1]])
 
 
+def filtered(signal: Array, taps: Array) -> Array:
+    """Return a signal (..., time) through a causal filter, where all its samples are known."""
+    known = convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))
+    return np.asarray(known[..., len(taps) - 1 :])
+
+
 def innovations(signal: Array, order: int) -> Array:
     """Return what the past does not predict of a signal, shape (realization, time - order)."""
-    windows = sliding_window_view(signal, order + 1, axis=1)
-    return np.asarray(windows @ prediction_error(signal, order)[::-1])
+    return filtered(signal, prediction_error(signal, order))
 
 
 def over_usual(values: Array, quantile: float) -> Array:

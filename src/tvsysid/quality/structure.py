@@ -11,14 +11,13 @@ from tvsysid.methods.cascade.reflex_test import (
     MAX_REFLEX_LAG_S,
     MIN_REFLEX_LAG_S,
     MIN_TESTED_REALIZATIONS,
-    ReflexTest,
     reflex_test_of,
 )
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import SIGNIFICANT, gained, gains, p_value_of, without
+from tvsysid.quality.statistics import SIGNIFICANT, gained_share, gains, p_value_of, without
 from tvsysid.signals import Array
 
 STEP_S, MAX_LEAD_S, MAX_LAG_S = 0.03, 0.27, 0.3  # lags of later and of earlier movement
@@ -55,21 +54,19 @@ def feedback(data: FittedEnsemble) -> Measured:
         raise NotApplicable(
             "the angle is recorded in such coarse steps that the torque shows it better"
         )
-    angle, residual, origin = data.whitened(data.angle), data.white_residual, data.region.start
-    step = max(1, round(STEP_S * data.rate))
-    lags = 1 + step * np.arange(1, 1 + round(MAX_LEAD_S / STEP_S))
-    start = max(origin, lags[-1])
-    stop = min(origin + residual.shape[1], angle.shape[1] - lags[-1])
+    fit, origin = data.fit, data.region.start
+    angle, residual = fit.whitened(data.angle), fit.white_residual
+    lags = 1 + max(1, round(STEP_S * data.rate)) * np.arange(1, 1 + round(MAX_LEAD_S / STEP_S))
+    start, stop = max(origin, lags[-1]), min(origin + residual.shape[1], angle.shape[1] - lags[-1])
     if stop - start < lags[-1]:
         raise NotApplicable(TOO_SHORT)
     inside = slice(start - origin, stop - origin)
     own, later = (
-        _shifted(angle, start + np.asarray(each), stop - start)
+        _windows(angle, start + np.asarray(each), stop - start)
         for each in (np.r_[-lags, -1:2], lags)
     )
     gain = gains(without(residual[:, inside], own), without(later, own))
-    torque = (data.white_parts.sum(axis=0) + residual)[:, inside]
-    share = float(gain.sum() / np.sum(torque**2))
+    share = float(gain.sum() / np.sum(fit.whitened(fit.torque)[:, inside] ** 2))
     first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
     what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
     return Measured(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
@@ -86,31 +83,29 @@ def feedback(data: FittedEnsemble) -> Measured:
     remedy="identify with the reference, as the finding says "
     "(kbr:reference=NAME,weighting=residual)",
 )
-def loop_bias(data: FittedEnsemble, reference: str) -> Measured:
+def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Measured:
     """Return by how much stiffness changes with the angle that the reference predicts.
 
     It is one step from the open-loop fit to one whose residual has no part in what the reference
-    moves.
+    moves. A channel that was not declared must move the angle, and lower the stiffness: EMG that
+    makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require(MIN_TESTED_REALIZATIONS)
-    ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
-    assert ensemble.trials is not None
-    assert ensemble.onsets is not None
-    groups = realization_groups(ensemble.trials, ensemble.onsets)
-    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
-    moved = predicted(command, data.angle, ensemble.core, data.rate, groups)
+    if not declared:
+        _require_leading(data, reference)
+    moved = _moved_angle(data, reference)
     core = data.core("angle")
-    explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
+    explained = 1 - float(np.sum((core - moved[:, data.ensemble.core]) ** 2) / np.sum(core**2))
     if not explained >= HARDLY_MOVED:
         raise NotApplicable(
             f"the disturbance {reference!r} hardly moves the angle: it predicts "
             f"{_percent(explained)} of it"
         )
-    first = data.region.start - HALF_WIDTH
+    fit, first = data.fit, data.region.start - HALF_WIDTH
     instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
     # All times count alike. The angle moves farther where the joint is soft, and a sum of squares
     # dwells there.
-    bins = fit.regressors.bins
+    bins = fit.bins
     power = (np.bincount(bins, np.mean(instrument[0] ** 2, axis=0)) / np.bincount(bins))[bins]
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", instrument / power, fit.motion))
     # Change of stiffness by each realization. The residual has no part in the whole movement, so
@@ -125,30 +120,35 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Measured:
         f"identify by --method kbr:reference={reference},weighting=residual"
     )
     value = -100 * missing.sum() / abs(closed)
-    return Measured(value, what, p_value_of(missing) < SIGNIFICANT)
+    significant = p_value_of(missing) < SIGNIFICANT and (declared or value < 0)
+    return Measured(value, what, significant)
 
 
-def loop_bias_undeclared(data: FittedEnsemble, channel: str) -> Measured:
-    """Return the loop bias with a channel, if that was applied: it moves the angle.
+def _moved_angle(data: FittedEnsemble, reference: str) -> Array:
+    """Return the angle that a reference predicts, shape (realization, time)."""
+    ensemble, (early, late) = data.ensemble, lag_samples(data.rate)
+    groups = realization_groups(ensemble.trials, ensemble.onsets)
+    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
+    return predicted(command, data.angle, ensemble.core, data.rate, groups)
+
+
+def _require_leading(data: FittedEnsemble, channel: str) -> None:
+    """Raise NotApplicable for a channel that does not move the angle.
 
     EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
-    torque and noise, a command is the torque and a load. EMG that makes the torque's noise gives a
-    stiffness that is lower still, which is the load's.
+    torque and noise, a command is the torque and a load.
     """
-    data.require(MIN_TESTED_REALIZATIONS)
     values = data.signal(channel)
     width = values.shape[1] - 2 * TORQUE_LAGS
     middle, places = values[:, TORQUE_LAGS:-TORQUE_LAGS], np.arange(2 * TORQUE_LAGS + 1)
-    torques, angles = (_shifted(each, places, width) for each in (data.torque, data.angle))
-    by_angle = gained(without(middle, torques), without(angles, torques))[0]
-    if not by_angle > gained(middle, torques)[0]:
+    torques, angles = (_windows(each, places, width) for each in (data.torque, data.angle))
+    by_angle = gained_share(without(middle, torques), without(angles, torques))
+    if not by_angle > gained_share(middle, torques):
         raise NotApplicable(f"{channel!r} is the torque")
     leads = _predicted(data.angle, values, data.rate)
     follows = _predicted(values, data.angle, data.rate)
     if not leads > MIN_LEAD or follows > MAX_FOLLOW:
         raise NotApplicable(f"{channel!r} does not move before the angle")
-    measured = loop_bias(data, channel)
-    return measured._replace(significant=measured.significant and measured.value < 0)
 
 
 @check(
@@ -168,11 +168,11 @@ def reflex(data: FittedEnsemble) -> Measured:
 
     Neither the joint nor the other direction predicts this torque.
     """
-    data.require(MIN_TESTED_REALIZATIONS, response=False)
-    test = _reflex_test(data)
-    if test is None:
-        raise NotApplicable(TOO_SHORT)
-    data.require()
+    data.require(MIN_TESTED_REALIZATIONS)
+    try:
+        test = reflex_test_of(data.ensemble)
+    except InputError as error:
+        raise NotApplicable(TOO_SHORT) from error
     one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
@@ -201,31 +201,21 @@ def reflex(data: FittedEnsemble) -> Measured:
 def slow_answer(data: FittedEnsemble) -> Measured:
     """Return the share of the residual torque that late velocities predict without a reflex."""
     data.require(MIN_TESTED_REALIZATIONS)
-    test = _reflex_test(data)
-    if test is not None and test.shown:
+    if data.finding("reflex").found:
         raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
     lags = np.round(np.arange(MIN_REFLEX_LAG_S, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
-    lags = np.unique(lags)
-    origin, stop = data.region.start, data.region.stop
-    start = max(origin, int(lags.max()))
+    start, stop = max(data.region.start, lags[-1]), data.region.stop
     if stop - start < 2 * HALF_WIDTH:
         raise NotApplicable(TOO_SHORT)
-    velocity = np.gradient(data.angle, 1 / data.rate, axis=1)
-    causes = _shifted(velocity, start - lags, stop - start)
-    share, chance = gained(data.fit.residual[:, start - origin :], causes)
+    causes = _windows(np.gradient(data.angle, axis=1), start - np.unique(lags), stop - start)
+    residual = data.fit.residual[:, start - data.region.start :]
+    gain = gains(residual, causes)
+    share = gain.sum() / np.sum(residual**2)
     what = (
         f"the movement {1000 * MIN_REFLEX_LAG_S:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
         f"{_percent(share)} of the residual torque"
     )
-    return Measured(100 * max(0.0, share), what, chance < SIGNIFICANT)
-
-
-def _reflex_test(data: FittedEnsemble) -> ReflexTest | None:
-    """Return the test for a reflex, or None if realizations are too short for it."""
-    try:
-        return reflex_test_of(data.ensemble)
-    except InputError:
-        return None
+    return Measured(100 * max(0.0, share), what, p_value_of(gain) < SIGNIFICANT)
 
 
 def _predicted(signal: Array, cause: Array, rate: float) -> float:
@@ -236,11 +226,11 @@ def _predicted(signal: Array, cause: Array, rate: float) -> float:
     start, count = own[-1], signal.shape[1] - own[-1]
     if count < lags[-1]:
         raise NotApplicable(TOO_SHORT)
-    past, causes = _shifted(signal, start - own, count), _shifted(cause, start - lags, count)
-    return gained(without(signal[:, start:], past), without(causes, past))[0]
+    past, causes = _windows(signal, start - own, count), _windows(cause, start - lags, count)
+    return gained_share(without(signal[:, start:], past), without(causes, past))
 
 
-def _shifted(signal: Array, starts: NDArray[np.int64], count: int) -> Array:
+def _windows(signal: Array, starts: NDArray[np.int64], count: int) -> Array:
     """Return so many samples of a signal from each start, shape (start, realization, time)."""
     return sliding_window_view(signal, count, axis=1).transpose(1, 0, 2)[starts]
 

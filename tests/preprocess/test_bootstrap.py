@@ -25,15 +25,6 @@ def test_weights_sum_to_the_size_and_more_draws_keep_the_first(
         assert (begins.sum(axis=1) == (size < realizations)).all()
 
 
-def test_realizations_are_drawn_equally_often():
-    weights = bootstrap_weights(50, 75, 4000, 1)
-    # The count of a realization is binomial: mean 1.5, variance 1.47.
-    np.testing.assert_allclose(weights.mean(axis=0), 1.5, atol=5 * np.sqrt(1.47 / 4000))
-    np.testing.assert_allclose(weights.var(axis=0).mean(), 1.47, rtol=0.03)
-    blocks = bootstrap_weights(50, 10, 4000, 2, contiguous=True)
-    np.testing.assert_allclose(blocks.mean(axis=0), 0.2, atol=5 * np.sqrt(0.16 / 4000))
-
-
 def test_ensembles_hold_the_realizations_of_the_weights():
     values = np.tile(np.arange(5.0)[:, None], (1, 8)) + np.linspace(0, 0.5, 8)
     ensemble = tv.Ensemble(values, values, 100.0, channels={"emg": values})

@@ -25,25 +25,6 @@ def test_torque_is_shifted_and_samples_without_torque_are_cut(delay):
         np.testing.assert_array_equal(np.diff(aligned.channels["emg"][trial]).round(9), 0.001)
 
 
-def test_inertia_is_recovered_and_the_model_states_the_correction():
-    noise = tv.simulate.FilteredNoise()
-    recording = tv.simulate.Joint().simulate(60, perturbation=noise, snr_db=20, seed=1).recording
-    late = tv.Recording(recording.angle[3:], recording.torque[:-3], 1000.0, start=recording.start)
-
-    def cut(given):
-        return tv.preprocess.subtract_mean(tv.preprocess.segment(given, 2.0))
-
-    (finding,) = tv.diagnose(cut(late)).findings
-    assert (finding.name, finding.value) == ("delay", pytest.approx(3, abs=0.4))
-    delay = finding.value / 1000
-    aligned = tv.preprocess.align_channels(late, delay)
-    wrong, right = (cut(tv.preprocess.decimate(each, 100)) for each in (late, aligned))
-    assert np.nanmean(tv.BasisIRF().identify(wrong).inertia) < 0.014
-    model = tv.BasisIRF().identify(right)
-    assert np.nanmean(model.inertia) == pytest.approx(0.02, rel=0.06)
-    assert model.diagnostics.details["delay_removed"] == right.delay_removed == delay
-
-
 @pytest.mark.parametrize(
     ("delay", "message"),
     [

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import butter, lfilter
 
 import tvsysid as tv
@@ -63,26 +61,3 @@ def test_lapses_and_twitches_are_excluded():
 def test_few_clean_realizations_are_excluded(step, limit, low, high):
     excluded = [np.sum(~STEPS[step](clean(seed), limit=limit).kept) for seed in range(10)]
     assert low < 100 * sum(excluded) / 3000 < high
-
-
-@steps
-@given(seed=st.integers(0, 1000), limit=st.floats(2.5, 5.0))
-def test_kept_realizations_are_untouched_and_limits_are_those_of_all(name, seed, limit):
-    ensemble = clean(seed, realizations=40)
-    step = STEPS[name](ensemble, limit=limit)
-    np.testing.assert_array_equal(step.ensemble.torque, ensemble.torque[step.kept])
-    np.testing.assert_array_equal(step.reached > limit, ~step.kept)
-    np.testing.assert_allclose(step.half_width, limit * step.torque.std(axis=0, ddof=1))
-
-
-@pytest.mark.parametrize(
-    ("name", "settings", "message"),
-    [
-        ("task component", {"limit": 0.0}, "limit must be a positive number"),
-        ("residual", {"limit": 0.0}, "limit must be a positive number"),
-        ("residual", {"cutoff": 64.0}, r"cutoff must be a number from 0\.1 to 62\.72"),
-    ],
-)
-def test_impossible_limits_are_refused(name, settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        STEPS[name](clean(0), **settings)

@@ -10,13 +10,6 @@ PEOPLE = range(1, 7)
 PERTURBATIONS = ("noise", "prbs")
 
 
-def stiffness_error(simulation, ensemble):
-    """Identified less true mean stiffness in N·m/rad, shape (time,), and the true one."""
-    centred = tv.preprocess.subtract_mean(ensemble)
-    truth = simulation.truth_of(centred)["stiffness"].mean(axis=0)
-    return SDS.identify(centred).stiffness - truth, truth
-
-
 def test_the_sequence_accounts_for_all_300_realizations():
     preparation = prepared(1, "noise")
     ensemble, table, kept = preparation.ensemble, preparation.table, preparation.kept
@@ -33,56 +26,6 @@ def test_the_sequence_accounts_for_all_300_realizations():
     np.testing.assert_array_equal(excluded.unit == "s", excluded.excluded_by == "alignment")
     assert table.reached[kept].isna().all()
     assert f"{kept.sum()} of 300 realizations kept; excluded: " in repr(preparation)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("which", "survivors", "slack"), [("noise", 260, 12), ("prbs", 255, 14)])
-def test_exclusions_are_like_those_of_the_paper(which, survivors, slack):
-    preparations = [prepared(number, which) for number in PEOPLE]
-    kept = [len(each.ensemble) for each in preparations]
-    assert abs(np.mean(kept) - survivors) < slack
-    assert min(kept) > 215
-    late, task, residual = np.transpose(
-        [[np.sum(~step.kept) for step in each.steps.values()] for each in preparations]
-    )
-    assert max(late) <= 3 if which == "noise" else 5 <= np.median(late) <= 40
-    assert 3 <= np.mean(task) <= 20
-    assert 10 <= np.mean(residual) <= 32
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("which", "low", "high"), [("noise", 49, 65), ("prbs", 74, 87)])
-def test_variance_accounted_for_is_near_the_papers(which, low, high):
-    values = []
-    for number in PEOPLE:
-        drawn = next(tv.preprocess.bootstrap(prepared(number, which).ensemble, 1, seed=0, size=75))
-        predicted = SDS.identify(drawn).predict(drawn)
-        values.append(tv.metrics.vaf(drawn.torque[:, drawn.core], predicted).mean())
-    assert low < np.mean(values) < high  # over methods, 49 to 63 % and 75 to 87 % in the paper
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("which", PERTURBATIONS)
-def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
-    biases, unmoved_biases = [], []
-    for number in PEOPLE:
-        simulation, preparation = simulated(number, which), prepared(number, which)
-        error, truth = stiffness_error(simulation, preparation.ensemble)
-        assert np.corrcoef(truth, truth + error)[0, 1] > 0.8
-        biases.append(error.mean())
-        unmoved, _ = stiffness_error(simulation, preparation.recorded.select(preparation.kept))
-        unmoved_biases.append(unmoved.mean())
-    # The shifts lower everybody's stiffness; the same realizations without them are less biased.
-    assert max(biases) < 0
-    assert -25 < np.mean(biases) < -10
-    assert abs(np.mean(unmoved_biases)) < 0.5 * abs(np.mean(biases))
-
-
-def test_realizations_near_short_ends_are_left_out_and_counted():
-    recording = simulated(1).recording
-    # Context and search take 1 s. The first realization of each of the ten trials lacks it.
-    assert tv.preprocess.prepare(recording, ends=0.5).recorded.left_out == 10
-    assert tv.preprocess.prepare(recording, ends=0.5, reference=None).recorded.left_out == 0
 
 
 def test_steps_can_be_left_out_and_channels_pass_the_others():

@@ -20,13 +20,6 @@ def test_context_comes_from_the_record():
     assert "2 left out: too near the ends" in repr(ensemble)
 
 
-def test_without_context_every_realization_is_kept():
-    recording = recording_of(1000, channels={"emg": -np.arange(1000.0)})
-    ensemble = tv.preprocess.segment(recording, period=2.0, context=0)
-    assert (len(ensemble), ensemble.left_out) == (5, 0)
-    np.testing.assert_array_equal(-ensemble.channels["emg"].ravel(), np.arange(1000))
-
-
 @pytest.mark.parametrize("start", [-1.0, -0.3, 0.7, 12.5])
 def test_realizations_begin_at_multiples_of_the_period_from_time_zero(start):
     recording = recording_of(1000, start=start)
@@ -137,16 +130,3 @@ def test_trimmed_ends_can_serve_as_context():
     assert (len(cut), cut.left_out) == (5 + 6, 0)
     firsts = [*range(100, 600, 100), *range(800, 1400, 100)]
     np.testing.assert_array_equal(cut.angle[:, cut.context], firsts)
-
-
-@pytest.mark.parametrize(
-    ("ends", "margin", "message"),
-    [
-        (1.0, 1.5, "margin must be a number from 0 to 1, got 1.5"),
-        (3.5, 0.0, "no sample is left of a trial of 7 s"),
-        (-1.0, 0.0, "ends must be a number of zero or more"),
-    ],
-)
-def test_impossible_ends_are_refused(ends, margin, message):
-    with pytest.raises(tv.InputError, match=message):
-        tv.preprocess.trim(two_trials(), ends, margin)

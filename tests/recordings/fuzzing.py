@@ -38,22 +38,10 @@ def write_mat_5(file, angle, torque, **settings):
     others |= {"cell": files.cells("a", "b"), "sparse": csc_array(np.eye(3)), "complex": angle * 1j}
     run = {"pos": angle[:, None], "tq": torque}
     savemat(file, {"pos": angle, "run": run, "tq": torque} | others, **settings)
-    undated(file)
-
-
-def undated(file):
-    """The same content whenever it is written: a MAT file's header tells the time."""
-    content = file.read_bytes()
-    file.write_bytes(content[:20].ljust(116) + content[116:])
 
 
 def write_object(file, angle, torque, age):
     files.write_object(file, files.nldat([angle, torque]), age)
-    undated(file)
-
-
-def write_mat_4(file, angle, torque):
-    savemat(file, {"pos": angle, "tq": torque, "fs": 200.0, "note": "ankle"}, format="4")
 
 
 def write_hdf5(file, angle, torque):
@@ -62,25 +50,18 @@ def write_hdf5(file, angle, torque):
         for name, kind in {"pos": "gzip", "tq": "lzf", "scaled": None}.items():
             filters = {"compression": kind, "shuffle": bool(kind), "fletcher32": not kind}
             root.create_dataset(name, data=torque, chunks=(16,), **filters).attrs["units"] = "N m"
-        root["run/pos"] = angle
-        root["text"] = ["ankle", "knee"]
+        root["run/pos"], root["text"] = angle, ["ankle", "knee"]
         root["records"] = np.array([(1, 2.0)], dtype=[("first", "i4"), ("second", "f8")])
         root["none"] = h5py.Empty("f8")
         root["soft"], root["out"] = h5py.SoftLink("/run/pos"), h5py.ExternalLink("other.h5", "pos")
-        layout = h5py.VirtualLayout(shape=(60,), dtype="f8")
-        layout[:] = h5py.VirtualSource("other.h5", "tq", shape=(60,))
-        root.create_virtual_dataset("virtual", layout)
 
 
 def write_parquet(file, angle, torque):
     """Every kind of column."""
-    table = pd.DataFrame(
-        {"pos": angle, "tq": torque, "side": pd.Categorical(["left", "right"] * 30)}
-    )
-    table["day"], table["note"] = pd.Timestamp("2026-01-01"), "ankle"
-    table["gaps"] = pd.array([1, None] * 30, dtype="Int16")
-    table["list"] = [[1.0]] * 60
-    table.to_parquet(file, compression="zstd")
+    sides, gaps = pd.Categorical(["left", "right"] * 30), pd.array([1, None] * 30, dtype="Int16")
+    columns = {"pos": angle, "tq": torque, "side": sides, "gaps": gaps, "list": [[1.0]] * 60}
+    columns |= {"day": pd.Timestamp("2026-01-01"), "note": "ankle"}
+    pd.DataFrame(columns).to_parquet(file, compression="zstd")
 
 
 def write_own(file, angle, torque):
@@ -90,35 +71,14 @@ def write_own(file, angle, torque):
         write_recording(file, Recording(angle, torque, 200.0, **settings))
     else:
         write_ensemble(file, Ensemble(angle.reshape(6, 10), torque.reshape(6, 10), 200.0))
-    if file.suffix == ".mat":
-        undated(file)
-
-
-def write_nwb(file, angle, torque):
-    """Every way to say what numbers and times mean."""
-    times = np.arange(len(angle)) / 200
-    with h5py.File(file, "w", track_order=True) as root:
-        files.write_series(
-            root, "acquisition/pos", (1000 * angle).astype("i2"), "rad", conversion=1e-3, offset=0.5
-        )
-        files.write_series(
-            root, "processing/motor/tq", np.stack([torque, angle], axis=1), "N m", timestamps=times
-        )
-        root["processing/motor/tq/channel_conversion"] = [1.0, 2.0]
-        linked = h5py.SoftLink("/processing/motor/tq/timestamps")
-        files.write_series(root, "stimulus/presentation/command", angle, "rad", timestamps=linked)
-        root.create_dataset("acquisition/emg/data", data=angle, compression="gzip")
-        root["acquisition/emg/timestamps"] = times
 
 
 def write_segdat(file, angle, torque):
     files.write_segdat(file, [angle, torque], "struct", [1, 31], [20, 30])
-    undated(file)
 
 
 OWN = ("recording.nc", "ensemble.nc", "recording.mat", "ensemble.mat")
 SEEDS = {
-    "version4.mat": write_mat_4,
     "version5.mat": write_mat_5,
     "version7.mat": partial(write_mat_5, do_compression=True),
     "old-object.mat": partial(write_object, age="old"),
@@ -126,7 +86,6 @@ SEEDS = {
     "object73.mat": partial(write_object, age="v7.3"),
     "every.h5": write_hdf5,
     "every.parquet": write_parquet,
-    "every.nwb": write_nwb,
     "gait.c3d": files.write_gait,
     "segments.mat": write_segdat,
 }
@@ -135,16 +94,18 @@ SEEDS |= dict.fromkeys(OWN, write_own)
 MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
 COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat", "segments.mat")
 INSIDE = dict.fromkeys(COMPRESSED, mutations.inside_mat)
-INSIDE |= dict.fromkeys(("ankle.h5", "every.h5", "every.nwb"), mutations.inside_chunk)
-INSIDE["ankle.npz"] = mutations.inside_zip
+INSIDE |= dict.fromkeys(("ankle.h5", "every.h5"), mutations.inside_chunk)
 
 
 def sound_files(folder):
-    """A small file of each format, by name."""
+    """A small file of each format, by name; a MAT file's header tells no time."""
     random = np.random.default_rng(1)
     signals = random.normal(scale=0.1, size=60), random.normal(size=60)
     for name, write in SEEDS.items():
         write(folder / name, *signals)
+        content = (folder / name).read_bytes()
+        if content[:6] == b"MATLAB":
+            (folder / name).write_bytes(content[:20].ljust(116) + content[116:])
     return {name: (folder / name).read_bytes() for name in (*SEEDS, *DESCRIPTIONS)}
 
 

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import sys
 
 import h5py
 import numpy as np
@@ -206,12 +205,6 @@ def test_semicolons_separate_columns(tmp_path, text):
     np.testing.assert_array_equal(bare.angle, recording.angle)
 
 
-def test_columns_without_a_name_are_no_duplicates(tmp_path):
-    (tmp_path / "a.csv").write_text("\npos,,tq,\n1,,2,\n2,,3,\n")
-    names = [*describe_file(tmp_path / "a.csv")]
-    assert [name for name in names if not name.startswith("Unnamed")] == ["pos", "tq"]
-
-
 def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
     bare = tmp_path / "bare.csv"
     np.savetxt(bare, np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
@@ -224,35 +217,27 @@ def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
         read(tmp_path / "ankle.csv", header=False)
 
 
-@pytest.mark.parametrize("text", ["1,2\n3,4,5\n", "1,2\n3,x\n", "1,,2\n3,4\n"])
-def test_text_without_names_that_is_ragged_is_no_signal(tmp_path, text):
-    (tmp_path / "bare.csv").write_text(text)
-    with refused(r"bare\.csv"):
-        read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
-
-
 def test_time_series_of_nwb(tmp_path, signals):
     file = tmp_path / "ankle.nwb"
     counts, both = np.round(signals[0] / 1e-4).astype("i2"), np.stack(signals, axis=1)
     uneven = np.cumsum(np.r_[np.full(300, 0.005), 0.01, np.full(299, 0.005)])
     with h5py.File(file, "w") as root:
-        write_series(root, "acquisition/pos", counts, "rad", conversion=1e-4, offset=0.5)
-        write_series(root, "processing/behavior/tq", both, "N m", conversion=2.0)
-        root["processing/behavior/tq/channel_conversion"] = [1.0, 3.0]
-        shared = h5py.SoftLink("/acquisition/lost/timestamps")
+        write_series(root, "pos", counts, "rad", conversion=1e-4, offset=0.5)
+        write_series(root, "tq", both, "N m", conversion=2.0)
+        root["tq/channel_conversion"] = [1.0, 3.0]
+        shared = h5py.SoftLink("/lost/timestamps")
         for name, times in {"lost": uneven, "short": uneven[1:], "shared": shared}.items():
-            write_series(root, f"acquisition/{name}", signals[0], "rad", timestamps=times)
-        write_series(root, "acquisition/away", signals[0], "rad")
-        del root["acquisition/away/data"]
-        root["acquisition/away/data"] = h5py.ExternalLink("other.h5", "pos")
+            write_series(root, name, signals[0], "rad", timestamps=times)
+        write_series(root, "away", signals[0], "rad")
+        del root["away/data"]
+        root["away/data"] = h5py.ExternalLink("other.h5", "pos")
         root["session_description"] = "no signal"
-    names = {"angle": "acquisition/pos", "torque": "processing/behavior/tq.2"}
-    recording = read(file, **names)
+    recording = read(file, torque="tq.2")
     np.testing.assert_allclose(recording.angle, 1e-4 * counts + 0.5, rtol=1e-15)
     np.testing.assert_allclose(recording.torque, 6 * signals[1], rtol=1e-15)
     for name in ("lost", "shared", "short", "away"):
         with refused("expected real numbers, got (values without evenly spaced times|a link)"):
-            read(file, **names | {"angle": f"acquisition/{name}"})
+            read(file, angle=name, torque="tq.2")
 
 
 def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
@@ -302,15 +287,6 @@ def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
         read(file, **names)
 
 
-def test_edf_of_several_rates_is_refused_with_the_rates(tmp_path, signals):
-    edfio = pytest.importorskip("edfio", reason="edfio is not installed")
-    rates = {"pos": 200, "tq": 100}
-    made = [edfio.EdfSignal(signals[0][: 2 * r], r, label=label) for label, r in rates.items()]
-    edfio.Edf(made).write(tmp_path / "a.edf")
-    with refused(r"pos \(400, 200 Hz\), tq \(200, 100 Hz\); .* resample them to one rate before"):
-        read(tmp_path / "a.edf")
-
-
 def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
     edfio = pytest.importorskip("edfio", reason="edfio is not installed")
     file = tmp_path / "ankle.edf"
@@ -325,10 +301,3 @@ def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
     file.write_bytes(content.replace(b"+1\x14\x14", b"+7\x14\x14"))
     with refused(r"the recording was interrupted \(EDF\+D\)"):
         describe_file(file)
-
-
-def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
-    (tmp_path / "a.edf").write_bytes(b"0       ")
-    monkeypatch.setitem(sys.modules, "edfio", None)
-    with refused("cannot be read .*edfio.* Install the library: pip install edfio"):
-        describe_file(tmp_path / "a.edf")

@@ -5,19 +5,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.recordings.fuzzing import SEEDS, Reader, attack, mutant, sound_files
+from tests.recordings.fuzzing import SEEDS, Reader, attack, sound_files
 
 SEED = int(os.environ.get("TVSYSID_FUZZ_SEED", "5"))
 COUNT = int(os.environ.get("TVSYSID_FUZZ_COUNT", "300"))
 FOUND = sorted(Path(__file__).with_name("found").iterdir())  # mutants that did what their names say
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
-
-
-def test_mutants_follow_from_their_number(tmp_path):
-    sound = sound_files(tmp_path)
-    mutants = [mutant(sound, SEED, number) for number in range(48)]
-    assert mutants == [mutant(sound, SEED, number) for number in range(48)]
-    assert sum(content != sound[name] for name, content in mutants) > 40
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,9 @@
 """MAT files: structures, and the objects of the Kearney lab's toolbox."""
 
-import warnings
-
 import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
-from scipy.io.matlab import MatlabObject
 from tests.recordings.files import (
     cells,
     nldat,
@@ -48,23 +45,22 @@ def test_toolbox_objects(tmp_path, signals, age):
     assert described == {"io.pos": ("deg", 200.0), "io.tq": ("Nm", 200.0)}
 
 
-@NO_OBJECT_WARNINGS
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_variables_beside_objects(tmp_path, signals, version):
     import matio
     from matio.utils import MatlabOpaque
 
-    file, (angle, torque) = tmp_path / "ankle.mat", signals
-    run = np.empty((1, 1), dtype=[("pos", object), ("note", object)])
-    run["pos"][0, 0], run["note"][0, 0] = angle[:, None], np.array(["ankle"])
-    objects = {"io": MatlabOpaque(nldat(signals), "nldat"), "tq": torque[:, None], "run": run}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
-        matio.save_to_mat(str(file), objects, version=version)
-    assert {*describe_file(file)} == {"io.pos", "io.tq", "tq", "run.pos", "run.note"}
+    file, run = tmp_path / "ankle.mat", np.empty((1, 1), dtype=[("pos", object), ("note", object)])
+    run["pos"][0, 0], run["note"][0, 0] = signals[0][:, None], np.array(["ankle"])
+    own, other = (MatlabOpaque(nldat(signals), kind) for kind in ("nldat", "timeseries"))
+    objects = {"io": own, "tq": signals[1][:, None], "run": run, "series": other}
+    matio.save_to_mat(str(file), objects, version=version)
+    assert {*describe_file(file)} == {"io.pos", "io.tq", "tq", "run.pos", "run.note", "series"}
     recording = read(file, angle="run.pos", channels={"same": "io.tq"})
     np.testing.assert_array_equal([recording.angle, recording.torque], signals)
-    np.testing.assert_array_equal(recording.channels["same"], torque)
+    np.testing.assert_array_equal(recording.channels["same"], signals[1])
+    with refused("series: expected real numbers, got an object of class timeseries"):
+        read(file, angle="series")
 
 
 def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
@@ -77,14 +73,6 @@ def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
         recording = read(tmp_path / "ankle.mat", **names)
     np.testing.assert_array_equal(recording.angle, np.concatenate(signals))
     assert describe_file(tmp_path / "ankle.mat")["io.x (1)"].sampling_rate is None
-
-
-def test_objects_of_other_classes_are_named(tmp_path):
-    record = np.empty((1, 1), dtype=[("data", object)])
-    record["data"][0, 0] = np.ones((3, 1))
-    savemat(tmp_path / "ankle.mat", {"io": MatlabObject(record, "timeseries"), "x": np.ones(3)})
-    with refused("io: expected real numbers, got an object of class timeseries"):
-        read(tmp_path / "ankle.mat", angle="io", torque="x")
 
 
 ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]
@@ -110,18 +98,6 @@ def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, by_channel):
     np.testing.assert_array_equal(usable.recording.torque[200:], parts[2])
     with refused(r"3 segments with gaps between them; read each as a trial \(--columns tri"):
         read(file, **names | {"columns": "contiguous"})
-
-
-@pytest.mark.parametrize(
-    ("onsets", "lengths", "count"), [([1, 301], [100, 100], 2), ([1, 1], [600, 600], 1)]
-)
-def test_as_many_segments_as_channels_are_told_from_columns_of_channels(
-    tmp_path, signals, onsets, lengths, count
-):
-    write_segdat(tmp_path / "ankle.mat", signals, "struct", onsets, lengths)
-    names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
-    recording = read(tmp_path / "ankle.mat", **names)
-    assert (len(recording.trial_starts), len(recording)) == (count, 200 if count == 2 else 600)
 
 
 @NO_OBJECT_WARNINGS

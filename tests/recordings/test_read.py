@@ -5,7 +5,7 @@ from scipy.io import savemat
 from tests.recordings.files import refused
 
 import tvsysid as tv
-from tvsysid.recordings import Reading, Segmentation, join_trials
+from tvsysid.recordings import Reading, join_trials
 
 
 @pytest.fixture
@@ -37,24 +37,6 @@ def test_columns_follow_each_other_or_are_trials(mat, signals):
         np.testing.assert_array_equal(recording.torque, signals[1].T.ravel())
 
 
-@pytest.mark.parametrize("shape", [(120,), (120, 1), (1, 120)])
-def test_vectors_of_any_orientation(tmp_path, signals, shape):
-    file = tmp_path / "ankle.mat"
-    savemat(file, {"pos": signals[0].reshape(shape), "tq": signals[1].ravel()[:, None]})
-    np.testing.assert_array_equal(read(file).angle, signals[0].ravel())
-
-
-@pytest.mark.parametrize(("ending", "separator"), [(".csv", ","), (".tsv", "\t"), (".CSV", ", ")])
-def test_text(tmp_path, signals, ending, separator):
-    file = tmp_path / f"ankle{ending}"
-    rows = zip(*(each.ravel() for each in signals), range(120), strict=True)
-    lines = [["pos", "tq", "emg"], *([f"{value:.17g}" for value in row] for row in rows)]
-    file.write_text("\n".join(map(separator.join, lines)))
-    recording = read(file, channels={"emg": "emg"})
-    np.testing.assert_array_equal(recording.angle, signals[0].ravel())
-    np.testing.assert_array_equal(recording.channels["emg"], np.arange(120))
-
-
 def test_units_and_sign(mat, signals):
     recording = read(mat, angle_unit="deg", torque_sign=-1)
     np.testing.assert_allclose(recording.angle, np.radians(signals[0].T.ravel()))
@@ -75,19 +57,13 @@ def test_units_and_sign(mat, signals):
         ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
         ({"channels": ["emg"]}, "--channel emg: expected NAME=CHANNEL"),
         ({"channels": ["emg=a", "emg=b"]}, "--channel emg=a emg=b: .*each name once"),
+        ({"torque": "pos"}, "angle and torque are both 'pos'; name the channel of each"),
         ({"channels": {"torque": "angle"}}, "channels: 'torque' is the name of a signal already"),
     ],
 )
 def test_a_wrong_request_is_refused(mat, settings, message):
     with refused(message):
         read(mat, **settings)
-
-
-def test_an_error_names_the_option():
-    with refused("--period: period must be a positive number, or None, got 0"):
-        Segmentation(period=0)
-    with refused("angle and torque are both 'pos'; name the channel of each"):
-        Reading(angle="pos", torque="pos")
 
 
 @pytest.mark.parametrize(
@@ -141,10 +117,6 @@ def test_trials_in_files_of_their_own(days):
         np.testing.assert_allclose(recording.channels["emg"][trial], emg, rtol=1e-15)
 
 
-def test_files_of_several_trials_each(mat):
-    assert read_days([mat, mat], columns="trials").trial_starts == (0, 40, 80, 120, 160, 200)
-
-
 def test_trials_that_cannot_be_joined_are_refused(days, random):
     with refused(r"expected several files, got .*day0\.csv'; give a list"):
         read_days(days[0])
@@ -176,16 +148,11 @@ def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
     assert len(usable.recording.trials) == 7
 
 
-def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
-    file = tmp_path / "degrees.csv"
-    pd.DataFrame({"pos": 3 * random.normal(size=50), "tq": random.normal(size=50)}).to_csv(file)
+def test_odd_values_warn(tmp_path, random):
+    file = tmp_path / "odd.csv"
+    columns = {"pos": 3 * random.normal(size=50), "tq": random.normal(size=50), "emg": 1.0}
+    pd.DataFrame(columns).to_csv(file)
     with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
         read(file)
-    read(file, angle_unit="deg")
-
-
-def test_a_constant_channel_is_told(tmp_path, random):
-    angle, torque = random.normal(scale=0.1, size=(2, 50))
-    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque, "emg": np.ones(50)})
     with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this"):
-        read(tmp_path / "ankle.mat", channels={"emg": "emg"})
+        read(file, angle_unit="deg", channels={"emg": "emg"})

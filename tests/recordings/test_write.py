@@ -1,5 +1,4 @@
 import json
-import math
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from scipy.io import loadmat, savemat
 
 import tvsysid as tv
 from tvsysid.recordings import (
@@ -23,7 +21,6 @@ from tvsysid.recordings import (
     write_nwb,
     write_recording,
     write_simulation,
-    write_table,
 )
 
 
@@ -38,46 +35,20 @@ def test_a_simulation_is_read_back(tmp_path, random, ending):
     assert [item.name for item in file.parent.iterdir()] == [file.name]
 
 
-def test_an_unknown_ending_is_refused(tmp_path):
-    with pytest.raises(tv.InputError, match=r"give one of .mat, .csv, .tsv"):
-        write_simulation(tmp_path / "joint.xlsx", {"angle": np.zeros(3)}, 100.0)
-
-
-@pytest.mark.filterwarnings(
-    "ignore::tvsysid.errors.DataQualityWarning"
-)  # of few realizations, and no reflex
-@pytest.mark.slow
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(duration=20.0)
-    rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
-    ensemble = attrs.evolve(ensemble, channels={"scheduling": rising})
-    methods = {
-        key: tv.methods.parse(key)
-        for key, kind in tv.methods.METHODS.items()
-        if not kind.perturbation
-    }
-    models = {key: method.identify(ensemble) for key, method in methods.items()}
+    models = {key: tv.methods.parse(key).identify(ensemble) for key in ("esm", "birf")}
     write_models(tmp_path / "models.nc", models, ensemble)
     describe_models(tmp_path / "models.nc", {"file": "\udce9.mat", "delay": 0.5})
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert tree.attrs == {"file": "\\udce9.mat", "delay": 0.5}
-        assert set(tree.children) == set(models)
         for key, model in models.items():
-            written, expected = tree[key], model.to_xarray(ensemble)
+            written = tree[key]
             assert written.stiffness.attrs["units"] == "N m/rad"
-            assert written.attrs["method"] == model.method
-            for name, values in expected.items():
-                if np.iscomplexobj(values):
-                    found = written[f"{name}_real"].values + 1j * written[f"{name}_imag"].values
-                else:
-                    found = written[name].values
-                np.testing.assert_array_equal(found, values)
-
-
-def test_a_table_has_nothing_where_a_row_has_no_number(tmp_path):
-    rows = [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}]
-    write_table(tmp_path / "table.csv", pd.DataFrame(rows))
-    assert (tmp_path / "table.csv").read_text() == 'method,value,gain\n"a,b",0.333333,\nsds,,\n'
+            for name, values in model.to_xarray(ensemble).items():
+                is_complex = np.iscomplexobj(values)
+                found = written[f"{name}_real" if is_complex else name]
+                np.testing.assert_array_equal(found, values.real)
 
 
 def test_a_file_appears_whole_or_not_at_all(tmp_path):
@@ -135,27 +106,17 @@ def test_signals_are_read_back_unchanged(tmp_path, random, ending, count):
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
-def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
+def test_a_written_recording_is_a_file_like_others(tmp_path, random, monkeypatch, ending):
     angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
     file = tmp_path / f"ankle{ending}"
     write_recording(file, tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
     names = {"angle": "angle", "torque": "torque", "channels": {"emg": "emg"}}
-    found = tv.read_recording(file, **names, sampling_rate=100.0)
-    np.testing.assert_array_equal(found.channels["emg"], emg)
     with pytest.warns(tv.DataQualityWarning, match="states 100 Hz for .*, you gave 50 Hz"):
-        tv.read_recording(file, **names, sampling_rate=50.0)
-
-
-@pytest.mark.parametrize("ending", [".nc", ".mat"])
-def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypatch, ending):
-    angle, torque = random.normal(scale=0.1, size=(2, 100))
-    recording = tv.Recording(angle, torque, 100.0)
-    with pytest.raises(tv.InputError, match=r"unknown ending '.csv'; give one of .nc, .mat"):
-        write_recording(tmp_path / "ankle.csv", recording)
-    write_recording(tmp_path / f"ankle{ending}", recording)
+        found = tv.read_recording(file, **names, sampling_rate=50.0)
+    np.testing.assert_array_equal(found.channels["emg"], emg)
     with pytest.raises(tv.InputError, match="not written by write_ensemble"):
-        load_ensemble(tmp_path / f"ankle{ending}")
-    before = (tmp_path / f"ankle{ending}").read_bytes()
+        load_ensemble(file)
+    before = file.read_bytes()
 
     def lose_power(file, _):
         with open(file, "wb") as half:
@@ -164,23 +125,9 @@ def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypat
 
     monkeypatch.setattr(Path, "write_bytes", lose_power)
     with pytest.raises(OSError, match="No space left"):
-        write_recording(tmp_path / f"ankle{ending}", tv.Recording(torque, angle, 100.0))
-    assert (tmp_path / f"ankle{ending}").read_bytes() == before
+        write_recording(file, tv.Recording(torque, angle, 100.0))
+    assert file.read_bytes() == before
     assert [item.name for item in tmp_path.iterdir()] == [f"ankle{ending}"]
-
-
-def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
-    write_recording(tmp_path / "whole.mat", tv.Recording(np.arange(60.0), np.arange(60.0), 100))
-    whole = loadmat(tmp_path / "whole.mat")
-    for name, values in {
-        "torque": None,
-        "angle": np.full(60, np.nan),
-        "tvsysid": '{"Recording": {"settings": {"sampling_rate": 0}}}',
-    }.items():
-        changed = {key: item for key, item in whole.items() if key[0] != "_" and key != name}
-        savemat(tmp_path / "damaged.mat", changed | ({} if values is None else {name: values}))
-        with pytest.raises(tv.InputError, match=r"damaged\.mat: (cannot be read|angle: 60 of 60)"):
-            load_recording(tmp_path / "damaged.mat")
 
 
 START = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
@@ -188,18 +135,14 @@ START = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
 
 @pytest.mark.parametrize("start", [START, START.replace(tzinfo=None)])
 def test_a_recording_in_nwb_is_read_back(tmp_path, random, start):
-    signals = random.normal(scale=0.01, size=(3, 200))
-    recording = tv.Recording(*signals[:2], 100.0, start=-1.0, channels={"emg": signals[2]})
+    angle, torque, emg = random.normal(scale=0.01, size=(3, 200))
+    recording = tv.Recording(angle, torque, 100.0, start=-1.0, channels={"emg": emg})
     write_nwb(tmp_path / "ankle.nwb", recording, start, units={"emg": "V"})
-    units = {"angle": "rad", "torque": "N m", "emg": "V"}
-    paths = {name: f"acquisition/{name}" for name in units}
     described = tv.recordings.describe_file(tmp_path / "ankle.nwb")
-    found = {name: (item.unit, item.sampling_rate) for name, item in described.items()}
-    assert found == {paths[name]: (unit, 100.0) for name, unit in units.items()}
-    paths["channels"] = {"emg": paths.pop("emg")}
-    back = tv.read_recording(tmp_path / "ankle.nwb", **paths, sampling_rate=100.0, start=-1.0)
-    for name in units:
-        np.testing.assert_array_equal(back.signal(name), recording.signal(name))
+    for name, unit in {"angle": "rad", "torque": "N m", "emg": "V"}.items():
+        channel = described[f"acquisition/{name}"]
+        assert (channel.unit, channel.sampling_rate) == (unit, 100.0)
+        np.testing.assert_array_equal(channel.read(name), recording.signal(name))
     with h5py.File(tmp_path / "ankle.nwb") as root:
         began = datetime.fromisoformat(root["session_start_time"][()].decode())
         assert began == start.astimezone()

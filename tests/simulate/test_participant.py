@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from tests.virtual import perfect, prepared, simulated
+from tests.virtual import perfect, simulated
 
-import tvsysid as tv
 from tvsysid.simulate import PERTURBATIONS, PRBS, Participant, Traits
 
 
@@ -60,21 +59,3 @@ def test_six_people_differ_and_each_stays_the_same():
     np.testing.assert_array_equal(noise.recording.torque, simulated(1).recording.torque)
     np.testing.assert_array_equal(prbs.truth["stiffness"], simulated(1, "prbs").truth["stiffness"])
     assert not np.array_equal(noise.pathways["voluntary"], prbs.pathways["voluntary"])
-
-
-def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
-    simulation = simulated(1, "prbs")
-    ensemble = prepared(1, "prbs").ensemble  # decimated, trimmed, aligned, selected
-    truth, recording = simulation.truth_of(ensemble), simulation.recording
-    assert set(truth) == {"stiffness", "viscosity", "inertia", "reflex_gain"}
-    for number in (0, 57, len(ensemble) - 1):
-        inside = recording.trials[ensemble.trials[number]]
-        time, stiffness = recording.time[inside], simulation.truth["stiffness"][inside]
-        expected = np.interp(ensemble.onsets[number] + ensemble.time, time, stiffness)
-        np.testing.assert_allclose(truth["stiffness"][number], expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize("number", [-1, "one", 1.5])
-def test_numbers_that_are_none_are_refused(number):
-    with pytest.raises(tv.InputError, match="number must be a whole number of 0 or more"):
-        Participant(number)

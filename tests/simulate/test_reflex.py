@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import FilteredNoise, Joint, ReflexJoint, SineWave, StretchReflex
+from tvsysid.simulate import FilteredNoise, ReflexJoint, SineWave, StretchReflex
 
 
 def simulate(system, duration=10.0, **settings):
@@ -64,25 +64,6 @@ def test_the_emg_is_what_arrives_at_the_muscle_10_ms_before_it_pulls(direction, 
     products = [np.dot(emg[late:-100], stretch[: -100 - late]) for late in range(100)]
     assert np.argmax(products) == pytest.approx(30, abs=3)
     assert max(products) / np.dot(stretch, stretch) == pytest.approx(1.0, abs=0.03)
-
-
-def test_a_joint_with_a_reflex_is_a_joint_and_its_reflex():
-    plain, joint = (
-        simulate(Joint(SineWave()), snr_db=np.inf),
-        ReflexJoint(SineWave(), reflex_gain=SineWave(8.0, 4.0)),
-    )
-    simulation = simulate(joint, snr_db=np.inf)
-    np.testing.assert_array_equal(simulation.recording.angle, plain.recording.angle)
-    np.testing.assert_array_equal(simulation.pathways["intrinsic"], plain.pathways["intrinsic"])
-    np.testing.assert_array_equal(simulation.recording.torque, sum(simulation.pathways.values()))
-    time = simulation.recording.time
-    np.testing.assert_allclose(simulation.truth["reflex_gain"], SineWave(8.0, 4.0)(time), atol=1e-9)
-    # The recording's own velocity, by differences; the second before it is forgotten after another.
-    velocity = np.gradient(simulation.recording.angle, 1e-3)
-    expected = slowly(StretchReflex(), velocity, simulation.truth["reflex_gain"], 1000.0)
-    found = simulation.pathways["reflex"]
-    assert np.std((found - expected)[1000:]) < 2e-3 * np.std(found)
-    assert np.abs(found[:100]).max() > 0.05 * found.max()  # it does not start from rest
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import Constant, FilteredNoise, Joint, ScheduledJoint, SineWave, SquareWave
+from tvsysid.simulate import Constant, FilteredNoise, ScheduledJoint, SineWave, SquareWave
 
 
 def simulate(system, duration=20.0, **settings):
@@ -38,12 +38,6 @@ def test_the_variable_differs_between_realizations_and_gives_the_profile_on_aver
     expected = 200 * 0.3 * activity * np.hypot(late, 1 - late)
     np.testing.assert_allclose(stiffness.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(ensemble.channels["emg"][:, ensemble.core], (stiffness - 20) / 200)
-
-
-def test_without_variation_it_is_a_joint():
-    scheduled, plain = simulate(ScheduledJoint(variation=0.0)), simulate(Joint(SineWave()))
-    np.testing.assert_allclose(scheduled.recording.torque, plain.recording.torque, atol=1e-6)
-    np.testing.assert_array_equal(scheduled.recording.angle, plain.recording.angle)
 
 
 @pytest.mark.parametrize(

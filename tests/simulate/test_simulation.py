@@ -1,7 +1,5 @@
 """What all systems have in common: truth, pathways, channels, seeds."""
 
-import pickle
-
 import attrs
 import numpy as np
 import pytest
@@ -40,14 +38,6 @@ def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
     for seed in (sequence, sequence, np.random.default_rng(4)):
         torque = simulate(name, seed=seed).recording.torque
         np.testing.assert_array_equal(torque, first.recording.torque)
-
-
-@systems
-def test_a_system_and_its_simulation_can_be_pickled(name):
-    simulation, system = pickle.loads(pickle.dumps((simulate(name), SYSTEMS[name])))
-    for key, values in signals(simulate(name)).items():
-        np.testing.assert_array_equal(signals(simulation)[key], values)
-    assert system == SYSTEMS[name]
 
 
 @systems
@@ -140,19 +130,3 @@ def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message
     simulation = simulate("joint")
     with pytest.raises(tv.InputError, match=message):
         attrs.evolve(simulation, **change)
-
-
-def test_a_simulation_says_what_it_holds():
-    assert repr(simulate("reflex")).endswith(
-        "; stiffness 50 to 150, viscosity 2.2, inertia 0.02, reflex_gain 8; pathways intrinsic, "
-        "reflex)"
-    )
-
-
-@systems
-def test_errors_name_the_system(name):
-    system = type(SYSTEMS[name]).__name__
-    with pytest.raises(tv.InputError, match=f"^{system}: duration must be a positive number"):
-        simulate(name, -1.0)
-    with pytest.raises(tv.InputError, match=f"^{system}: inertia must be a positive number"):
-        attrs.evolve(SYSTEMS[name], inertia=0.0)

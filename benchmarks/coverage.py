@@ -132,7 +132,7 @@ def table(title: str, profile: str, methods: list[str], results: list[Array]) ->
         "mean b",
         "mean I",
     )
-    distance = from_switch(time, tv.simulate.SquareWave())
+    distance = from_switch(time, tv.simulate.SquareWave()(time))
     near, away = distance <= AT_SWITCH + 1e-9, distance >= AWAY
     if profile == "square":
         columns += "near", "away"

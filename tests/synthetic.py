@@ -104,6 +104,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
                 for place, name in enumerate(("profile", "perturbation", "duration_s", "snr_db"))
             },
             "viscosity": ("scenario", [viscosity] * len(scenarios)),
+            "asked": (("scenario", "method_key"), np.ones((sizes[0], sizes[2]), dtype=bool)),
             "system": ("scenario", ["joint"] * len(scenarios)),
             "method_key": list(methods),
             "trial": np.arange(trials),

@@ -46,6 +46,7 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
             "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
             "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),
             "viscosity": ("scenario", ["constant"]), "system": ("scenario", ["joint"]),
+            "asked": (("scenario", "method_key"), [[True]]),
         },
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ import pytest
 
 import tvsysid as tv
 from tvsysid.study import Study, of_quantity, read_results, run, score, summarize
-from tvsysid.study.scores import wave_of
+from tvsysid.study.scores import from_switch
 
 MODULE = """
 import attrs
@@ -187,12 +187,12 @@ def test_what_cannot_be_simulated_in_a_study_is_refused():
         Study(system="scheduled", stiffness="sine", viscosity="covarying", **SHORT)
 
 
-def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():
+def test_switches_are_those_of_a_truth_of_two_levels():
     time = np.arange(200) / 100
-    assert wave_of(time, tv.simulate.SquareWave(offset=0.503)(time)) == tv.simulate.SquareWave(
-        offset=0.51
-    )
-    assert wave_of(time, np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)) is None
+    wave, pulse = tv.simulate.SquareWave(), np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)
+    np.testing.assert_allclose(from_switch(time, wave(time)), np.abs(time % 1 - 0.5), atol=1e-12)
+    assert from_switch(time, pulse).max() == pytest.approx(0.75)
+    assert np.isnan(from_switch(time, tv.simulate.SineWave()(time))).all()
 
 
 class Halves(tv.Method):

@@ -160,7 +160,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupte
         assert before == (
             "" if not already else f"resuming: {already} of {TOTAL} tasks are done already"
         )
-        assert last.startswith("tvsysid: interrupted; what is finished is kept")
+        assert last.startswith("tvsysid: interrupted; finished work is kept")
     resumed_to_the_last_bit(tmp_path, uninterrupted)
 
 
@@ -177,7 +177,7 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
     workers = children_of(process.pid)
     began = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)
-    assert "interrupted; what" in finished(process, 130)
+    assert "interrupted; finished work is kept" in finished(process, 130)
     assert time.monotonic() - began < 60
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
 

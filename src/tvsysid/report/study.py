@@ -17,7 +17,6 @@ from tvsysid.figures.words import TRAITS, count, described, trait
 from tvsysid.methods import names
 from tvsysid.report import page, sections
 from tvsysid.study.scenarios import KINDS, OWN
-from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,7 +112,7 @@ def write_report(
     """
     sizes, study = results.sizes, sections.settings_of(results, "study")
     failed = int(np.count_nonzero(results.failure.values != ""))
-    tried = int(asked(results).sum()) * sizes["trial"]
+    tried = int(results.asked.sum()) * sizes["trial"]
     methods, scenarios = (
         count(sizes[dim], word)
         for dim, word in (("method_key", "method"), ("scenario", "scenario"))

@@ -31,7 +31,6 @@ from tvsysid.studies.claims import (
 from tvsysid.studies.error_over import error_over
 from tvsysid.studies.van_de_ruit_2021.simulations import ALIKE
 from tvsysid.study.scenarios import Scenario
-from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -220,7 +219,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     """
     traits = scenario_traits(results)
     traits = traits.assign(
-        kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1)
+        kind=traits.system.str.partition(":")[0], methods=results.asked.values.sum(axis=1)
     )
     compared = traits[traits.methods >= min(2, traits.methods.max())]
     shown: dict[str, Illustration] = {}

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.numerics import Array
 from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_SWITCHES, PATHWAY, units_of
+from tvsysid.study.scores import MAIN, OF_SWITCHES, PATHWAY, score, units_of
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
 
 COLUMNS = (
     *("stiffness", "perturbation", "duration_s", "snr_db", "method", "trials"),
@@ -25,18 +23,19 @@ COLUMNS = (
 """Of the summary of a simulation study."""
 OF_RECORDING = ("recording", "participant", "perturbation")
 LABELS = ("participant", "perturbation", "method", "realizations")
+NAMES = {
+    "profile": "stiffness",
+    "method_key": "method",
+    "measure": "metric",
+    "time": "time_s",
+}
+"""Columns of tables by the names of coordinates."""
 UNITS = {
-    "mean_stiffness": "N·m/rad",
-    "random_error": "N·m/rad",
-    "vaf": "%",
-    "bandpassed_vaf": "%",
-    "lowest_time_varying_vaf": "%",
-    "bias_error": "N·m/rad",
-    "mean_bias": "N·m/rad",
+    **dict.fromkeys(("vaf", "bandpassed_vaf", "lowest_time_varying_vaf", PATHWAY), "%"),
     "seconds": "s",
     "failed": "draws",
 }
-"""Of every metric of an experiment; of those of a quantity, the stiffness."""
+"""Units of metrics of the torque, and of an analysis."""
 OF_TRUTH = ("bias_error", "mean_bias")  # known of virtual participants only
 
 
@@ -68,18 +67,64 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``, and
         where it is known ``bias_error`` and ``mean_bias``.
     """
-    return _of_simulations(found) if "scenario" in found.dims else _of_experiment(found)
-
-
-def _of_simulations(scores: xr.Dataset) -> pd.DataFrame:
-    order = ["scenario", "method_key", "metric"]
-    table = scores.drop_vars("replicates").to_dataframe(dim_order=order).reset_index()
+    if "recording" in found.dims:
+        return _of_experiment(found)
+    scores = found if "metric" in found.dims else score(found)
+    table = scores.drop_vars("replicates").to_dataframe(dim_order=scores.value.dims).reset_index()
     known = table.quantity.isin(["", MAIN]) | np.isfinite(table.value)
-    applies = table.switches | ~table.measure.isin(OF_SWITCHES)
-    rows: pd.DataFrame = table[known & applies & table.get("asked", True)].drop(columns="metric")
-    names = {"profile": "stiffness", "method_key": "method", "measure": "metric"}
-    chosen: pd.DataFrame = rows.rename(columns=names)[list(COLUMNS)]
-    return chosen.reset_index(drop=True)
+    applies = table.asked & (table.switches | ~table.measure.isin(OF_SWITCHES))
+    table = table[known & applies].drop(columns="metric").rename(columns=NAMES)
+    chosen: pd.DataFrame = table[list(COLUMNS)].reset_index(drop=True)
+    return chosen
+
+
+def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    scores = measured(results)
+    of_torque = scores.drop_dims("quantity")
+    parts = [scores.drop_vars(of_torque), of_torque]
+    if PATHWAY in results:
+        parts.append(results[[PATHWAY]].mean("bootstrap").rename(pathway="quantity"))
+    arrays = [each.to_array("metric", "value").transpose(..., "metric") for each in parts]
+    table = pd.concat([each.to_dataframe().reset_index() for each in arrays], ignore_index=True)
+    table = table.rename(columns=NAMES).fillna({"quantity": ""})
+    table["unit"] = table.metric.map(UNITS).fillna(table.quantity.map(units_of(results)))
+    is_mean = table.metric == "mean"
+    table["metric"] = table.metric.mask(is_mean, "mean_" + table.quantity)
+    is_main = table.quantity.isin(["", MAIN]) & ~table.metric.isin(OF_TRUTH)
+    table = table[is_main | np.isfinite(table.value)]
+    groups = [rows for _, rows in table.groupby(["recording", "analysis"], sort=False)]
+    columns = [*LABELS, "metric", "value", "unit", "quantity"]
+    chosen: pd.DataFrame = pd.concat(groups, ignore_index=True)[columns]
+    return chosen
+
+
+def measured(results: xr.Dataset) -> xr.Dataset:
+    """Return the metrics of an experiment, each over recording, analysis and perhaps quantity.
+
+    They are NaN where there is no value.
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    draws = "bootstrap"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a method that failed has no values
+        mean = results.estimate.mean(draws)
+        error = mean - results.truth
+        return xr.Dataset(
+            {
+                "mean": mean.mean("time"),
+                "random_error": np.sqrt(results.estimate.var(draws, ddof=1).mean("time")),
+                "bias_error": np.sqrt(np.square(error).mean("time")),
+                "mean_bias": error.mean("time"),
+                "vaf": results.vaf.mean(draws),
+                "bandpassed_vaf": results.bandpassed_vaf.mean(draws),
+                "lowest_time_varying_vaf": results.time_varying_vaf.mean(draws).min("time"),
+                "seconds": results.seconds,
+                "failed": results.vaf.isnull().sum(draws),
+            }
+        )
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
@@ -93,101 +138,22 @@ def by_full_name(summary: pd.DataFrame) -> pd.DataFrame:
     return summary.assign(metric=summary.metric.where(own, summary.quantity + " " + summary.metric))
 
 
-def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    # Quantity, metric, unit, and values over recording and analysis.
-    values = measured(results)
-    entries = [
-        (MAIN if unit == UNITS["mean_stiffness"] else "", name, unit, values[name])
-        for name, unit in UNITS.items()
-    ]
-    for quantity, unit in units_of(results).items():
-        errors = _errors(results, quantity) if quantity != MAIN else {}
-        entries += [(quantity, name, unit, each) for name, each in errors.items()]
-    for name in map(str, results.pathway.values) if PATHWAY in results else ():
-        shares = mean_over_draws(results[PATHWAY].sel(pathway=name).values)
-        entries.append((name, PATHWAY, "%", shares))
-    known = np.isfinite(results.truth).any("time")
-    rows = []
-    for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
-        recording, analysis = results.isel(recording=place[0]), results.isel(analysis=place[1])
-        labels = (
-            str(recording.participant.values),
-            str(recording.perturbation.values),
-            str(analysis.method_key.values),
-            int(analysis.realizations),
-        )
-        for quantity, name, unit, each in entries:
-            if name in OF_TRUTH and not known.sel(quantity=quantity)[place[0]]:
-                continue
-            if quantity in ("", MAIN) or np.isfinite(each[place]):
-                rows.append((*labels, name, float(each[place]), unit, quantity))
-    return pd.DataFrame(rows, columns=[*LABELS, "metric", "value", "unit", "quantity"])
-
-
-def measured(results: xr.Dataset) -> dict[str, Array]:
-    """Return metrics of stiffness and torque, each over (recording, analysis).
-
-    NaN where there is none.
-    """
-    with warnings.catch_warnings():
-        # A method that failed has no values to average
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return _errors(results, MAIN) | {
-            "vaf": np.nanmean(results.vaf.values, axis=-1),
-            "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
-            "lowest_time_varying_vaf": np.nanmin(
-                mean_over_draws(results.time_varying_vaf.values), axis=-1
-            ),
-            "seconds": results.seconds.values,
-            "failed": np.isnan(results.vaf.values).sum(axis=-1),
-        }
-
-
-def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
-    """Return the metrics of a quantity, each over (recording, analysis).
-
-    NaN where it is not estimated, or not known.
-    """
-    estimates = results.estimate.sel(quantity=quantity).values
-    mean = mean_over_draws(estimates)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        error = mean - results.truth.sel(quantity=quantity).values[:, None]
-        return {
-            f"mean_{quantity}": np.nanmean(mean, axis=-1),
-            "random_error": np.sqrt(np.nanmean(np.nanvar(estimates, axis=2, ddof=1), axis=-1)),
-            "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
-            "mean_bias": np.nanmean(error, axis=-1),
-        }
-
-
-def mean_over_draws(values: Array) -> Array:
-    """Return the mean over successful draws, from (recording, analysis, bootstrap, ...)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # where all failed
-        return np.asarray(np.nanmean(values, axis=2))
-
-
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     """Return stiffness over time: mean and standard deviation over bootstraps.
 
     Columns are participant, perturbation, method, realizations, time_s, stiffness,
     standard_deviation (N·m/rad) and time_varying_vaf (%).
     """
-    chosen = (
-        results[["estimate", "time_varying_vaf"]]
-        .sel(quantity=MAIN, drop=True)
-        .rename(estimate="stiffness")
-    )
-    chosen = chosen.drop_vars("unit", errors="ignore")
-    means = chosen.mean("bootstrap")
-    means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
-    table = means.to_dataframe().reset_index()
-    table = table.rename(columns={"method_key": "method", "time": "time_s"})
-    columns = [*LABELS, "time_s", "stiffness", "standard_deviation", "time_varying_vaf"]
-    return table[columns]
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    stiffness, draws = results.estimate.sel(quantity=MAIN), "bootstrap"
+    values = {
+        "stiffness": stiffness.mean(draws),
+        "standard_deviation": stiffness.std(draws, ddof=1),
+        "time_varying_vaf": results.time_varying_vaf.mean(draws),
+    }
+    table = xr.Dataset(values).to_dataframe().reset_index().rename(columns=NAMES)
+    return table[[*LABELS, "time_s", *values]]
 
 
 def alignments(results: xr.Dataset) -> pd.DataFrame:
@@ -197,18 +163,12 @@ def alignments(results: xr.Dataset) -> pd.DataFrame:
     unshifted, difference and its standard_error in N·m/rad; percent, the difference in per cent
     of the stiffness unshifted.
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    names = [name for name in AlignmentEffect._fields if f"alignment_{name}" in results]
-    table = pd.DataFrame(
-        {name: results[name].values.astype(object).astype(str) for name in OF_RECORDING}
-    )
-    table = table.assign(**{name: results[f"alignment_{name}"].values for name in names})
-    table = table.reindex(columns=[*OF_RECORDING, *AlignmentEffect._fields]).dropna(
-        ignore_index=True
-    )
-    table.insert(len(table.columns) - 1, "difference", table.aligned - table.unshifted)
-    return table.assign(percent=100 * table.difference / table.unshifted)
+    names = {f"alignment_{name}": name for name in AlignmentEffect._fields}
+    table = results[list(names)].to_dataframe().reset_index().rename(columns=names)
+    table["difference"] = table.aligned - table.unshifted
+    table["percent"] = 100 * table.difference / table.unshifted
+    columns = [*OF_RECORDING, "aligned", "unshifted", "difference", "standard_error", "percent"]
+    return table[columns].dropna(ignore_index=True)
 
 
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
@@ -221,11 +181,13 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
 
     columns = [*OF_RECORDING, "realization", "trial", "onset_s", "shift_s"]
     columns += ["excluded_by", "reached", "limit", "unit"]
-    tables = [pd.DataFrame(columns=columns)]
-    for item in prepared:
-        if item.table is not None:
-            recorded = item.recorded
-            labels = (recorded.label, recorded.participant, recorded.perturbation)
-            own = item.table.reset_index().assign(**dict(zip(OF_RECORDING, labels, strict=True)))
-            tables.append(own[columns])
-    return pd.concat(tables[1:] or tables, ignore_index=True)
+    tables = [
+        item.table.reset_index().assign(
+            recording=item.recorded.label,
+            participant=item.recorded.participant,
+            perturbation=item.recorded.perturbation,
+        )
+        for item in prepared
+        if item.table is not None
+    ]
+    return pd.concat(tables or [pd.DataFrame(columns=columns)], ignore_index=True)[columns]

@@ -44,21 +44,3 @@ def test_without_shifts_nothing_is_reported(small):
     settings = {"perturbation": "noise", "preparation": {"reference": None}}
     (item,) = prepared_recordings(attrs.evolve(small.experiment, **settings))
     assert np.isnan(item.alignment).all()
-    names = [name for name in small.results.data_vars if str(name).startswith("alignment_")]
-    assert len(names) == 3
-    assert alignments(small.results.drop_vars(names)).empty  # an older store
-    blank = small.results.assign({name: small.results[name] * np.nan for name in names})
-    assert alignments(blank).empty
-
-
-def test_realizations_too_short_for_sds_are_not_judged():
-    preparation = tv.preprocess.prepare(simulated(1).recording)
-    recorded = attrs.evolve(
-        preparation.recorded,
-        angle=preparation.recorded.angle[:, 120:140],
-        torque=preparation.recorded.torque[:, 120:140],
-        context=0,
-        channels={},
-        recorded_angle=None,
-    )
-    assert effect_of_alignment(attrs.evolve(preparation, recorded=recorded)) is UNKNOWN

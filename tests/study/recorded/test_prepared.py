@@ -85,8 +85,7 @@ SPOILT = {
     spoil_truncated: r"trial1\.mat is left out: cannot be read",
     spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; it holds angle",
     spoil_dropout: r"trial1\.mat is left out: torque: .*(NaN|finite)",
-    spoil_short: r"left out: it lasts 3 s, and a realization with the ends that are cut off takes "
-    r"4 s",
+    spoil_short: r"left out: it lasts 3 s, which is less than the 4 s of",
     spoil_gone: r"trial1\.mat is left out: no such file",
 }
 

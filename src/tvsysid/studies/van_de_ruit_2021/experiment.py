@@ -30,7 +30,7 @@ from tvsysid.studies.claims import (
     within,
 )
 from tvsysid.study.bootstraps import STEPS
-from tvsysid.study.summary import mean_over_draws, measured
+from tvsysid.study.summary import measured
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,7 +97,8 @@ class Participants(Evidence):
             self._analyses.setdefault(str(results.method_key.values[place]), []).append(int(place))
         stiffness = estimates(results).values
         several = [places[:2] for places in self._analyses.values() if len(places) > 1]
-        self._values = measured(results) | {
+        own = measured(results).sel(quantity="stiffness")
+        self._values = {str(name): each.values for name, each in own.items()} | {
             "rising": _rising(stiffness, results.mean_torque.values),
             "dip": _dips(results),
             "change": _changes(stiffness, several),
@@ -147,7 +148,7 @@ def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
 
 def _rising(stiffness: Array, torque: Array) -> Array:
     """Return the correlation of mean stiffness and mean torque, (recording, analysis)."""
-    mean = mean_over_draws(stiffness)
+    mean = _mean(stiffness, axis=2)
     found = np.full(mean.shape[:2], np.nan)
     for recording, analysis in np.ndindex(*found.shape):
         pair = np.stack([mean[recording, analysis], torque[recording]])
@@ -163,7 +164,7 @@ def _dips(results: xr.Dataset) -> Array:
         results.time.values[-1] + results.time.values[1] - results.time.values[0]
     )
     from_turn = np.abs((2 * phase + 0.5) % 1 - 0.5) / 2
-    vaf = mean_over_draws(results.time_varying_vaf.values)
+    vaf = _mean(results.time_varying_vaf.values, axis=2)
     at, away = from_turn < DIP_WIDTH / 2, from_turn > 0.25 - DIP_WIDTH / 2
     return np.asarray(_mean(vaf[..., away], axis=-1) - _mean(vaf[..., at], axis=-1))
 

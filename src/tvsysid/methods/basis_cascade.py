@@ -110,11 +110,6 @@ class BasisCascade(alternating.AlternatingCascade):
     )
     cites = ("guarin2017", "guarin2018")
 
-    def _first_lag(self) -> float:
-        if self.delay is not None:
-            return self.delay
-        return self.max_lag if self.emg is None else 0.0
-
     def _intrinsic(self, ensemble: Ensemble) -> birf.BasisIRF:
         return birf.BasisIRF(max_lag=self.max_lag, basis=self.basis, model="irf", prior=self.prior)
 

@@ -79,9 +79,6 @@ class EnsembleCascade(alternating.AlternatingCascade):
     )
     cites = ("ludvig2011",)
 
-    def _first_lag(self) -> float:
-        return self.delay
-
     def _intrinsic(self, ensemble: Ensemble) -> base.Method:
         if base.whole_samples(self.window / 2, ensemble):
             return ShortDataSegments(self.max_lag, self.window)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import attrs
 import numpy as np
 
 from tvsysid.methods import base, shared
-from tvsysid.methods.cascade.drives import Candidate, constant_cascade
+from tvsysid.methods.cascade.alternating import constant_cascade, two_pathways
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, history
 from tvsysid.models import Diagnostics
-from tvsysid.numerics.hammerstein import Nonlinearity
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
+
+Nonlinearity = Literal["rectifier", "sls"]
 
 DEGREE = 8  # of the polynomials
 MIN_SAMPLES_PER_LAG = 5  # of the reflex's response
@@ -102,33 +105,25 @@ class ParallelCascade(base.Method):
         """Return the model of an ensemble."""
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
-        candidates = Candidate.rectifiers(ensemble)
-        if self.nonlinearity == "sls":
-            candidates = [each.as_polynomial(ensemble, DEGREE) for each in candidates]
-        best, fit = constant_cascade(ensemble, candidates, lags, before, self.nonlinearity)
-        drive, slope, direction = best.scaled(ensemble, fit.coefficients)
-        gram, cross, _, number = fit.moments
+        degree = DEGREE if self.nonlinearity == "sls" else 0
+        candidate, turn = constant_cascade(ensemble, lags, before, degree)
+        intrinsic, moments, rank = turn.details
+        gram, cross, _, number = moments
         readout, fitted = second_order_readout(
             gram[None] / number,
             cross[None] / number,
-            fit.intrinsic.inverse[None],
+            intrinsic.inverse[None],
             ensemble.sampling_rate,
         )
-        beyond = fit.intrinsic.explained - fitted
-        details = {
-            # Of so many samples, chance explains nothing.
-            "second_order_agreement": agreement(fitted, beyond, np.zeros(1)),
-            "direction": float(direction),
-            "turns": float(fit.turns),
-        }
+        # Of so many samples, chance explains nothing.
+        agrees = agreement(fitted, intrinsic.explained - fitted, np.zeros(1))
+        details = {"second_order_agreement": agrees, "turns": float(turn.number)}
         times = ensemble.samples - 2 * base.missing_edge(lags, ensemble)
-        weights, impedance = (
-            np.tile(each, (times, 1))
-            for each in (fit.intrinsic.weights, readout[0] @ cross / number)
-        )
-        diagnostics = Diagnostics(fit.parameters)
+        constants = intrinsic.weights, readout[0] @ cross / number
+        weights, impedance = (np.tile(each, (times, 1)) for each in constants)
+        diagnostics = Diagnostics(float(rank + max(0, degree - 1)))
         plain = shared.impulse_response_model(
             repr(self), ensemble, weights, impedance, diagnostics, {}
         )
-        reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
-        return TwoPathwayModel.beside(plain, ensemble, reflex, drive, 0, details)
+        turn = turn._replace(reflex=np.tile(turn.reflex, (ensemble.samples, 1)))
+        return two_pathways(ensemble, plain, candidate, turn, 0, details)

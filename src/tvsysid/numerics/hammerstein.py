@@ -1,13 +1,14 @@
-"""Identify a linear and a Hammerstein pathway in parallel that do not change in time.
+"""Identify a linear and a Hammerstein pathway in parallel, each from what the other leaves.
 
-The Hammerstein pathway is a static function followed by linear dynamics. The fits use sums of
-products of lagged signals, so that alternating between the pathways costs nothing.
+The Hammerstein pathway is a static function followed by linear dynamics. :func:`alternate` takes
+turns between the pathways. Those of :func:`parallel_cascade` do not change in time. Their fits use
+sums of products of lagged signals, so that turns cost nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -22,31 +23,32 @@ RIDGE = 1e-10  # share of the signals' power
 MAX_TURNS = 10  # of either pathway
 MIN_TURN_GAIN = 5e-4  # share of the output's power
 
-Nonlinearity = Literal["rectifier", "sls"]
 # Signals (signal, realization, before + time) and output (realization, time)
 Rows = tuple[Array, Array]
 
 
-class Fit(Protocol):
-    """Fit that explains a share of the output's power."""
+class Turn(NamedTuple):
+    """Two pathways after a turn of each, which explain a share of the output's power.
 
-    @property
-    def explained(self) -> float:
-        """Return the share."""
-        ...  # pragma: no cover
+    ``coefficients`` (signal,) are those of the static function, ``reflex`` weights those of the
+    dynamics behind it. ``details`` are the caller's.
+    """
+
+    coefficients: Array
+    reflex: Array
+    explained: float = -np.inf
+    details: Any = None
+    number: int = 0
 
 
-AnyFit = TypeVar("AnyFit", bound=Fit)
-
-
-def last_better(fits: Iterable[AnyFit], min_gain: float) -> AnyFit:
-    """Return the last of some fits before one explains less than ``min_gain`` more."""
-    fits = iter(fits)
-    best = next(fits)
-    for fit in fits:
-        if not fit.explained >= best.explained + min_gain:
+def alternate(step: Callable[[Turn], Turn], start: Turn, max_turns: int, min_gain: float) -> Turn:
+    """Return the last turn before one explains less than ``min_gain`` more."""
+    best = start
+    for number in range(1, max_turns + 1):
+        turn = step(best)
+        if not turn.explained >= best.explained + min_gain:
             break
-        best = fit
+        best = turn._replace(number=number)
     return best
 
 
@@ -55,32 +57,10 @@ def lagged_moments(rows: Sequence[Rows]) -> Moments:
     sums = []
     for signals, output in rows:
         late = sliding_window_view(signals, output.shape[1], axis=2)[:, :, ::-1]
-        lagged = (each.reshape(len(signals), -1) for each in np.moveaxis(late, 2, 0))
-        cross = np.stack([each @ output.ravel() for each in lagged], axis=1).ravel()
+        cross = np.einsum("srlt,rt->sl", late, output).ravel()
         gram = lagged_gram(signals, late.shape[2] - 1).reshape(cross.size, -1)
         sums.append((gram, cross, float(np.sum(output * output)), output.size))
     return Moments._make(sum(each) for each in zip(*sums, strict=True))
-
-
-def less(moments: Moments, columns: NDArray[np.int64], weights: Array) -> Moments:
-    """Return the moments of what some columns with these weights leave of the output."""
-    gram, cross, square, number = moments
-    explained = gram[:, columns] @ weights
-    square += float(weights @ (explained - 2 * cross)[columns])
-    return Moments(gram, cross - explained, square, number)
-
-
-def by_signal(moments: Moments, count: int) -> tuple[Array, Array]:
-    """Return the gram (signal, lag, signal, lag) and cross (signal, lag) of lagged signals."""
-    shape = count, len(moments.cross) // count
-    return moments.gram.reshape(*shape, *shape), moments.cross.reshape(shape)
-
-
-def mixed(moments: Moments, coefficients: Array) -> Moments:
-    """Return the moments of the lags of a weighted sum of signals."""
-    gram, cross = by_signal(moments, len(coefficients))
-    gram = np.einsum("k,kilj,l->ij", coefficients, gram, coefficients, optimize=True)
-    return moments._replace(gram=gram, cross=coefficients @ cross)
 
 
 def lagged_gram(signals: Array, before: int) -> Array:
@@ -110,6 +90,27 @@ def lagged_gram(signals: Array, before: int) -> Array:
     return gram
 
 
+def less(moments: Moments, columns: NDArray[np.int64], weights: Array) -> Moments:
+    """Return the moments of what some columns with these weights leave of the output."""
+    gram, cross, square, number = moments
+    explained = gram[:, columns] @ weights
+    square += float(weights @ (explained - 2 * cross)[columns])
+    return Moments(gram, cross - explained, square, number)
+
+
+def by_signal(moments: Moments, count: int) -> tuple[Array, Array]:
+    """Return the gram (signal, lag, signal, lag) and cross (signal, lag) of lagged signals."""
+    shape = count, len(moments.cross) // count
+    return moments.gram.reshape(*shape, *shape), moments.cross.reshape(shape)
+
+
+def mixed(moments: Moments, coefficients: Array) -> Moments:
+    """Return the moments of the lags of a weighted sum of signals."""
+    gram, cross = by_signal(moments, len(coefficients))
+    gram = np.einsum("k,kilj,l->ij", coefficients, gram, coefficients, optimize=True)
+    return moments._replace(gram=gram, cross=coefficients @ cross)
+
+
 def response(moments: Moments) -> Solution:
     """Estimate weights of lags by least squares, truncated by description length.
 
@@ -122,7 +123,7 @@ def response(moments: Moments) -> Solution:
     return Solution(*(values[0] for values in found))
 
 
-def separable_least_squares(moments: Moments, start: Array) -> Array:
+def static_function(moments: Moments, start: Array) -> Array:
     r"""Return coefficients c (signal,) of unit length by separable least squares (Kaufman 1975).
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
@@ -148,53 +149,36 @@ def separable_least_squares(moments: Moments, start: Array) -> Array:
     return np.asarray(found / np.linalg.norm(found))
 
 
-class Cascade(NamedTuple):
-    """Two pathways that were identified in turn.
-
-    The ``intrinsic`` response solves the ``moments`` of its input and of the output less the other
-    pathway's. ``coefficients`` (signal,) are those of the static function, ``reflex`` weights
-    (lag,) those of the dynamics behind it. They have explained a share of the output's power
-    after so many ``turns``. ``parameters`` is the number of parameters.
-    """
+class Constant(NamedTuple):
+    """Intrinsic pathway of a turn, the ``moments`` that it solves, and both pathways' ranks."""
 
     intrinsic: Solution
     moments: Moments
-    coefficients: Array
-    reflex: Array
-    explained: float
-    turns: int
-    parameters: float
+    rank: int
 
 
-def parallel_cascade(
-    rows: Sequence[Rows], lags: int, start: Array, nonlinearity: Nonlinearity
-) -> Cascade:
-    """Identify two parallel pathways in turn, each from the output that the other leaves.
+def parallel_cascade(every: Moments, lags: int, start: Array) -> Turn:
+    """Identify two parallel pathways that do not change, in turn.
 
     The first of the signals is the input of the one, so many samples ``lags`` ahead: its
     response reaches as far to either side. The other signals are those of which the static
     function of the other pathway is a sum; the search for their coefficients begins with
-    ``start``. A ``"rectifier"`` is one signal and needs no search.
+    ``start``. A single signal needs no search. The details of the turn are :class:`Constant`.
     """
-    return last_better(_turns(rows, lags, start, nonlinearity), MIN_TURN_GAIN)
-
-
-def _turns(
-    rows: Sequence[Rows], lags: int, coefficients: Array, nonlinearity: Nonlinearity
-) -> Iterator[Cascade]:
-    every, start = lagged_moments(rows), coefficients
     count = len(every.cross) // (1 + len(start))  # lags of a signal
     near, late = np.arange(2 * lags + 1), np.arange(count, len(every.cross))
-    weights = np.zeros(count)
-    for turn in range(1, MAX_TURNS + 1):
+
+    def step(before: Turn) -> Turn:
+        coefficients, weights = before[:2]
         moments = less(every, late, np.outer(coefficients, weights).ravel()).take(near)
         intrinsic = response(moments)
         rest = less(every, near, intrinsic.weights).take(late)
-        if nonlinearity == "sls":
-            coefficients = separable_least_squares(rest, coefficients)
+        if len(start) > 1:
+            coefficients = static_function(rest, coefficients)
         drive = mixed(rest, coefficients)
         reflex = response(drive)
-        weights = reflex.weights
-        explained = 1 - less(drive, np.arange(count), weights).square / every.square
-        parameters = float(intrinsic.rank + reflex.rank + len(start) - 1)
-        yield Cascade(intrinsic, moments, coefficients, weights, explained, turn, parameters)
+        left = less(drive, np.arange(count), reflex.weights).square
+        details = Constant(intrinsic, moments, int(intrinsic.rank + reflex.rank))
+        return Turn(coefficients, reflex.weights, 1 - left / every.square, details)
+
+    return alternate(step, Turn(start, np.zeros(count)), MAX_TURNS, MIN_TURN_GAIN)

@@ -1,22 +1,31 @@
-"""Methods that identify both pathways of a changing joint in turn."""
+"""Methods that identify both pathways of a joint in turn."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method, whole_samples
-from tvsysid.methods.cascade.drives import Candidate, constant_cascade, past_of
-from tvsysid.methods.cascade.pathways import PATHWAYS, Measured, TwoPathwayModel, history
+from tvsysid.methods.cascade.drives import Candidate, velocity_terms
+from tvsysid.methods.cascade.pathways import (
+    DIRECTIONS,
+    PATHWAYS,
+    Measured,
+    Stretch,
+    TwoPathwayModel,
+    history,
+)
 from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
-from tvsysid.numerics.hammerstein import last_better
+from tvsysid.numerics.hammerstein import Rows, Turn, alternate, lagged_moments, parallel_cascade
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
 
@@ -26,14 +35,6 @@ DEGREE = 5  # of the polynomial
 MAX_TURNS = 30  # of either pathway
 MIN_GAIN = 1e-5  # share of the torque's power by which a turn must improve the fit
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
-
-
-class _Turn(NamedTuple):
-    explained: float
-    intrinsic: ImpulseResponseModel
-    coefficients: Array
-    weights: Array
-    number: int
 
 
 class AlternatingCascade(Method):
@@ -47,6 +48,7 @@ class AlternatingCascade(Method):
     """
 
     max_lag: float
+    delay: float | None
     memory: float
     nonlinearity: Nonlinearity
     emg: str | None = None
@@ -55,10 +57,6 @@ class AlternatingCascade(Method):
     quantities = ("reflex_gain",)
     pathway_names = PATHWAYS
     uses_recorded_angle = True
-
-    @abstractmethod
-    def _first_lag(self) -> float:
-        """Return the first lag of the reflex's response in s."""
 
     @abstractmethod
     def _intrinsic(self, ensemble: Ensemble) -> Method:
@@ -88,44 +86,30 @@ class AlternatingCascade(Method):
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
         """Return the model of an ensemble."""
-        drives = self._drives(ensemble)
-        first = whole_samples(self._first_lag(), ensemble)
-        best = last_better(self._turns(ensemble, drives, first), MIN_GAIN)
-        drive, slope, direction = drives.scaled(ensemble, best.coefficients)
-        details = {
-            "turns": float(min(best.number + 1, MAX_TURNS)),  # the last turn did not help
-            "direction": float(direction),
-        }
-        if self.slow_order is not None:
-            details["vaf_with_slow"] = 100 * best.explained
-        unit = "N m/V" if self.emg else UNITS["reflex_gain"]
-        plain = attrs.evolve(best.intrinsic, method=repr(self))
-        return TwoPathwayModel.beside(
-            plain, ensemble, best.weights * slope, drive, first, details, unit
-        )
-
-    def _drives(self, ensemble: Ensemble) -> Candidate:
+        usual_delay = self.max_lag if self.emg is None else 0.0
+        first = whole_samples(usual_delay if self.delay is None else self.delay, ensemble)
+        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         if self.emg is not None:
-            return Candidate.of(ensemble, Measured(self.emg))
-        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
-        rectifiers = Candidate.rectifiers(ensemble)
-        rectifier, _ = constant_cascade(ensemble, rectifiers, lags, max(before, 2 * lags))
-        if self.nonlinearity == "rectifier":
-            return rectifier
-        return rectifier.as_polynomial(ensemble, DEGREE)
-
-    def _turns(self, ensemble: Ensemble, drives: Candidate, first: int) -> Iterator[_Turn]:
-        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
-        past = past_of(ensemble, drives.signals, before)[:, :, : before - first + ensemble.samples]
+            candidate = Candidate.of(ensemble, Measured(self.emg))
+        else:
+            candidate, _ = constant_cascade(ensemble, lags, max(before, 2 * lags))
+            if self.nonlinearity == "polynomial":
+                candidate = candidate.as_polynomial(velocity_terms(ensemble, DEGREE))
+        past = past_of(ensemble, candidate.signals, before)[
+            ..., : before - first + ensemble.samples
+        ]
         known = ~np.isnan(past[0]).any(axis=1)
         past, part = past[:, known], _with_context(ensemble.select(known), lags)
-        torque = part.torque[:, part.core]
-        reflex, slow, coefficients = np.zeros_like(torque), np.zeros_like(torque), drives.start
-        for number in range(1, MAX_TURNS + 1):
+        torque, functions = part.torque[:, part.core], np.zeros((ensemble.samples, 0))
+        if self.slow_order is not None:
+            polynomials = ChebyshevPolynomials(self.slow_order + 1)
+            functions = np.linalg.qr(evaluate(polynomials, ensemble.samples))[0]
+
+        def step(turn: Turn) -> Turn:
+            coefficients, weights, _, (_, slow), _ = turn
             left = part.torque.copy()
-            left[:, part.core] -= reflex + slow
+            left[:, part.core] -= convolve_lags(np.tensordot(coefficients, past, 1), weights) + slow
             intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))
-            assert isinstance(intrinsic, ImpulseResponseModel)
             beyond = torque - intrinsic.predict(part)
             drive = np.tensordot(coefficients, past, 1)
             weights = self._response(drive, beyond - slow, ensemble)
@@ -135,11 +119,37 @@ class AlternatingCascade(Method):
                 coefficients = np.asarray(solved / np.linalg.norm(solved))
                 drive = np.tensordot(coefficients, past, 1)
                 weights = self._response(drive, beyond - slow, ensemble)
-            reflex = convolve_lags(drive, weights)
-            if self.slow_order is not None:
-                slow = _slow_part(beyond - reflex, self.slow_order)
-            explained = 1 - float(np.sum((beyond - reflex - slow) ** 2) / np.sum(torque**2))
-            yield _Turn(explained, intrinsic, coefficients, weights, number)
+            rest = beyond - convolve_lags(drive, weights)
+            slow = rest @ functions @ functions.T
+            explained = 1 - float(np.sum((rest - slow) ** 2) / np.sum(torque**2))
+            return Turn(coefficients, weights, explained, (intrinsic, slow))
+
+        none = np.zeros((ensemble.samples, before - first + 1))
+        start = Turn(candidate.start, none, details=(None, np.zeros_like(torque)))
+        best = alternate(step, start, MAX_TURNS, MIN_GAIN)
+        details = {"turns": float(min(best.number + 1, MAX_TURNS))}  # the last turn did not help
+        if self.slow_order is not None:
+            details["vaf_with_slow"] = 100 * best.explained
+        intrinsic = attrs.evolve(best.details[0], method=repr(self))
+        unit = "N m/V" if self.emg else UNITS["reflex_gain"]
+        return two_pathways(ensemble, intrinsic, candidate, best, first, details, unit)
+
+
+def two_pathways(
+    ensemble: Ensemble,
+    intrinsic: ImpulseResponseModel,
+    candidate: Candidate,
+    turn: Turn,
+    first: int,
+    details: dict[str, float],
+    unit: str = UNITS["reflex_gain"],
+) -> TwoPathwayModel:
+    """Return the model of a turn, whose reflex begins with the lag ``first``."""
+    drive, slope, direction = candidate.scaled(ensemble, turn.coefficients)
+    details["direction"] = float(direction)
+    return TwoPathwayModel.beside(
+        intrinsic, ensemble, turn.reflex * slope, drive, first, details, unit
+    )
 
 
 def after_delay(method: Any, attribute: attrs.Attribute[Any], memory: float) -> None:
@@ -162,20 +172,53 @@ def response_moments(drive: Array, output: Array) -> tuple[Array, Array]:
     return gram, diagonal_moments(output, drive, reach)[:, ::-1]
 
 
-def _slow_part(torque: Array, order: int) -> Array:
-    """Return the polynomial of time in each realization."""
-    functions = np.linalg.qr(evaluate(ChebyshevPolynomials(order + 1), torque.shape[1]))[0]
-    return np.asarray(torque @ functions @ functions.T)
-
-
 def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
     """Return an ensemble with less context: the reflex's torque there is not known."""
     kept = slice(ensemble.context - samples, ensemble.angle.shape[1] - ensemble.context + samples)
-    return attrs.evolve(
-        ensemble,
-        angle=ensemble.angle[:, kept],
-        torque=ensemble.torque[:, kept],
-        channels={},
-        recorded_angle=None,
-        context=samples,
-    )
+    signals = {name: getattr(ensemble, name)[:, kept] for name in ("angle", "torque")}
+    return attrs.evolve(ensemble, **signals, channels={}, recorded_angle=None, context=samples)
+
+
+def past_of(ensemble: Ensemble, signals: Array, before: int) -> Array:
+    """Return signals with their past (signal, realization, before + time).
+
+    Their mean over realizations is subtracted where the ensemble's is.
+    """
+    past = np.stack([history(ensemble, each, before) for each in signals])
+    return past - [mean_known(each)[None] for each in past] if ensemble.mean_subtracted else past
+
+
+def constant_cascade(
+    ensemble: Ensemble, lags: int, before: int, degree: int = 0
+) -> tuple[Candidate, Turn]:
+    """Return the direction of stretch that explains most torque of a constant joint, with its fit.
+
+    With a ``degree``, the drive is a polynomial of the velocity that begins as that rectifier.
+    """
+    terms = velocity_terms(ensemble, degree) if degree else None
+    fits = []
+    for direction in DIRECTIONS:
+        candidate = Candidate.of(ensemble, Stretch(direction=direction))
+        if terms is not None:
+            candidate = candidate.as_polynomial(terms)
+        moments = lagged_moments(list(_rows(ensemble, candidate.signals, lags, before)))
+        fits.append((candidate, parallel_cascade(moments, lags, candidate.start)))
+    return max(fits, key=lambda fit: fit[1].explained)
+
+
+def _rows(ensemble: Ensemble, signals: Array, lags: int, before: int) -> Iterator[Rows]:
+    """Yield signals (1 + signal, realization, before + time) and torque with their known past.
+
+    The first signal is the angle ``lags`` samples ahead, with at most 2 ``lags`` samples before.
+    Realizations whose past begins at the same time are together.
+    """
+    short = max(0, lags - ensemble.context)
+    past, last = past_of(ensemble, signals, before), ensemble.samples - short
+    ahead = np.pad(ensemble.angle, ((0, 0), (before, short)))[:, ensemble.context + lags :]
+    together = np.concatenate([ahead[None, :, : past.shape[2]], past])
+    missing: NDArray[np.int64] = np.isnan(past[0]).sum(axis=1)  # it lies before all else
+    for first in np.unique(np.maximum(missing, short)):
+        rows = np.maximum(missing, short) == first
+        if first < last:
+            torque = ensemble.torque[rows, ensemble.core][:, first:last]
+            yield together[:, rows, first : before + last], torque

@@ -68,7 +68,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
     ("faults", "words", "level", "start"),
     [
         (["angle-unit"], {"method": BY_REFERENCE}, "none", "The movement is too large"),
-        (["angle-unit", "torque-unit", "feedback"], {}, "none", "Angle and torque are probably sw"),
+        (["torque-unit", "feedback"], {}, "none", "No joint is so stiff or so soft: torque-unit "),
         ([], {"sign": -1}, "none", "No joint has a negative stiffness."),
         (["reversed-torque"], {"sign": -1}, "none", "No joint has a negative stiffness."),
         # A reference that was not named is the remedy for a loop. With a wrong period, any channel

@@ -90,19 +90,18 @@ class Bootstrap:
             raise InputError(
                 f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}"
             )
-        draws, freedom = self.draws[quantity], self.realizations - 1
+        draws, freedom = self.draws[quantity], self.realizations - 1.0
         mean, deviation = mean_and_spread(draws)
         # The variance of a draw is that of R realizations over R, not over R - 1.
         width = deviation * math.sqrt(self.realizations / freedom)
-        width *= critical_value(level, np.array(float(freedom)))
+        width *= critical_value(level, np.array(freedom))
         if simultaneous:
             with np.errstate(divide="ignore", invalid="ignore"):
-                distances = (np.abs(draws - mean) / deviation).reshape(self.count, -1)
-            largest = np.nan_to_num(distances, posinf=0.0).max(axis=1)
-            identified = largest[largest > 0]
-            if identified.size:
-                at_one_time = float(critical_value(level, np.array(np.inf)))
-                width *= max(1.0, float(np.quantile(identified, level)) / at_one_time)
+                distances = np.nan_to_num(np.abs(draws - mean) / deviation, posinf=0.0)
+            largest = distances.reshape(self.count, -1).max(axis=1)
+            if largest.any():
+                quantile = float(np.quantile(largest[largest > 0], level))
+                width *= max(1.0, quantile / float(critical_value(level, np.array(np.inf))))
         estimate = _values(self.model, self.model)[quantity]
         return estimate - width, estimate + width
 
@@ -173,12 +172,11 @@ def bootstrap(
     at_least(MIN_DRAWS).check("bootstrap", "count", count)
     if len(ensemble) < MIN_DRAWS:
         raise InputError("bootstrap: expected at least 2 realizations to draw from, got 1")
-    model = method.identify(ensemble)
+    model, reasons = method.identify(ensemble), []
     draws = {
         name: np.full((count, *values.shape), np.nan)
         for name, values in _values(model, model).items()
     }
-    reasons = []
     for number, drawn in enumerate(draw_ensembles(ensemble, count, seed)):
         try:
             with warnings.catch_warnings():
@@ -203,12 +201,13 @@ def bootstrap(
 
 def _values(model: Model, whole: Model) -> dict[str, Array]:
     """Return estimates over time, and those over variables with the same values in ``whole``."""
+
+    def is_same(axis: str) -> bool:
+        coordinates = (each.coordinates.get(axis, np.nan) for each in (model, whole))
+        return np.array_equal(*coordinates)
+
     return {
         name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values
         for name, estimate in whole.estimates.items()
-        if estimate.axes[-1] == "time"
-        or all(
-            np.array_equal(model.coordinates.get(axis, ()), whole.coordinates.get(axis, np.nan))
-            for axis in estimate.axes
-        )
+        if estimate.axes[-1] == "time" or all(map(is_same, estimate.axes))
     }

@@ -165,7 +165,7 @@ class Comparison:
         level, reasons = self.trust()
         lines = [repr(self), *map(": ".join, {**self.skipped, **self.failed}.items())]
         if level == "none":
-            lines += ["No stiffness is stated.", *reasons]
+            lines.append(" ".join(["No stiffness is stated.", *reasons]))
         text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
         return text + self.summary().to_html(index=False)
 

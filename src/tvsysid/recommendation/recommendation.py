@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -120,24 +119,21 @@ class Recommendation:
     def caveats(self) -> tuple[str, ...]:
         """Sentences about other findings, a possible closed loop, and unnamed references."""
         if self.diagnosis is None:
-            found = ["a single realization, or one too short, cannot be diagnosed"]
-        else:
-            found = [
-                f"{each.fault.title.lower()}: {each.fault.effect}"
-                for each in self.diagnosis.findings
-                if each.name not in FAULTS_OF_RULES
-            ]
-            found += [POSSIBLE_LOOP] * self.possible_loop + [*self.diagnosis.remarks]
-        return (*found, *self.unnamed_references)
+            single = "a single realization, or one too short, cannot be diagnosed"
+            return (single, *self.unnamed_references)
+        others = [each for each in self.diagnosis.findings if each.name not in FAULTS_OF_RULES]
+        return (
+            *(f"{each.fault.title.lower()}: {each.fault.effect}" for each in others),
+            *[POSSIBLE_LOOP] * self.possible_loop,
+            *self.diagnosis.remarks,
+            *self.unnamed_references,
+        )
 
     def __repr__(self) -> str:
-        measured = ", ".join(
-            f"{name} {value:.4g} {unit}".rstrip()
-            for name, (value, unit) in self.measured.items()
-            if not math.isnan(value)
-        )
+        known = {name: each for name, each in self.measured.items() if not math.isnan(each[0])}
+        measured = [f"{name} {value:.4g} {unit}".rstrip() for name, (value, unit) in known.items()]
         caveats = [f"caveat: {each}" for each in self.caveats]
-        lines = [f"Recommendation: {self.sentence}", f"measured: {measured}"]
+        lines = [f"Recommendation: {self.sentence}", f"measured: {', '.join(measured)}"]
         return "\n".join([*lines, *self.objections, *caveats])
 
 
@@ -231,17 +227,12 @@ def _objections(
     keys: dict[str, list[str]] = {}
     for key in DEFAULT_METHODS:
         method = parse(key)
-        reasons = (
-            each.reason
-            for each in OBJECTIONS
-            if key in each.methods and holds(each.condition, measured)
-        )
-        reason = reason_to_skip(method, ensemble) or next(reasons, method.differs)
+        against = [each.reason for each in OBJECTIONS if each.applies(key, measured)]
+        reason = reason_to_skip(method, ensemble) or [*against, method.differs][0]
         if key != recommended:
             keys.setdefault(reason.format(**values), []).append(key)
     for reason, alike in keys.items():
-        subject = "it " if len(alike) == 1 else "each "
-        yield f"not {', '.join(alike)}: {re.sub('^It ', subject, reason)}"
+        yield f"not {', '.join(alike)}: {reason}"
 
 
 def measure(
@@ -269,8 +260,8 @@ def measure(
         if each.found or (each.name == "loop-bias" and each.beyond)
     }
     measured |= {name.replace("-", " "): (found.get(name, math.nan), "%") for name in FAULTS}
-    measured["slow noise"] = (_slow_noise(diagnosis), "dB")
     low_rate = lowered(ensemble)
+    measured["slow noise"] = (_slow_noise(diagnosis), "dB")
     measured["noise bias"] = (_or_nan(_noise_bias, low_rate), "%")
     if "reflex" in found or scheduling is not None:
         return measured
@@ -279,7 +270,7 @@ def measure(
         with suppress(InputError):
             model = AdaptiveRegression().identify(low_rate)
     if isinstance(model, AdaptiveModel):
-        measured |= _speed(model)
+        measured |= _changes(model)
     measured["evidence of few harmonics"] = (_or_nan(_few_harmonics, low_rate), "nat")
     if model is not None and reference is not None and "loop-bias" in found:
         shape = _or_nan(shape_over_level, low_rate, reference, model)
@@ -327,18 +318,14 @@ def _noise_bias(ensemble: Ensemble) -> float:
     return 100 * (weighted - plain) / max(abs(weighted), abs(plain), math.ulp(0.0))
 
 
-def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
-    """Return how much and how fast stiffness changes, and the probability that it is constant."""
-    likely = [each for each in model.switches if each.probability > MIN_SWITCH_PROBABILITY]
-    change = float(np.nanmax(model.stiffness) - np.nanmin(model.stiffness))
-    fastest = float(np.nanmax(np.abs(np.gradient(model.stiffness, model.time))))
+def _changes(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
+    """Return the number of likely switches, and the probability that stiffness is constant."""
+    switches = sum(
+        each.quantity == "stiffness" and each.probability > MIN_SWITCH_PROBABILITY
+        for each in model.switches
+    )
     constant = round(100 * model.diagnostics.details["constant_stiffness"], 1)
-    return {
-        "switches": (float(sum(each.quantity == "stiffness" for each in likely)), ""),
-        "stiffness changes by": (change, "N·m/rad"),
-        "time of the fastest change": (change / fastest if fastest > 0 else math.nan, "s"),
-        "constant": (constant, "%"),
-    }
+    return {"switches": (float(switches), ""), "constant": (constant, "%")}
 
 
 def _few_harmonics(ensemble: Ensemble) -> float:

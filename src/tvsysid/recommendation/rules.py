@@ -155,6 +155,10 @@ class Objection(NamedTuple):
     methods: tuple[str, ...]
     reason: str
 
+    def applies(self, key: str, measured: Measured) -> bool:
+        """Return whether the reason applies to the method with this key."""
+        return key in self.methods and holds(self.condition, measured)
+
 
 OBJECTIONS = (
     Objection(
@@ -209,5 +213,5 @@ def rule_of(measured: Measured) -> Rule:
 def holds(condition: str, measured: Measured) -> bool:
     """Return whether a condition holds. None does for a property that is not known."""
     name, side, limit = condition.rsplit(" ", 2)
-    value = measured.get(name, (math.nan, ""))[0]
+    value, _ = measured.get(name, (math.nan, ""))
     return value > float(limit) if side == ">" else value < float(limit)

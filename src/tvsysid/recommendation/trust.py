@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -41,17 +41,13 @@ REVERSED = (
     "-1 (in Python torque_sign=-1), or leave it out if it is there. If the sign is right, the "
     "actuator is compliant: record its command."
 )
-SWAPPED = (
-    "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other "
-    "way round (--angle, --torque). If they are right, the angle may be in degrees: --angle-unit "
-    "deg."
-)
 WRONG = {  # faults that make every method's stiffness wrong, causes before their consequences
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
+    "torque-unit": "No joint is so stiff or so soft: {what}. Angle and torque may be swapped "
+    "(--angle, --torque). Or check the units: add --torque-unit Nmm, or leave out a unit that is "
+    "there.",
     "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
     "deg.",
-    "torque-unit": "No joint is so stiff or so soft: {what}. Check the units: add --torque-unit "
-    "Nmm, or leave out a unit that is there.",
     "reversed-torque": REVERSED,
     "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes "
     "of stiffness cancel out. Check --period and --rate.",
@@ -101,13 +97,13 @@ def trust_in(
     """
     known = held_out_vaf[np.isfinite(held_out_vaf)]
     folds = model.diagnostics.details.get("vaf_folds", math.nan)
-    typical_vaf = float(np.median(known)) if known.size else folds
+    typical_vaf = np.median(known) if known.size else folds
     measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed = () if has_reference else recommendation.unnamed_references
     loop = [] if has_reference else _described(LOOP, faults)
-    wrong = [*_errors(model, faults, unnamed)]
+    wrong = _errors(model, faults, unnamed)
     if not is_suited and not recommendation.unnamed_references:
         wrong += loop
     # In a closed loop, the right impedance may predict none of the torque. A method with a
@@ -119,28 +115,25 @@ def trust_in(
             wrong = [UNPREDICTED]
     if wrong:
         return Trust("none", tuple(wrong))
-    doubts, cautions = [*loop, *_doubts(model, method, faults)], []
+    doubts = [*loop, *_doubts(model, method, faults)]
+    cautions = [sentence(POSSIBLE_LOOP)] * (recommendation.possible_loop and not has_reference)
     is_biased = holds(SLOW_NOISE, measured) and holds(NOISE_BIAS, measured)
     if is_biased and not (is_suited or has_reference):
         first = recommendation.suited[0]
         doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
-    elif recommendation.possible_loop and not has_reference:
-        cautions.append(sentence(POSSIBLE_LOOP))
+        cautions = []
     return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
 
 
 def _errors(
-    model: Model, faults: Mapping[str, Finding], unnamed_references: tuple[str, ...]
-) -> Iterator[str]:
-    """Yield a text for each fault that makes every method's stiffness wrong, with its remedy."""
-    if {"angle-unit", "torque-unit"} <= faults.keys():
-        yield SWAPPED.format(angle=faults["angle-unit"].what, stiffness=faults["torque-unit"].what)
-        return
-    if "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
-        yield from unnamed_references
-    yield from _described(WRONG, faults)
+    model: Model, faults: Mapping[str, Finding], unnamed_references: Iterable[str]
+) -> list[str]:
+    """Return a text for each fault that makes every method's stiffness wrong, with its remedy."""
+    errors = _described(WRONG, faults)
     if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
-        yield REVERSED
+        errors.append(REVERSED)
+    # With a wrong period, any channel seems to move the joint.
+    return errors if "wrong-period" in faults else [*unnamed_references, *errors]
 
 
 def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:
@@ -157,7 +150,7 @@ def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iter
         )
     if "reflex" in faults and has_one_pathway(method, model):
         reflex = faults["reflex"]
-        yield (f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}.")
+        yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
     for found in (faults[name] for name in DOUBTFUL if name in faults):
         if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
             what = found.what.partition(";")[0]
@@ -186,8 +179,5 @@ def negative_reflex(model: Model) -> str:
         return ""
     upper = gain.limits()[1]
     share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
-    return (
-        f"{share:.0f} % of the time, with its whole 95 % band"
-        if share > MAX_NEGATIVE_PERCENT
-        else ""
-    )
+    is_often = share > MAX_NEGATIVE_PERCENT
+    return f"{share:.0f} % of the time, with its whole 95 % band" if is_often else ""

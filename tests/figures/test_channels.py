@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.drawing import draw
 
-from tvsysid.figures import drawn, recorded_channels, style
+from tvsysid.figures import drawn, recorded_channels
 from tvsysid.figures.recorded import outline
 from tvsysid.recordings import Channel
 
@@ -39,18 +39,6 @@ def test_names_are_drawn_letter_by_letter():
         for texts in ("x_{$", "角度", r"\x1b[31mred\r\x07", r"caf\udce9\u202e")
     )
     ElementTree.fromstring(content)
-
-
-def test_powers_of_ten_at_the_ticks_stay_mathematics():
-    @style.styled
-    def powers():
-        figure, ((axes,),) = style.panels(1, 1, 3, 3)
-        axes.loglog([1, 1e4], [1, 1e9])
-        return figure
-
-    figure = powers()
-    draw(figure)
-    assert all(label.get_parse_math() for label in figure.axes[0].get_yticklabels(which="both"))
 
 
 def test_an_outline_keeps_every_extreme():

@@ -40,7 +40,7 @@ def test_every_panel_shows_its_curve(diagnosis):
 
 def test_it_is_told_in_words(diagnosis):
     told = diagnosis_illustration(diagnosis, "ankle")
-    assert told.title == "What was seen in ankle"
+    assert told.title == "Diagnosis of ankle"
     assert (
         f"natural frequency of {diagnosis.measures['natural frequency'][0]:.3g} Hz"
         in told.description

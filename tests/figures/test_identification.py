@@ -110,40 +110,12 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
     assert high > 60
 
 
-def test_what_would_cover_all_is_drawn_by_its_edges_and_cut_off(drawn):
+def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):
     models, bands, _ = drawn
-    noise = 400 * np.random.default_rng(0).normal(size=200)
-    estimates = {
-        "stiffness": tv.Estimate(
-            100 + noise, "N m/rad", error=StandardError(np.full(200, 200.0), np.inf)
-        )
-    }
-    wild = attrs.evolve(models["kbr"], estimates=estimates)
+    noise = tv.Estimate(400 * np.random.default_rng(0).normal(size=200), "N m/rad")
+    wild = attrs.evolve(models["kbr"], estimates={"stiffness": noise})
     axes = identified_impedance(models | {"eirf": wild}, {}).axes[0]
-    assert len(axes.collections) == 2
     low, high = axes.get_ylim()
-    assert high - low < 3 * np.ptp(models["sds"].stiffness)
+    assert high - low < 4 * np.ptp(models["sds"].stiffness)
     assert low < bands["sds"]["stiffness"][0].min()
-    ends = [
-        f"{end:.4g}".replace("-", "−")
-        for end in (estimates["stiffness"].values.min(), 100 + noise.max())
-    ]
-    assert axes.texts[0].get_text() == f"cut off: eirf ({ends[0]} to {ends[1]})"
-    (line,) = (line for line in axes.lines if line.get_label() == "eirf")
-    assert line.get_zorder() < min(
-        each.get_zorder() for each in axes.lines if each.get_label() in models
-    )
-
-
-def test_every_method_that_leaves_the_axes_is_named_with_its_extremes(drawn):
-    models = drawn[0]
-    spike = np.where(np.arange(200) == 50, 900.0, 100.0)  # which the limits leave out
-    noise = 100 + 400 * np.random.default_rng(0).normal(size=200)
-    wild = {
-        label: attrs.evolve(models["kbr"], estimates={"stiffness": tv.Estimate(values, "N m/rad")})
-        for label, values in (("eirf", noise), ("birf", spike))
-    }
-    axes = identified_impedance(models | wild, {}).axes[0]
-    assert axes.get_ylim()[1] < 900
-    told = axes.texts[0].get_text().replace("−", "-").replace("\n", " ")
-    assert told == f"cut off: eirf ({noise.min():.4g} to {noise.max():.4g}), birf (100 to 900)"
+    assert axes.lines[0].get_label() == "eirf"

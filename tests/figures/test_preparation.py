@@ -6,7 +6,7 @@ from tests.drawing import draw
 from tests.virtual import prepared, simulated
 
 from tvsysid.figures import preparation_steps
-from tvsysid.figures.preparation import COLOURS
+from tvsysid.figures.recorded import STEPS
 from tvsysid.figures.style import KEPT
 from tvsysid.preprocess import prepare
 
@@ -31,13 +31,15 @@ def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
     counts = {colour: len(lines) for colour, lines in lines_by_colour(before).items()}
     kept = len(preparation.ensemble)
     expected = {
-        COLOURS[step]: count
+        STEPS[step][2]: count
         for step, count in preparation.table.excluded_by.value_counts().items()
         if step
     }
     assert counts == {KEPT: kept, **expected}
     assert {colour: len(lines) for colour, lines in lines_by_colour(after).items()} == {KEPT: kept}
-    for axes, step, colour in zip(steps, preparation.steps.values(), COLOURS.values(), strict=True):
+    for axes, step, (_, _, colour) in zip(
+        steps, preparation.steps.values(), STEPS.values(), strict=True
+    ):
         drawn_lines = lines_by_colour(axes)
         np.testing.assert_array_equal(
             [line[:, 1] for line in drawn_lines[colour]], step.torque[~step.kept]
@@ -68,7 +70,7 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
 @pytest.mark.parametrize(
     ("settings", "titles", "legend"),
     [
-        ({"task_limit": None}, ["1. aligned to the target", "2. residual, low-passed"], "target"),
+        ({"task_limit": None}, ["1. aligned to the target", "2. residual, low-passed"], "limits"),
         ({"reference": None, "task_limit": None}, ["1. residual, low-passed"], "limits"),
         ({"reference": None, "task_limit": None, "residual_limit": None}, [], "kept"),
     ],
@@ -79,4 +81,4 @@ def test_steps_that_were_not_taken_are_not_drawn(settings, titles, legend):
     assert [axes.get_title().partition(":")[0] for axes in figure.axes[2:]] == titles
     shown = [text.get_text() for text in figure.legends[0].texts]
     assert legend in shown
-    assert ("target" in shown) == bool(figure.axes[0].lines) == ("reference" not in settings)
+    assert bool(figure.axes[0].lines) == ("reference" not in settings)

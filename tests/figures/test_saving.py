@@ -1,10 +1,8 @@
-import os
 import sys
 from functools import partial
 from xml.etree import ElementTree
 
 import pytest
-from matplotlib.figure import Figure
 from tests.synthetic import responses_of
 
 from tvsysid.figures import Illustration, draw_all, drawn, helpers, impulse_responses, save
@@ -18,12 +16,6 @@ def illustrations(count=2):
         )
         for number in range(count)
     }
-
-
-def die_in_a_worker(parent):
-    if os.getpid() != parent:
-        os._exit(1)
-    return Figure()
 
 
 @pytest.mark.slow
@@ -55,17 +47,6 @@ def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
         assert path.read_bytes() == (tmp_path / "two" / "folder" / path.name).read_bytes()
     if sys.platform.startswith("linux"):
         assert set(multiprocessing.active_children()) <= before
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
-def test_a_worker_that_dies_costs_no_figure():
-    jobs = {
-        str(number): Illustration(partial(die_in_a_worker, os.getpid()), "dies")
-        for number in range(2)
-    }
-    with helpers(2) as pool:
-        assert [each.svg[:5] for each in draw_all(jobs, None, pool).values()] == [b"<?xml"] * 2
 
 
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):

@@ -77,17 +77,6 @@ def test_bars_whiskers_and_dots_are_the_participants(figure, experiment):
     )
 
 
-def test_whiskers_stay_within_what_is_possible(experiment):
-    summary = experiment.summary.copy()
-    first = (summary.metric == "vaf") & (summary.participant == "P1")
-    summary.loc[first, "value"] = 20.0
-    summary.loc[(summary.metric == "vaf") & ~first, "value"] = 99.0
-    axes = variance_and_spread(summary).axes[0]
-    for container in axes.containers:
-        if hasattr(container, "has_yerr"):
-            assert container[2][0].get_segments()[0][:, 1].max() == pytest.approx(100)
-
-
 @pytest.mark.slow
 def test_nothing_is_invented_for_what_failed():
     failed = fail(results_of(methods=("esm", "kbr")), "no", analysis="esm-150")
@@ -163,7 +152,7 @@ def test_error_of_a_method_that_failed():
     draw(figure)
     axes = figure.subfigs[0].axes[1]
     assert [text.get_text() for text in axes.texts] == ["no estimate"]
-    assert len(axes.lines) == 1
+    assert all(np.isnan(line.get_ydata()).all() for line in axes.lines[1:])
 
 
 @pytest.mark.slow
@@ -181,17 +170,3 @@ def test_long_labels_and_many_amounts_do_not_overlap():
         boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
         assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
         assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"
-
-
-@pytest.mark.slow
-def test_an_axis_holds_the_whiskers_but_not_what_is_far_out(experiment):
-    for factor, cut in ((1.0, False), (1000.0, True)):
-        summary = experiment.summary.copy()
-        outlying = (
-            (summary.metric == "random_error")
-            & (summary.participant == "P1")
-            & (summary.method == "sds")
-        )
-        summary.loc[outlying, "value"] *= factor
-        axes = variance_and_spread(summary).axes[2]
-        assert (axes.get_ylim()[1] < axes.dataLim.ymax) == cut

@@ -2,13 +2,13 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.style import context
+from tests.drawing import draw
 from tests.synthetic import responses_of
 
 from tvsysid.figures import drawn, impulse_responses, save
-from tvsysid.figures.style import legend_below
+from tvsysid.figures.style import LOOK, legend_below, panels
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +41,10 @@ def test_a_pdf_has_no_type_3_fonts(twins):
 
 @pytest.mark.parametrize("lengths", [(5, 5, 5), (40, 3, 3, 3, 40, 12), (70,) * 4, (8,) * 13])
 def test_a_legend_below_fits_the_figure(lengths):
-    figure = Figure(figsize=(7, 3), layout="constrained")
-    figure.subplots()
-    legend_below(figure, [Line2D([], [], label="n" * length) for length in lengths])
-    FigureCanvasAgg(figure).draw()
+    with context(LOOK):
+        figure, _ = panels(1, 1, 7, 3)
+        legend_below(figure, [Line2D([], [], label="n" * length) for length in lengths])
+    draw(figure)
     (legend,) = figure.legends
     assert [len(text.get_text()) for text in legend.texts] == list(lengths)
     box = legend.get_window_extent()

@@ -6,15 +6,17 @@ from .diagnosis import diagnosis_illustration as diagnosis_illustration
 from .diagnosis import diagnosis_panels as diagnosis_panels
 from .identification import identified_impedance as identified_impedance
 from .identification import identified_quantity as identified_quantity
+from .identification import scheduled_estimates as scheduled_estimates
 from .identification import tuning_curves as tuning_curves
+from .identification import variable_of as variable_of
 from .objects import plot as plot
 from .participants import participant_in_detail as participant_in_detail
 from .participants import stiffness_of_participants as stiffness_of_participants
 from .participants import stiffness_with_bands as stiffness_with_bands
 from .planning import planned_recording as planned_recording
-from .preparation import preparation_steps as preparation_steps
 from .ranking import leaderboard as leaderboard
 from .recorded import ensemble_signals as ensemble_signals
+from .recorded import preparation_steps as preparation_steps
 from .recorded import recorded_channels as recorded_channels
 from .recorded import recorded_signals as recorded_signals
 from .saving import Illustration as Illustration
@@ -24,8 +26,6 @@ from .saving import drawn as drawn
 from .saving import helpers as helpers
 from .saving import save as save
 from .saving import share_out as share_out
-from .scheduling import scheduled_estimates as scheduled_estimates
-from .scheduling import variable_of as variable_of
 from .simulations import coverage_over_time as coverage_over_time
 from .simulations import error_against as error_against
 from .simulations import error_against_amount as error_against_amount

@@ -13,8 +13,7 @@ from tvsysid.figures.diagnosis import diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
 from tvsysid.figures.participants import stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.planning import planned_recording
-from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.recorded import ensemble_signals, recorded_signals
+from tvsysid.figures.recorded import ensemble_signals, preparation_steps, recorded_signals
 from tvsysid.methods import METHODS, Evidence
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.models import Model
@@ -56,14 +55,10 @@ def plot(shown: Any, title: str = "") -> Figure:
     dims = getattr(shown, "dims", ())
     if "scenario" in dims:
         return _simulations(shown, title)
-    if "recording" in dims and "bootstrap" in dims:
-        one = shown.sizes["recording"] == 1
-        label = str(shown.recording.values[0])
-        return (
-            stiffness_with_bands(shown, label, title)
-            if one
-            else stiffness_of_participants(shown, title)
-        )
+    if "bootstrap" in dims and shown.sizes["recording"] == 1:
+        return stiffness_with_bands(shown, str(shown.recording.values[0]), title)
+    if "bootstrap" in dims:
+        return stiffness_of_participants(shown, title)
     raise InputError(
         "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, "
         f"evidence, plan or results of a study, got {type(shown).__name__}"

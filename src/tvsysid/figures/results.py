@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures.words import TRAITS, wrapped
-from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
@@ -22,8 +21,6 @@ Of an experiment, also those of :data:`TORQUES`.
 """
 TORQUES = ["target_torque", "mean_torque"]
 BANDS = ["covered", "truth"]  # variables that :func:`tvsysid.figures.coverage_over_time` takes
-SPIKE = 0.3  # how far beyond 98 % of a method's values an axis reaches, as a share of their range
-FAR = 0.75  # how far beyond the middle one of the methods' ranges an axis reaches, as a share of it
 
 
 def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
@@ -34,32 +31,27 @@ def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Return the traits of each scenario as a mapping, by its label."""
     table = scenario_traits(results)
-    return {
-        str(label): dict(zip(TRAITS, traits, strict=True)) for label, *traits in table.itertuples()
-    }
+    return {str(label): dict(zip(TRAITS, row, strict=True)) for label, *row in table.itertuples()}
+
+
+def of_quantity(values: xr.DataArray, quantity: str = "stiffness") -> xr.DataArray:
+    """Return the values of a quantity, or all values if they do not depend on one."""
+    return values.sel(quantity=quantity) if "quantity" in values.dims else values
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """Return the estimates over time and the axes of the study.
-
-    NaN where there is no estimate.
-    """
-    return _of(results.estimate, quantity)
+    """Return the estimates over time and the axes of the study; NaN where there is none."""
+    return of_quantity(results.estimate, quantity)
 
 
 def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """Return the truth over scenario or recording and time; NaN where it is unknown."""
-    return _of(results.truth, quantity)
+    return of_quantity(results.truth, quantity)
 
 
 def covered(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """Whether the 95 % band holds the truth: 1, 0, or NaN where there is no band."""
-    return _of(results.covered, quantity)
-
-
-def _of(values: xr.DataArray, quantity: str) -> xr.DataArray:
-    found: xr.DataArray = values.sel(quantity=quantity) if "quantity" in values.dims else values
-    return found
+    return of_quantity(results.covered, quantity)
 
 
 def knows_truth(results: xr.Dataset) -> bool:
@@ -74,13 +66,9 @@ def unique(values: Iterable[object]) -> list[str]:
 
 def least_data(results: xr.Dataset) -> dict[str, str]:
     """Label of an experiment's analysis with the fewest realizations, by method."""
-    counts = dict(
-        zip(map(str, results.analysis.values), results.realizations.values.tolist(), strict=True)
-    )
-    labels: dict[str, list[str]] = {}
-    for label, method in zip(counts, results.method_key.values, strict=True):
-        labels.setdefault(str(method), []).append(label)
-    return {method: min(mine, key=lambda label: counts[label]) for method, mine in labels.items()}
+    table = results.realizations.to_series()
+    methods = results.method_key.to_series()
+    return {str(method): str(table[methods == method].idxmin()) for method in methods.unique()}
 
 
 def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
@@ -126,36 +114,3 @@ def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> st
     there = (results.participant == participant) & (results.perturbation == perturbation)
     labels = results.recording.values[there.values]
     return str(labels[0]) if len(labels) else None
-
-
-def usual_range(values: Array, always: Array) -> tuple[float, float]:
-    """Return axis limits for the usual range of methods and all of some further values.
-
-    From zero if near.
-
-    A method that is out of its depth has spikes, or is far off; that shall not hide the rest.
-    Values have shape (method, ...), those that are always shown any.
-    """
-    extents = [_without_spikes(known) for each in values if (known := each[np.isfinite(each)]).size]
-    ends = [float(each) for each in always[np.isfinite(always)]]
-    if extents:
-        low, high = np.median(extents, axis=0)
-        beyond = FAR * (high - low)
-        ends += [
-            max(min(each for each, _ in extents), float(low - beyond)),
-            min(max(each for _, each in extents), float(high + beyond)),
-        ]
-    if not ends:
-        return 0.0, 1.0
-    least, most = min(ends), max(ends)
-    room = 0.08 * max(most - least, 0.2 * abs(most), 1e-9)
-    return (0.0 if 0 <= least < 0.6 * most else least - room), most + room
-
-
-def _without_spikes(values: Array) -> tuple[float, float]:
-    """Return the lowest and highest value, without outliers beyond 98 %."""
-    low, high = np.percentile(values, [1, 99])
-    beyond = SPIKE * (high - low)
-    return max(float(values.min()), float(low - beyond)), min(
-        float(values.max()), float(high + beyond)
-    )

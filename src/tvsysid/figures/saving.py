@@ -1,19 +1,17 @@
-"""Draw figures once and save them in all formats, several at a time on several cores."""
+"""Draw figures once and save them in all formats."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import ExitStack, contextmanager, suppress
-from importlib import import_module
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import attrs
 
-from tvsysid.errors import InputError
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
 
@@ -25,12 +23,10 @@ T = TypeVar("T")
 
 @attrs.frozen
 class Illustration:
-    """A figure that is still to be drawn, and what it shows in words.
+    """A figure that is still to be drawn, and its content in words.
 
-    ``draw`` gives the figure: a :func:`functools.partial` of a function of this package with what
-    it draws, so that it can be sent to another process. The description, in full sentences, stands
-    for the picture where it cannot be seen;
-    :func:`draw_all` saves the picture with all of these endings.
+    ``draw`` returns the figure. The description, in full sentences, stands for the picture where
+    it cannot be seen; :func:`draw_all` saves the picture with all of these endings.
     """
 
     draw: Callable[[], Figure]
@@ -52,21 +48,13 @@ class Picture:
 
 @contextmanager
 def helpers(workers: int) -> Iterator[Executor | None]:
-    """Start the processes that help :func:`share_out`, one less than ``workers``.
-
-    They start while the caller does other things.
-
-    A script must be guarded by ``if __name__ == "__main__":``.
-    """
+    """Start the processes that :func:`share_out` uses; none for a single worker."""
     from tvsysid.study import processes  # noqa: PLC0415  # heavy
 
-    with ExitStack() as stack:
-        pool = None
-        with suppress(InputError):  # where none can be made, this process draws everything
-            if workers > 1:
-                pool = stack.enter_context(processes(workers - 1))
-                for _ in range(workers - 1):
-                    pool.submit(import_module, "matplotlib.backends.backend_agg")
+    if workers == 1:
+        yield None
+        return
+    with processes(workers) as pool:
         yield pool
 
 
@@ -84,7 +72,7 @@ def draw_all(
     folder
         Where the files go; each appears whole or not at all. None saves nothing.
     pool
-        Of :func:`helpers`; this process draws too.
+        Of :func:`helpers`.
     """
     jobs = {
         stem: (each, None if folder is None else Path(folder) / stem)
@@ -96,26 +84,9 @@ def draw_all(
 def share_out(
     work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None
 ) -> dict[str, T]:
-    """Return the results of a picklable function for several arguments by name, in order.
-
-    Processes of :func:`helpers` begin with the first ones, this process with the last. What a
-    helper that dies leaves undone is done here.
-    """
-    futures: dict[str, Future[T]] = {}
-    if pool is not None and len(jobs) > 1:
-        with suppress(BrokenExecutor):  # a helper died before
-            futures = {name: pool.submit(work, *job) for name, job in jobs.items()}
-    done = {
-        name: work(*jobs[name])
-        for name in reversed(list(jobs))
-        if name not in futures or futures[name].cancel()
-    }
-    for name in jobs.keys() - done.keys():
-        try:
-            done[name] = futures[name].result()
-        except BrokenExecutor:
-            done[name] = work(*jobs[name])
-    return {name: done[name] for name in jobs}
+    """Return the results of a picklable function for several arguments by name, in order."""
+    arguments = zip(*jobs.values(), strict=True)
+    return dict(zip(jobs, (pool.map if pool else map)(work, *arguments), strict=True))
 
 
 def _picture(illustration: Illustration, path: Path | None) -> Picture:
@@ -131,9 +102,8 @@ def _picture(illustration: Illustration, path: Path | None) -> Picture:
             with whole_file(path.with_name(f"{path.name}.{ending}")) as temporary:
                 temporary.write_bytes(content)
     width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-    return Picture(
-        illustration.title, illustration.description, contents.get("svg", b""), width, height
-    )
+    svg = contents.get("svg", b"")
+    return Picture(illustration.title, illustration.description, svg, width, height)
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -147,19 +117,16 @@ def drawn(figure: Figure, format: str) -> bytes:
 
     The same figure, the same bytes.
     """
-    from matplotlib import rc_context  # noqa: PLC0415  # heavy
+    from matplotlib.style import context  # noqa: PLC0415  # heavy
 
-    # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's date would make each
-    # one new.
+    # A date would make each file a new one.
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
     content = BytesIO()
-    with rc_context(LOOK | forms), warnings.catch_warnings():
+    with context(LOOK), warnings.catch_warnings():
         # Chinese characters, for example. The SVG shows them
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         if (engine := figure.get_layout_engine()) is not None:
-            # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws
-            # twice for each of them.
+            # Laid out once for all formats.
             engine.execute(figure)
             figure.set_layout_engine(None)
         figure.savefig(content, format=format, dpi=150, metadata=undated.get(format))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 9.0, 2.9  # inches: a third of a page of A4
@@ -45,44 +44,35 @@ class Visit(NamedTuple):
 def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
     """Draw stiffness over time with its 95 % band, a line for each visit.
 
-    Beside it means and extremes over the visits.
+    Beside it means with their bands, and extremes over the visits.
     """
-    if len(visits) == 1:
-        figure, grid = style.panels(1, 1, WIDTH, HEIGHT, title)
-    else:
-        figure, grid = style.panels(1, 2, WIDTH, HEIGHT + 0.3, title, width_ratios=[2.2, 1])
-        _over_visits(grid[0, 1], visits)
-    axes, keys = grid[0, 0], []
-    for place, each in enumerate(visits):
-        hue, dash = (
-            style.PALETTE[place % len(style.PALETTE)],
-            style.STYLES[place % len(style.STYLES)],
-        )
-        band = (each.lower, each.upper)
+    several = len(visits) > 1
+    ratios = [2.2, 1][: 1 + several]
+    figure, grid = style.panels(
+        1, len(ratios), WIDTH, HEIGHT + 0.3 * several, title, width_ratios=ratios
+    )
+    axes, beside, keys = grid[0, 0], grid[0, -1], []
+    for place, visit in enumerate(visits):
+        look: dict[str, Any] = {
+            "color": style.PALETTE[place % len(style.PALETTE)],
+            "linestyle": style.STYLES[place % len(style.STYLES)],
+        }
+        band = (visit.lower, visit.upper)
         style.curve_with_band(
-            axes, each.time, each.stiffness, band, hue, linestyle=dash, linewidth=1.8
+            axes, visit.time, visit.stiffness, band, look["color"], linewidth=1.8, **look
         )
-        keys.append(style.line_key(each.label, color=hue, linestyle=dash))
+        keys.append(style.line_key(visit.label, **look))
+        if several:
+            ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
+            beside.plot([place, place], ends, ":", marker="_", color=style.GREY)
+            half = np.nan_to_num(visit.half_band)
+            beside.errorbar(place, visit.mean, half, fmt="o", color=look["color"], capsize=4)
     axes.set_xlabel(style.REALIZATION_TIME)
     axes.set_ylabel("stiffness (N·m/rad), 95 % band")
-    if len(visits) > 1:
+    if several:
+        beside.set_xticks(range(len(visits)), [str(place + 1) for place in range(len(visits))])
+        beside.margins(x=0.2)
+        beside.set_xlabel("visit")
+        beside.set_ylabel("mean over time; lowest and highest (N·m/rad)")
         style.legend_below(figure, keys)
     return figure
-
-
-def _over_visits(axes: Axes, visits: Sequence[Visit]) -> None:
-    """Draw the mean over time with the mean half width of its band, and both extremes."""
-    places = np.arange(len(visits))
-    ends = [(np.fmin.reduce(each.stiffness), np.fmax.reduce(each.stiffness)) for each in visits]
-    axes.vlines(places, *np.transpose(ends), color=style.GREY, linewidth=1.0, linestyle=":")
-    for row, marker in zip(np.transpose(ends), ("v", "^"), strict=True):
-        axes.plot(places, row, marker, color=style.GREY, markersize=4, linestyle="none")
-    for place, each in enumerate(visits):
-        hue, band = style.PALETTE[place % len(style.PALETTE)], np.nan_to_num(each.half_band)
-        axes.errorbar(
-            place, each.mean, band, fmt="o", color=hue, markersize=5, capsize=4, elinewidth=1.4
-        )
-    axes.set_xticks(places, [str(place + 1) for place in places])
-    axes.set_xlim(-0.5, len(visits) - 0.5)
-    axes.set_xlabel("visit")
-    axes.set_ylabel("mean over time; lowest and highest (N·m/rad)")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from tvsysid.errors import printable
+
 PROFILES = {
     "square": "square-wave stiffness",
     "sine": "sinusoidal stiffness",
@@ -86,23 +88,16 @@ def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> 
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
-    """Break a method's label into lines of limited length, behind its punctuation if possible."""
+    """Break a label into lines of limited length, behind its punctuation if possible."""
+    pieces = rf"[^:,(=]{{0,{width - 1}}}[:,(=] ?|[^:,(=]{{1,{width}}}"
     lines = [""]
-    pieces = re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label)
-    short = [
-        part
-        for each in pieces
-        for part in (re.findall("[^=]*=|[^=]+", each) if len(each) > width else [each])
-    ]
-    for piece in short:
-        for start in range(0, len(piece), width):
-            part = piece[start : start + width]
-            if len(lines[-1]) + len(part.rstrip()) > width:
-                lines.append("")
-            lines[-1] += part
+    for piece in re.findall(pieces, printable(label)):
+        if len(lines[-1]) + len(piece.rstrip()) > width:
+            lines.append("")
+        lines[-1] += piece
     if len(lines) > rows:
-        lines = [*lines[: rows - 1], lines[rows - 1][: width - 1] + "…"]
-    return "\n".join(line.rstrip() for line in lines)
+        lines = [*lines[: rows - 1], f"{lines[rows - 1][: width - 1]}…"]
+    return "\n".join(map(str.rstrip, lines))
 
 
 def unit_name(unit: str) -> str:

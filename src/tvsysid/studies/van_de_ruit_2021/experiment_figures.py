@@ -13,8 +13,7 @@ from tvsysid.figures.participants import (
     stiffness_of_participants,
     stiffness_with_bands,
 )
-from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.recorded import recorded_signals
+from tvsysid.figures.recorded import preparation_steps, recorded_signals
 from tvsysid.figures.results import (
     OVER_TIME,
     TORQUES,

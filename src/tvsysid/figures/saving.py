@@ -85,8 +85,10 @@ def share_out(
     work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None
 ) -> dict[str, T]:
     """Return the results of a picklable function for several arguments by name, in order."""
-    arguments = zip(*jobs.values(), strict=True)
-    return dict(zip(jobs, (pool.map if pool else map)(work, *arguments), strict=True))
+    if pool is None:
+        return {name: work(*job) for name, job in jobs.items()}
+    futures = {name: pool.submit(work, *job) for name, job in jobs.items()}
+    return {name: future.result() for name, future in futures.items()}
 
 
 def _picture(illustration: Illustration, path: Path | None) -> Picture:

@@ -124,6 +124,7 @@ def blank(width: float, height: float, title: str = "") -> Figure:
     from tvsysid.figures.canvas import OwnFigure  # noqa: PLC0415  # heavy
 
     figure = OwnFigure(figsize=(width, height), layout="constrained")
+    figure.look = LOOK
     figure.suptitle(printable(title))
     return figure
 

@@ -63,7 +63,7 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
         )
         keys.append(style.line_key(visit.label, **look))
         if several:
-            ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
+            ends = np.fmin.reduce(visit.stiffness), np.fmax.reduce(visit.stiffness)
             beside.plot([place, place], ends, ":", marker="_", color=style.GREY)
             half = np.nan_to_num(visit.half_band)
             beside.errorbar(place, visit.mean, half, fmt="o", color=look["color"], capsize=4)

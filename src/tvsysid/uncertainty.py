@@ -203,8 +203,7 @@ def _values(model: Model, whole: Model) -> dict[str, Array]:
     """Return estimates over time, and those over variables with the same values in ``whole``."""
 
     def is_same(axis: str) -> bool:
-        coordinates = (each.coordinates.get(axis, np.nan) for each in (model, whole))
-        return np.array_equal(*coordinates)
+        return np.array_equal(model.coordinates.get(axis, ()), whole.coordinates.get(axis, np.nan))
 
     return {
         name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values

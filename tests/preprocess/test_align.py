@@ -50,7 +50,6 @@ def test_large_shifts_are_excluded():
     [
         ({"reference": "goal"}, "there is no 'goal'"),
         ({"search": 1.5}, "up to 1.5 s need that much context, but the realizations have 1 s"),
-        ({"search": 0.0}, "search must be a positive number"),
         ({"max_shift": 0.01}, "every realization needs a shift of more than 0.01 s"),
     ],
 )

@@ -37,7 +37,6 @@ def test_ensembles_hold_the_realizations_of_the_weights():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"size": 0}, "size must be a whole number of 1 or more, got 0"),
         ({"seed": -1}, "seed must be a whole number of 0 or more"),
         ({"size": 40, "contiguous": True}, "a block of 40 .* cannot be drawn from 20"),
     ],

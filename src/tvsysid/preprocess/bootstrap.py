@@ -52,8 +52,6 @@ def bootstrap_weights(
     -------
     Whole numbers that sum to ``size`` in each row, shape (count, realizations).
     """
-    for name, number in (("realizations", realizations), ("size", size), ("count", count)):
-        at_least(1).check("bootstrap", name, number)
     at_least(0).check("bootstrap", "seed", seed)
     if contiguous and size > realizations:
         raise InputError(

@@ -15,7 +15,6 @@ from tvsysid.preprocess.faults import find_gaps
 from tvsysid.preprocess.mean import subtract_mean
 from tvsysid.preprocess.trials import decimate, segment, trim
 from tvsysid.signals import Array, Ensemble, Recording
-from tvsysid.validators import between, positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +85,6 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     exclude large shifts without shifting the others, identify
     ``preparation.recorded.select(preparation.kept)``.
     """
-    positive.check("align", "search", search)
     rate, core, goal = ensemble.sampling_rate, ensemble.core, ensemble.signal(reference)
     reach, target = round(search * rate), goal[:, core]
     if ensemble.context < reach:
@@ -142,7 +140,7 @@ def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
     spectrum = np.fft.rfft(torque, axis=1)
     spectrum[:, 0] = spectrum[:, 2:] = 0
     harmonic = np.fft.irfft(spectrum, torque.shape[1], axis=1)
-    return _exclude("task component", ensemble, np.asarray(harmonic), limit)
+    return _exclude(ensemble, harmonic, limit)
 
 
 def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: float = 3.0) -> Step:
@@ -156,7 +154,7 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     ensemble
         At least two realizations, with or without their mean.
     cutoff
-        -3 dB frequency of the filter's single pass in Hz, from 0.1 to 49 % of the sampling rate.
+        -3 dB frequency of the filter's single pass in Hz, below half the sampling rate.
     limit
         Largest distance from the mean over realizations, in standard deviations.
 
@@ -167,17 +165,15 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     2021 excluded 15 to 29. A limit of 4 SD excludes 0.4 % of them.
     """
     rate = ensemble.sampling_rate
-    between(0.1, 0.49 * rate).check("exclude_residual_outliers", "cutoff", cutoff)
     sections = scipy.signal.butter(3, cutoff, fs=rate, output="sos")
     # Odd continuation by a second at most. The default would be too short for the slow filter.
     padding = min(round(rate), ensemble.torque.shape[1] - 1)
     slow = scipy.signal.sosfiltfilt(sections, ensemble.torque, axis=1, padlen=padding)
-    return _exclude("residual", ensemble, (slow - slow.mean(axis=0))[:, ensemble.core], limit)
+    return _exclude(ensemble, (slow - slow.mean(axis=0))[:, ensemble.core], limit)
 
 
-def _exclude(step: str, ensemble: Ensemble, torque: Array, limit: float) -> Step:
+def _exclude(ensemble: Ensemble, torque: Array, limit: float) -> Step:
     """Exclude realizations that leave mean ± limit · SD over realizations at any time."""
-    positive.check(step, "limit", limit)
     mean, sd = torque.mean(axis=0), torque.std(axis=0, ddof=1)
     reached = np.max(np.abs(torque - mean) / sd, axis=1)
     kept = reached <= limit
@@ -214,17 +210,9 @@ class Preparation:
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        table = pd.DataFrame(
-            {
-                "trial": self.recorded.trials,
-                "onset_s": self.recorded.onsets,
-                "shift_s": 0.0,
-                "excluded_by": "",
-                "reached": np.nan,
-                "limit": np.nan,
-                "unit": "",
-            }
-        ).rename_axis("realization")
+        columns = {"trial": self.recorded.trials, "onset_s": self.recorded.onsets, "shift_s": 0.0}
+        columns |= {"excluded_by": "", "reached": np.nan, "limit": np.nan, "unit": ""}
+        table = pd.DataFrame(columns).rename_axis("realization")
         rows = table.index
         for name, step in self.steps.items():
             table.loc[rows, "shift_s"] += step.shifts

@@ -241,7 +241,13 @@ def segment(
     if period is None:
         samples, earliest, step = lengths.min() - 2 * margin, margin, lengths.max()
     else:
-        samples = step = _samples_of(period, rate)
+        positive.check("segment", "period", period)
+        samples = step = round(period * rate)
+        if not math.isclose(samples, period * rate, rel_tol=1e-6):
+            raise InputError(
+                f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz; "
+                "give a rate at which it is one (--decimate, or decimate)"
+            )
         # First multiple of the period at or after the first sample of a trial.
         earliest = -round(recording.start * rate) % samples
     begins = [
@@ -278,15 +284,3 @@ def segment(
         origin=recording.origin,
         delay_removed=recording.delay_removed,
     )
-
-
-def _samples_of(period: float, rate: float) -> int:
-    """Return the number of samples in a period. Raise if it is not whole."""
-    positive.check("segment", "period", period)
-    samples = round(period * rate)
-    if not math.isclose(samples, period * rate, rel_tol=1e-6):
-        raise InputError(
-            f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz; give a "
-            "rate at which it is one (--decimate, or decimate)"
-        )
-    return samples

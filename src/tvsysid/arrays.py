@@ -32,13 +32,6 @@ def to_array(values: ArrayLike) -> Array:
     )
 
 
-def finite_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
-    """Return values as a read-only array of finite numbers over the ``axes``."""
-    array = to_array(values)
-    check_finite(name, array, axes)
-    return array
-
-
 def check_finite(name: str, array: NDArray[Any], axes: tuple[str, ...]) -> None:
     """Check that an array holds finite real numbers over the ``axes``.
 

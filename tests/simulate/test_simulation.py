@@ -123,7 +123,6 @@ def test_the_truth_of_a_foreign_ensemble_is_refused(change):
             {"pathways": {"intrinsic": np.full(12_000, np.nan)}},
             "intrinsic: 12000 of 12000 values are NaN",
         ),
-        ({"pathways": {}}, "pathways: expected at least one"),
     ],
 )
 def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import scipy
 
 from tvsysid.numerics import Array
 from tvsysid.simulate.conditions import BANDWIDTH, Conditions
+from tvsysid.simulate.reflex import StretchReflex
+from tvsysid.simulate.simulation import Simulation
 
 
 def actuate(drive: Array, rate: float) -> Array:
@@ -40,25 +41,27 @@ def actuate(drive: Array, rate: float) -> Array:
     return np.stack([angle, velocity, stiffness * (drive - angle) - damping * velocity])
 
 
-class Imposed(NamedTuple):
-    """Imposed angle, its velocity with the run-in, the intrinsic torque, and unscaled noise."""
-
-    angle: Array
-    velocity: Array
-    torque: Array
-    noise: Array
-
-
 def impose(
     conditions: Conditions,
-    impedance: Mapping[str, Array],
+    truth: Mapping[str, Array],
     noise_bandwidth: float,
-) -> Imposed:
-    """Impose the perturbation on a joint of this stiffness, viscosity and inertia over time."""
-    motion = actuate(conditions.drive(), conditions.rate)
-    angle, velocity, acceleration = motion[:, conditions.recorded]
-    torque = impedance["inertia"] * acceleration + impedance["viscosity"] * velocity
-    torque += impedance["stiffness"] * angle
+    reflex: StretchReflex | None = None,
+    gain: Array | float = 0.0,
+    channels: Callable[[Array], dict[str, Array]] = lambda velocity: {},
+) -> Simulation:
+    """Impose the perturbation on a joint whose impedance over time is the truth.
+
+    The gain of a reflex is given over the whole time, and the channels are a function of the
+    angle's velocity over the whole time.
+    """
+    motion, recorded = actuate(conditions.drive(), conditions.rate), conditions.recorded
+    angle, velocity, acceleration = motion[:, recorded]
+    torque = truth["inertia"] * acceleration + truth["viscosity"] * velocity
+    torque += truth["stiffness"] * angle
     scale = conditions.angle_scale(angle)
-    noise = conditions.noise(noise_bandwidth)[conditions.recorded]
-    return Imposed(scale * angle, scale * motion[1], scale * torque, noise)
+    pathways, whole = {"intrinsic": scale * torque}, scale * motion[1]
+    if reflex is not None:
+        begin = -2 * conditions.second
+        pathways["reflex"] = reflex.torque(whole, gain, conditions.rate, begin)[recorded]
+    noise = conditions.noise(noise_bandwidth)[recorded]
+    return conditions.simulation(scale * angle, noise, pathways, truth, channels(whole))

@@ -30,10 +30,7 @@ RULES = {
     ),
     "seed": Validator(
         "a whole number of zero or more",
-        lambda value: (
-            isinstance(value, np.random.Generator | np.random.SeedSequence)
-            or at_least(0).is_valid(value)
-        ),
+        lambda value: not isinstance(value, int | float) or at_least(0).is_valid(value),
     ),
     "rate": Validator(
         f"a number of hertz above {2 * BANDWIDTH:g} Hz",
@@ -79,7 +76,9 @@ class Conditions:
     @property
     def whole_time(self) -> Array:
         """Time of each simulated sample in s, those of the run-in included."""
-        return np.arange(-2 * self.second, self._duration + self.second) / self.rate
+        return (
+            np.arange(-2 * self.second, round(self.duration * self.rate) + self.second) / self.rate
+        )
 
     @property
     def recorded(self) -> slice:
@@ -91,14 +90,9 @@ class Conditions:
         """Time of each recorded sample in s."""
         return self.whole_time[self.recorded]
 
-    @property
-    def _duration(self) -> int:
-        """Number of samples from time 0 to the duration."""
-        return round(self.duration * self.rate)
-
     def _inner(self, values: Array) -> Array:
         """Return recorded values from time 0 to the duration, from which scales are computed."""
-        return values[self.second : self.second + self._duration]
+        return values[self.second : -self.second]
 
     def drive(self) -> Array:
         """Return the unscaled perturbation over the whole time."""
@@ -115,7 +109,7 @@ class Conditions:
         size = float(np.dot(inner, inner))
         if size == 0:
             raise InputError(f"{self.system}: {self.perturbation!r} gave an angle of 0 only")
-        return RMS_ANGLE / math.sqrt(size / self._duration)
+        return RMS_ANGLE / math.sqrt(size / len(inner))
 
     def noise_scale(self, torque: Array, noise: Array) -> float:
         """Return the factor that scales noise to the signal-to-noise ratio for a torque."""

@@ -113,9 +113,7 @@ class Joint:
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         truth = self._impedance(conditions.time, conditions.rate)
-        imposed = impose(conditions, truth, self.noise_bandwidth)
-        pathways = {"intrinsic": imposed.torque}
-        return conditions.simulation(imposed.angle, imposed.noise, pathways, truth)
+        return impose(conditions, truth, self.noise_bandwidth)
 
     def _impedance(self, time: Array, rate: float) -> dict[str, Array]:
         """Return stiffness, viscosity and inertia over time."""
@@ -166,21 +164,16 @@ class ReflexJoint(Joint):
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        rate, random = conditions.rate, conditions.generators[2]
-        impedance = self._impedance(conditions.time, rate)
-        imposed = impose(conditions, impedance, self.noise_bandwidth)
+        rate, recorded = conditions.rate, conditions.recorded
         gain = self._over_time("reflex_gain", conditions.whole_time, rate)
-        torque = self.reflex.torque(imposed.velocity, gain, rate, -2 * conditions.second)
-        stretch = self.reflex.stretch(imposed.velocity, rate, EMG_LEAD_S)
-        emg = np.abs(stretch * random.standard_normal(len(gain))) / math.sqrt(2 / math.pi)
-        recorded = conditions.recorded
-        return conditions.simulation(
-            imposed.angle,
-            imposed.noise,
-            {"intrinsic": imposed.torque, "reflex": torque[recorded]},
-            impedance | {"reflex_gain": gain[recorded]},
-            {"emg": emg[recorded]},
-        )
+        truth = self._impedance(conditions.time, rate) | {"reflex_gain": gain[recorded]}
+
+        def emg(velocity: Array) -> dict[str, Array]:
+            noise = conditions.generators[2].standard_normal(len(velocity))
+            stretch = self.reflex.stretch(velocity, rate, EMG_LEAD_S)
+            return {"emg": np.abs(stretch * noise)[recorded] / math.sqrt(2 / math.pi)}
+
+        return impose(conditions, truth, self.noise_bandwidth, self.reflex, gain, emg)
 
 
 @attrs.frozen
@@ -249,30 +242,26 @@ class ScheduledJoint(Joint):
     reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        time = conditions.time
-        impedance = self._impedance(time, conditions.rate)
+        time, rate = conditions.time, conditions.rate
+        truth = self._impedance(time, rate)
         if self.schedule is None:
-            variable = self._inverse_relation(impedance["stiffness"])
+            variable = self._inverse_relation(truth["stiffness"])
         else:
-            variable = self._over_time("schedule", time, conditions.rate)
+            variable = self._over_time("schedule", time, rate)
         variable = variable * self._strength(time, conditions.generators[2])
-        impedance["stiffness"] = self._related("relation", variable)
+        truth["stiffness"] = self._related("relation", variable)
         if self.viscosity_relation is not None:
-            impedance["viscosity"] = self._related("viscosity_relation", variable)
-        imposed = impose(conditions, impedance, self.noise_bandwidth)
-        pathways = {"intrinsic": imposed.torque}
+            truth["viscosity"] = self._related("viscosity_relation", variable)
+        reflex, late = None, variable
         if self.gain_relation is not None:
-            gain = impedance["reflex_gain"] = self._related("gain_relation", variable)
+            reflex = self.reflex
+            truth["reflex_gain"] = self._related("gain_relation", variable)
             # The gain at the time of the stretch counts. Before the record, it is the first value.
-            delay, whole = round(self.reflex.delay * conditions.rate), len(imposed.velocity)
-            late = np.pad(gain, (conditions.second + delay, 0), "edge")[:whole]
-            torque = self.reflex.torque(
-                imposed.velocity, late, conditions.rate, -2 * conditions.second
-            )
-            pathways["reflex"] = torque[conditions.second :]
-        return conditions.simulation(
-            imposed.angle, imposed.noise, pathways, impedance, {self.variable: variable}
-        )
+            early = conditions.second + round(reflex.delay * rate)
+            whole = len(conditions.whole_time)
+            late = np.pad(truth["reflex_gain"], (early, 0), "edge")[:whole]
+        channels = {self.variable: variable}
+        return impose(conditions, truth, self.noise_bandwidth, reflex, late, lambda _: channels)
 
     def _related(self, name: str, variable: Array) -> Array:
         """Evaluate a relation at the values of a variable."""

@@ -11,7 +11,7 @@ import scipy
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.validators import Validator, not_negative, positive
+from tvsysid.validators import Validator, between, positive
 
 
 class Perturbation(Protocol):
@@ -86,14 +86,7 @@ class Pulses:
 
     duration: float = attrs.field(default=0.25, validator=positive)
     interval: float = attrs.field(default=0.5, validator=positive)
-    variation: float = attrs.field(default=0.2, validator=not_negative)
-
-    def __attrs_post_init__(self) -> None:
-        if self.duration >= self.interval or self.variation >= 1:
-            raise InputError(
-                "Pulses: expected a duration below the interval, and a variation below 1, got "
-                f"{self!r}"
-            )
+    variation: float = attrs.field(default=0.2, validator=between(0, 0.9))
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Return samples of 1, 0 and -1 at the rate in Hz, shape (samples,).

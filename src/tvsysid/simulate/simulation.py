@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import attrs
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tvsysid.arrays import finite_array
+from tvsysid.arrays import check_finite, to_array
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
@@ -36,9 +37,18 @@ class System(Protocol):
         ...  # pragma: no cover
 
 
-def _read_only(values: Mapping[str, Array]) -> dict[str, Array]:
-    """Return read-only arrays of finite numbers."""
-    return {name: finite_array(name, each, ("time",)) for name, each in values.items()}
+def _read_only(values: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    return {name: to_array(each) for name, each in values.items()}
+
+
+def _check(simulation: Simulation, _: object, values: Mapping[str, Array]) -> None:
+    for name, each in values.items():
+        check_finite(name, each, ("time",))
+        if len(each) != (expected := len(simulation.recording)):
+            raise InputError(
+                f"{name!r}: expected a value for each of the recording's {expected} samples, got "
+                f"{len(each)}"
+            )
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -57,23 +67,12 @@ class Simulation:
     Raises
     ------
     InputError
-        For a quantity or pathway that is not one finite number for each sample of the recording,
-        or no pathway.
+        For a quantity or pathway that is not one finite number for each sample of the recording.
     """
 
     recording: Recording
-    truth: Mapping[str, Array] = attrs.field(converter=_read_only)
-    pathways: Mapping[str, Array] = attrs.field(converter=_read_only)
-
-    def __attrs_post_init__(self) -> None:
-        if not self.pathways:
-            raise InputError("pathways: expected at least one, got none")
-        for name, values in (*self.truth.items(), *self.pathways.items()):
-            if len(values) != len(self.recording):
-                raise InputError(
-                    f"{name!r}: expected a value for each of the recording's {len(self.recording)} "
-                    f"samples, got {len(values)}"
-                )
+    truth: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_check)
+    pathways: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_check)
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""
@@ -109,18 +108,13 @@ class Simulation:
         InputError
             For trials or times that the recording does not hold.
         """
-        assert ensemble.onsets is not None
-        assert ensemble.trials is not None
         recording, trials = self.recording, ensemble.trials
         start = recording.start + recording.origin - ensemble.origin
         seconds = ensemble.onsets[:, None] + ensemble.time - start
         within = np.rint(seconds * recording.sampling_rate).astype(np.int64)
         lengths = np.array([trial.stop - trial.start for trial in recording.trials])
-        if (
-            min(trials.min(), within.min()) < 0
-            or trials.max() >= len(lengths)
-            or (within[:, -1] >= lengths[trials]).any()
-        ):
+        first, last = min(trials.min(), within.min()), lengths[trials % len(lengths)] - 1
+        if first < 0 or trials.max() >= len(lengths) or (within[:, -1] > last).any():
             raise InputError(
                 f"truth_of: {ensemble!r} holds trials or times that {recording!r} does not; give "
                 "an ensemble that was cut from this simulation's recording"

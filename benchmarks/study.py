@@ -23,10 +23,10 @@ import tvsysid as tv
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Where the time of a study goes.")
-    parser.add_argument("--preset", default="quick", choices=tv.studies.van_de_ruit_2021.PRESETS)
+    parser.add_argument("--preset", default="quick", choices=tv.studies.PRESETS)
     parser.add_argument("--workers", type=int, nargs="*", default=sorted({1, os.cpu_count() or 1}))
     chosen = parser.parse_args()
-    study = tv.studies.van_de_ruit_2021.preset(chosen.preset)
+    study = tv.studies.preset(chosen.preset)
     console = Console()
     first = None
     for workers in chosen.workers:

@@ -47,7 +47,7 @@ def main() -> None:
         "duration_s": chosen.durations,
     }
     given = {name: values for name, values in part.items() if values}
-    study = tv.studies.van_de_ruit_2021.preset(
+    study = tv.studies.preset(
         "paper", methods=methods, trials=chosen.trials, **given
     )
     console = Console(width=None if sys.stdout.isatty() else 150)

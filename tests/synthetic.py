@@ -9,6 +9,7 @@ import xarray as xr
 from tvsysid import metrics
 from tvsysid.numerics.bands import mean_known
 from tvsysid.simulate import PROFILES
+from tvsysid.study.scores import METRICS
 
 # Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see
 # docs/simulation.md.
@@ -256,6 +257,8 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
         1 + spread * np.random.default_rng(1).standard_normal((*value.shape, 200))
     )
     dims = ("scenario", "method_key", "metric")
+    traits = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
+    units = {name: unit for name, (unit, _) in METRICS.items()}
     return xr.Dataset(
         {
             "value": (dims, value),
@@ -266,5 +269,10 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
             "scenario": [s.label for s in scenarios],
             "method_key": list(methods),
             "metric": list(metrics),
+            "unit": ("metric", [units.get(name, "N·m·s/rad") for name in metrics]),
+        }
+        | {
+            name.replace("stiffness", "profile"): ("scenario", [getattr(s, name) for s in scenarios])
+            for name in traits
         },
     )

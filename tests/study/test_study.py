@@ -3,7 +3,7 @@ import json
 import pytest
 
 import tvsysid as tv
-from tvsysid.studies.van_de_ruit_2021 import PRESETS, preset
+from tvsysid.studies import PRESETS, preset
 from tvsysid.study import Study
 
 

@@ -121,8 +121,7 @@ def benchmark(
     out
         Folder for the results.
     """
-    from tvsysid.studies import PRESETS
-    from tvsysid.studies.van_de_ruit_2021 import preset as study_called
+    from tvsysid.studies import preset as study_called
     from tvsysid.study import Study, cores
 
     options = given(**attrs.asdict(settings))
@@ -131,7 +130,7 @@ def benchmark(
     if study_toml:
         study = Study.from_toml(study_toml, **options)
     else:
-        study = study_called(preset or "quick", PRESETS, **options)
+        study = study_called(preset or "quick", **options)
     if dry_run:
         _show_plan(study, workers.workers or cores())
         return 0
@@ -162,12 +161,11 @@ def write(results: xr.Dataset, out: Path, command: str) -> int:
     """Write tables, figures and report, print a summary, and return the exit code."""
     from tvsysid.figures.words import count, described
     from tvsysid.report import problems
-    from tvsysid.studies import published
-    from tvsysid.studies.van_de_ruit_2021 import write_study
+    from tvsysid.studies import published, write_study
 
     literature = published(results)
     with errors.status("scoring and drawing"):
-        written = write_study(results, out, command, literature)
+        written = write_study(results, out, literature, command)
     groups = list(written.summary.groupby("scenario", sort=False))
     for _, summary in groups[:MAX_TABLES]:
         scenario = {**summary.iloc[0], "profile": summary.stiffness.iloc[0]}

@@ -1,22 +1,44 @@
-"""Published studies and their claims: a folder for each paper or subject."""
+"""Published studies and their claims: a file or folder for each paper or subject."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from tvsysid.errors import InputError
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
-from tvsysid.studies.claims import Published
-from tvsysid.studies.van_de_ruit_2021.folder import PAPER
+from tvsysid.studies.published import PublishedStudy, write_study
+from tvsysid.study.scenarios import Study, preset_study
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["PRESETS", "closed_loop", "published", "reflex", "van_de_ruit_2021"]
+__all__ = ["PRESETS", "preset", "published", "van_de_ruit_2021", "write_study"]
 
-PRESETS = reflex.PRESETS | closed_loop.PRESETS
-"""Studies by name, beside those of the paper."""
+STUDIES = (reflex.STUDY, closed_loop.STUDY, van_de_ruit_2021.STUDY)
+PRESETS = {**van_de_ruit_2021.STUDY.presets, **reflex.STUDY.presets, **closed_loop.STUDY.presets}
+"""Settings of studies by name."""
 
 
-def published(results: xr.Dataset) -> Published:
+def preset(name: str, **settings: Any) -> Study:
+    """Return a study of ``PRESETS``, such as ``"quick"``, ``"paper"`` or ``"reflex"``.
+
+    Settings given take the place of the preset's, in its further scenarios too.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or a setting that a study does not take.
+
+    Examples
+    --------
+    >>> len(preset("paper").scenarios), len(preset("paper", duration_s=40).scenarios)
+    (12, 4)
+    """
+    if name not in PRESETS:
+        raise InputError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}")
+    return preset_study(PRESETS[name], **settings)
+
+
+def published(results: xr.Dataset) -> PublishedStudy:
     """Return the claims for a simulation study: the paper's, if nothing else fits."""
-    return reflex.published(results) or closed_loop.published(results) or PAPER
+    return next(study for study in STUDIES if study.applies(results))

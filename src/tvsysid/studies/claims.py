@@ -1,276 +1,248 @@
-"""Published claims as tables of comparisons, and one function that judges a row.
+"""Published claims as rows of a table, and one function that judges a row.
 
-Each claim becomes a set of margins, numbers that must be positive for it to be true. It holds if
-the 95 % limits of every margin are above zero: to establish that all are positive, each may be
-tested by itself. It does not hold if one margin is below zero with 95 % confidence for all jointly
+A claim is a set of margins, numbers that must be positive for it to be true. It holds if the lower
+95 % limit of every margin is above zero: to establish that all are positive, each may be tested by
+itself. It does not hold if one margin is below zero with 95 % confidence for all of them jointly
 (Bonferroni). It is undecided otherwise.
 """
 
 from __future__ import annotations
 
-import json
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import product
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
 
 from tvsysid.numerics import Array
-from tvsysid.study.scenarios import PERIOD, RATE, Scenario
+from tvsysid.study.scenarios import Scenario
+from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from tvsysid.figures import Illustration
-
 COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
 HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
+FINDINGS = {
+    HOLDS: "all {1} comparisons speak for it; the closest: ",
+    FAILS: "{0} of {1} comparisons against it; the clearest: ",
+    UNDECIDED: "{0} of {1} comparisons open; the most so: ",
+}
 RATIO = "ratio"  # unit of margins that are logarithms
-MIN_TRIALS = 10  # below which limits from drawing among trials are too narrow to decide by
+MIN_TRIALS = 10  # below which limits from resampled trials are too narrow
+TAIL = 0.025  # probability beyond either 95 % limit
 HOW_DECIDED = (
     "Estimate and limits (95 %) are those of the comparison that decides: a difference above 0 or "
     "a ratio above 1 speaks for the claim. For “does not hold” the confidence is 95 % for all "
     "comparisons together."
 )
 
-
-class Comparison(NamedTuple):
-    """A margin in words, and its values: an estimate with replicates, or one for each person."""
-
-    words: str
-    values: Array
+Key = tuple[str, ...]
+"""Name of a quantity, and what it belongs to: a method, a scenario."""
 
 
-class Evidence(ABC):
-    """Values that claims are held against."""
+@attrs.frozen(eq=False)
+class Evidence:
+    """Numbers that claims are compared with.
 
-    more = "data"
-    """What to have more of where a claim is undecided."""
-    too_few = ""
-    """Why nothing can be decided, if so."""
-    also = ""
-    """What every claim needs."""
+    Parameters
+    ----------
+    values
+        Samples of each number.
+    units
+        Unit of each quantity.
+    interval
+        Return estimate, lower and upper limit of samples. Each limit is exceeded with this
+        probability.
+    scenarios
+        Scenarios of a simulation study, by label.
+    more
+        What to have more of where a claim is undecided.
+    too_few
+        Why nothing can be decided, if so.
+    """
 
-    @abstractmethod
-    def of(self, *place: Any) -> Array | None:
-        """Return the values at a place; None if the study lacks it."""
+    values: Mapping[Key, Array]
+    units: Mapping[str, str]
+    interval: Callable[[Array, float], tuple[float, float, float]]
+    scenarios: Mapping[str, Scenario] = MappingProxyType({})
+    more: str = "trials"
+    too_few: str = ""
 
-    @abstractmethod
-    def estimate(self, values: Array) -> Any:
-        """Return the estimate of some values."""
-
-    @abstractmethod
-    def limits(self, values: Array, tail: float) -> tuple[float, float]:
-        """Return limits beyond which the estimate lies with this probability on either side.
-
-        NaN where nothing is known.
-        """
+    def describe(self, key: Key) -> str:
+        """Return a number with its unit and what it belongs to, in words."""
+        quantity, *owner = key
+        value = f"{self.interval(self.values[key], TAIL)[0]:.3g} {self.units.get(quantity, '')}"
+        return f"{quantity.replace('_', ' ')} {value.strip()} ({', '.join(owner)})"
 
 
-Comparisons = Callable[[Any], Iterator[Comparison]]
-Rows = Iterable[tuple[Any, ...]]
+def difference(one: Array, *others: Array) -> Array:
+    """Return a number, or its difference from another one."""
+    return one - others[0] if others else one
+
+
+def log_ratio(one: Array, other: Array, *others: Array) -> Array:
+    """Return the logarithm of the ratio of two sizes, or of two such ratios."""
+    ratio = np.log(np.abs(one / other))
+    return np.asarray(ratio - log_ratio(*others) if others else ratio)
+
+
+@attrs.frozen
+class Margin:
+    """Distances of a combination of numbers from its bounds; positive within them.
+
+    ``of`` combines the numbers. Its result is a logarithm where the unit is ``RATIO``; the bounds
+    are not.
+    """
+
+    low: float = -np.inf
+    high: float = np.inf
+    of: Callable[..., Array] = difference
+    unit: str = ""
+
+    def __call__(self, *samples: Array) -> list[Array]:
+        """Return the samples of the margin to each finite bound."""
+        value, ends = self.of(*samples), np.array([self.low, self.high])
+        low, high = np.log(ends) if self.unit == RATIO else ends
+        margins = {low: value - low, high: high - value}
+        return [each for end, each in margins.items() if np.isfinite(end)]
+
+
+def ratio(low: float = 0.0, high: float = np.inf, of: Callable[..., Array] = log_ratio) -> Margin:
+    """Return the margin of a ratio."""
+    return Margin(low, high, of, RATIO)
+
+
+LARGER, GREATER = Margin(0), ratio(1)
+"""The first of two numbers is larger, by their difference or their ratio."""
 
 
 @attrs.frozen
 class Claim:
-    """A published sentence, and the comparisons that it is held against.
+    """A published sentence, and the comparisons that decide on it.
 
     Parameters
     ----------
     sentence, source
         The claim, and the paper or section that has it.
+    needs
+        What a study needs to test the claim.
     comparisons
-        Function of the evidence. It gives none where the study lacks what the claim ``needs``.
-    unit
-        Unit of the margins; ``RATIO`` for logarithms.
+        Each is a margin and what it is of: quantities, methods, scenarios. All combinations are
+        compared. A tuple in place of a name holds the sides of one comparison. What depends on the
+        study is a function of the evidence. Combinations that the evidence lacks do not count.
     disagreement
         Why the claim may fail, where that is known.
+    most
+        Whether more than half of the comparisons suffice.
     """
 
     sentence: str
     source: str
-    comparisons: Comparisons
-    unit: str
     needs: str
+    comparisons: Sequence[tuple[Any, ...]]
     disagreement: str = ""
+    most: bool = False
+
+    def rows(self, evidence: Evidence) -> Iterator[tuple[Margin, list[Key]]]:
+        """Yield each margin with the keys of its numbers."""
+        for margin, *axes in self.comparisons:
+            parts = [axis(evidence) if callable(axis) else axis for axis in axes]
+            for place in product(*([part] if isinstance(part, str) else part for part in parts)):
+                sides = [side if isinstance(side, tuple) else (side,) for side in place]
+                keys = list(product(*sides))
+                if evidence.values.keys() >= set(keys) and len(set(keys)) == len(keys):
+                    yield margin, keys
+
+    def margins(self, evidence: Evidence) -> list[tuple[Array, str, list[Key]]]:
+        """Return samples and unit of each margin, and the keys of its numbers."""
+        rows = [
+            (margin(*(evidence.values[key] for key in keys)), margin.unit, keys)
+            for margin, keys in self.rows(evidence)
+        ]
+        if self.most and rows:
+            least = np.array([np.min(samples, axis=0) for samples, *_ in rows])
+            share = np.where(np.isnan(least), np.nan, least > 0).mean(axis=0)
+            return [(share - 0.5, "share of conditions beyond half", [])]
+        return [
+            (each, unit or evidence.units[keys[0][0]], keys)
+            for samples, unit, keys in rows
+            for each in samples
+        ]
 
 
-def compare(rows: Rows | Callable[[Any], Rows], margin: Callable[..., Any]) -> Comparisons:
-    """Return the comparisons of a claim.
-
-    Parameters
-    ----------
-    rows
-        Words and one or more places, or a function of the evidence that gives them. The words are
-        a format of the values at these places, and of the ``ratio`` of the first to the last.
-    margin
-        Function of the values; it returns one margin, or several along the first axis.
-    """
-
-    def comparisons(evidence: Evidence) -> Iterator[Comparison]:
-        for words, *places in rows(evidence) if callable(rows) else rows:
-            values = [evidence.of(*place) for place in places]
-            known = [each for each in values if each is not None]
-            if len(known) < len(values):
-                continue
-            shown = [evidence.estimate(each) for each in known]
-            said = words.format(*shown, ratio=shown[0] / shown[-1])
-            yield from (Comparison(said, each) for each in np.atleast_2d(margin(*known)))
-
-    return comparisons
-
-
-def log_ratio(one: Array, other: Array) -> Array:
-    """Return the logarithm of a ratio: the margin between two values, in the unit ``RATIO``."""
-    return np.asarray(np.log(one / other))
-
-
-def within(low: float, high: float = np.inf) -> Callable[[Array], Array]:
-    """Return the margins of a value to the ends of a range."""
-    return lambda value: np.stack([value - low, high - value] if high < np.inf else [value - low])
-
-
-def judge_claims(
-    claims: Iterable[Claim], evidence: Evidence, further: Iterable[tuple[object, ...]] = ()
-) -> pd.DataFrame:
-    """Return a row of ``COLUMNS`` for each claim, and the further rows."""
+def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
+    """Return a row of ``COLUMNS`` for each claim."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    # A draw of few trials may have no spread to take the logarithm of.
+    # Resampled trials may have no spread, and no logarithm
     with np.errstate(divide="ignore", invalid="ignore"):
         rows = [judge_claim(claim, evidence) for claim in claims]
-    return pd.DataFrame([*rows, *further], columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
     """Return the row of ``COLUMNS`` for a claim; without comparisons it was not studied."""
-    every = list(claim.comparisons(evidence))
-    estimates = [float(evidence.estimate(each.values)) for each in every]
-    known = [place for place, estimate in enumerate(estimates) if np.isfinite(estimate)]
-    numbers, finding = np.full(3, np.nan), ""
-    if not every:
-        also = f", and {evidence.also}" if evidence.also else ""
-        verdict, remark = NOT_STUDIED, f"Needs {claim.needs}{also}."
-    elif evidence.too_few or not known:
-        verdict = UNDECIDED
-        remark = evidence.too_few if known else "The methods gave no results."
-    else:
-        limits = {place: evidence.limits(every[place].values, 0.025) for place in known}
-        joint = 0.025 / len(known)
-        against = [place for place in known if evidence.limits(every[place].values, joint)[1] < 0]
-        open_ = [place for place in known if not limits[place][0] > 0 and place not in against]
-        verdict, deciding, told, remark = _decide(
-            against, open_, known, len(every), estimates, limits, evidence.more
-        )
-        remark = "" if verdict == HOLDS else f"{remark} {claim.disagreement}".strip()
-        numbers = np.array([estimates[deciding], *limits[deciding]])
-        finding = told + every[deciding].words
-    shown = np.exp(numbers) if claim.unit == RATIO else numbers
-    return (claim.sentence, claim.source, finding, *shown.tolist(), claim.unit, verdict, remark)
+    margins = claim.margins(evidence)
+    if not margins:
+        remark = f"Needs {claim.needs}."
+        return (claim.sentence, claim.source, "", *[np.nan] * 3, "", NOT_STUDIED, remark)
+    intervals = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
+    estimates, lows, _ = intervals.T
+    joint = TAIL / max(1, np.count_nonzero(np.isfinite(estimates)))
+    highs = np.array([evidence.interval(samples, joint)[2] for samples, *_ in margins])
+    can_decide = not evidence.too_few
+    holds, fails = (lows > 0) & can_decide, (highs < 0) & can_decide
+    for verdict, chosen in ((FAILS, fails), (UNDECIDED, ~holds & ~fails), (HOLDS, holds)):
+        if chosen.any():
+            break
+    order = lows if verdict == HOLDS else estimates
+    place = int(np.argmin(np.where(chosen, order, np.inf)))  # the first without results, if any
+    numbers, (_, unit, keys) = intervals[place], margins[place]
+    open_for = f"More {evidence.more} may decide."
+    if evidence.too_few or np.isnan(estimates[place]):
+        open_for = evidence.too_few or "A method gave no results."
+    opening = {HOLDS: "", FAILS: claim.disagreement}
+    remark = opening.get(verdict, f"{open_for} {claim.disagreement}".strip())
+    finding = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
+    finding = f"{finding if len(margins) > 1 else ''}{'; '.join(map(evidence.describe, keys))}"
+    numbers = np.exp(numbers) if unit == RATIO else numbers
+    unit = unit.replace("%", "percentage points")
+    return (claim.sentence, claim.source, finding, *numbers.tolist(), unit, verdict, remark)
 
 
-def _decide(
-    against: list[int],
-    open_: list[int],
-    known: list[int],
-    count: int,
-    estimates: Sequence[float],
-    limits: Mapping[int, tuple[float, float]],
-    more: str,
-) -> tuple[str, int, str, str]:
-    """Return the verdict, the comparison that decides, how many do, and a remark."""
-    if against:
-        speak = "speaks" if len(against) == 1 else "speak"
-        told = f"{len(against)} of {count} comparisons {speak} against it; the clearest: "
-        return FAILS, min(against, key=lambda place: estimates[place]), told, ""
-    lost = count - len(known)
-    if open_ or lost:
-        number = len(open_) + lost
-        told = f"{number} of {count} comparisons {'is' if number == 1 else 'are'} open; "
-        told += "the most so: " if open_ else "the closest of the others: "
-        remark = "A method gave no results." if lost else f"More {more} may decide."
-        return UNDECIDED, min(open_ or known, key=lambda place: estimates[place]), told, remark
-    told = f"all {count} comparisons speak for it; the closest: " if count > 1 else ""
-    return HOLDS, min(known, key=lambda place: limits[place][0]), told, ""
+def simulation_evidence(scores: xr.Dataset) -> Evidence:
+    """Return the scores of a simulation study by metric, method and label of the scenario.
 
-
-class Scores(Evidence):
-    """Metrics of scenarios and methods with their replicates, from the scores of a study.
-
-    A place is a scenario, the label of a method and a metric.
+    Samples are the metric, followed by its replicates.
     """
+    import xarray as xr  # noqa: PLC0415  # heavy
 
-    more = "trials"
-
-    def __init__(self, scores: xr.Dataset) -> None:
-        self.scores = scores
-        names = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
-        if "profile" in scores.coords:
-            columns = zip(*(scores[name].values.tolist() for name in names), strict=True)
-            self.scenarios = [Scenario(*each) for each in columns]
-        self._axes = [scores.indexes[name] for name in ("scenario", "method_key", "metric")]
-        self._values = [
-            scores[name].transpose(*scores.value.dims, ...).values
-            for name in ("value", "replicates")
-        ]
-        if int(scores.trials.max()) < MIN_TRIALS:
-            self.too_few = f"Needs at least {MIN_TRIALS} trials."
-
-    def of(self, scenario: Scenario, method: str, metric: str) -> Array | None:
-        """Return a metric followed by its replicates."""
-        labels = (scenario.label, method, metric)
-        if not all(label in axis for label, axis in zip(labels, self._axes, strict=True)):
-            return None
-        place = tuple(axis.get_loc(label) for label, axis in zip(labels, self._axes, strict=True))
-        if "asked" in self.scores.coords and not self.scores.asked.values[place[:2]]:
-            return None
-        value, replicates = (each[place] for each in self._values)
-        return np.append(value, replicates)
-
-    def estimate(self, values: Array) -> Any:
-        """Return the value before its replicates."""
-        return values[0]
-
-    def limits(self, values: Array, tail: float) -> tuple[float, float]:
-        """Return percentiles of the replicates."""
-        known = values[1:][~np.isnan(values[1:])]
-        if not len(known):
-            return np.nan, np.nan
-        low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
-        return float(low), float(high)
-
-    def where(self, least_s: float = 0.0, **settings: object) -> list[Scenario]:
-        """Return scenarios of the paper's joint, rate and period, with these settings."""
-        study = json.loads(self.scores.attrs.get("study", "{}"))
-        if (study.get("rate", RATE), study.get("period", PERIOD)) != (RATE, PERIOD):
-            return []
-        settings = {"system": "joint"} | settings
-        return [
-            scenario
-            for scenario in self.scenarios
-            if scenario.duration_s >= least_s
-            and all(getattr(scenario, name) == value for name, value in settings.items())
-        ]
+    traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
+    columns = (scores[name].values.tolist() for name in ("scenario", *traits))
+    samples = xr.concat([scores.value, scores.replicates], "draw")
+    samples = samples.assign_coords(asked=(("scenario", "method_key"), asked(scores)))
+    samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "draw")
+    samples = samples[samples.asked.values]
+    is_small = int(scores.trials.max()) < MIN_TRIALS
+    return Evidence(
+        dict(zip(samples.key.values, samples.values, strict=True)),
+        scores.unit.to_series().to_dict(),
+        replicate_interval,
+        {label: Scenario(*settings) for label, *settings in zip(*columns, strict=True)},
+        too_few=f"Needs at least {MIN_TRIALS} trials." if is_small else "",
+    )
 
 
-class Published(NamedTuple):
-    """What papers say of simulations, and how a study of these is drawn.
+def replicate_interval(samples: Array, tail: float) -> tuple[float, float, float]:
+    """Return a value and percentiles of the replicates that follow it.
 
-    Parameters
-    ----------
-    judge
-        Function from scores to a row for each claim.
-    figures
-        Function of results and their summary with full names.
-    about
-        Text above the claims.
-    presets
-        Studies that all claims together need.
+    A value without replicates, such as that of the worst trial, is its own limits.
     """
-
-    judge: Callable[[xr.Dataset], pd.DataFrame]
-    figures: Callable[[xr.Dataset, pd.DataFrame], dict[str, Illustration]]
-    about: str
-    presets: tuple[str, ...]
+    replicates = samples[1:][~np.isnan(samples[1:])]
+    known = replicates if len(replicates) else samples[:1]
+    low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
+    return samples[0], low, high

@@ -1,22 +1,19 @@
-"""All figures of a study, and the impulse responses that one of them shows."""
+"""All figures of a simulation study, and the impulse responses that one of them shows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures.comparison import method_comparison
-from tvsysid.figures.results import BANDS, OVER_TIME, covered, scenario_traits
-from tvsysid.figures.saving import Illustration
-from tvsysid.figures.simulations import coverage_over_time, error_against_amount, impulse_responses
-from tvsysid.figures.words import count, described, perturbation_name, profile_name
-from tvsysid.methods import BasisIRF, EnsembleIRF, Method, ShortDataSegments
+from tvsysid.figures import Illustration, error_against_amount, impulse_responses
+from tvsysid.figures.results import covered, scenario_traits, unique
+from tvsysid.figures.words import perturbation_name, profile_name
+from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
-from tvsysid.simulate import PERTURBATIONS, PROFILES, Joint
+from tvsysid.studies.pictures import comparison, coverage, in_words
 from tvsysid.study.scenarios import PERIOD, RATE, Scenario, Study
 
 if TYPE_CHECKING:
@@ -27,13 +24,6 @@ SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
 INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
 # Seconds of data and signal-to-noise ratio in dB that the paper shows over time
 USUAL = (150.0, 10.0)
-METRICS = {
-    "bias_error": "bias error",
-    "random_error": "random error",
-    "total_error": "total error",
-    "rise_time": "rise time",
-    "vaf": "VAF",
-}
 
 
 def study_figures(
@@ -56,157 +46,53 @@ def study_figures(
     traits = scenario_traits(results)
     shown: dict[str, Illustration] = {}
     for (profile, viscosity), rows in traits.groupby(["profile", "viscosity"], sort=False):
-        ending = "-covarying" if viscosity == "covarying" else ""
-        perturbations = list(rows.perturbation.unique())
-        groups = [perturbations] if profile == "sine" else [[name] for name in perturbations]
-        for group in groups:
-            stem = f"comparison-{profile}" + ("" if len(group) > 1 else f"-{group[0]}") + ending
-            shown[stem] = _comparison(results, summary, rows[rows.perturbation.isin(group)])
-        here = summary[(summary.stiffness == profile) & (summary.viscosity == viscosity)]
-        duration, snr = _middle(rows)
-        name = _name(rows.iloc[0])
-        at_snr, at_duration = here[here.snr_db == snr], here[here.duration_s == duration]
-        if at_snr.duration_s.nunique() > 1:
-            shown[f"amount-{profile}{ending}"] = _amount(
-                at_snr, f"{name}: errors against the amount of data"
+        covaries = viscosity == "covarying"
+        stem = f"{profile}{'-covarying' if covaries else ''}"
+        name = profile_name(profile if profile != "own" else rows.system.iloc[0])
+        name = name if ":" in name else name[:1].upper() + name[1:]
+        also = ", viscosity varies with stiffness" if covaries else ""
+        every = unique(rows.perturbation)
+        for group in [every] if profile == "sine" else [[each] for each in every]:
+            mine = rows[rows.perturbation.isin(group)]
+            at, _ = _usual(mine)
+            bars = mine.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
+            perturbations = " and ".join(map(perturbation_name, at.perturbation))
+            words = [profile, *(group if len(group) == 1 else []), *(["covarying"] * covaries)]
+            shown["-".join(["comparison", *words])] = comparison(
+                results, summary, list(at.index), list(bars.index), f"{name}, {perturbations}{also}"
             )
-        if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
-            shown[f"amount-{profile}{ending}-snr"] = _amount(
-                at_duration, f"{name}: errors against noise"
-            )
-        at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
+        at, (duration, snr) = _usual(rows)
+        here = summary[summary.scenario.isin(rows.index)]
+        for column, fixed, against, ending in (
+            ("duration_s", here.snr_db == snr, f"the amount of data, {snr:g} dB", ""),
+            ("snr_db", here.duration_s == duration, f"noise, {duration:g} s of data", "-snr"),
+        ):
+            amounts = here[fixed & np.isfinite(here[column])]
+            if amounts[column].nunique() > 1:
+                title = f"{name}: errors against {against}"
+                shown[f"amount-{stem}{ending}"] = _amount(amounts, column, title)
         if np.isfinite(covered(results.sel(scenario=list(at.index))).values).any():
-            shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
+            title = f"{name}: how often the bands hold the truth, {at.duration_s.iloc[0]:g} s{also}"
+            shown[f"coverage-{stem}"] = coverage(results, summary, list(at.index), title)
     if responses is not None:
         shown["impulse-responses"] = _responses(responses)
     return shown
 
 
-def _name(traits: Any) -> str:
-    name = profile_name(traits["profile"] if traits["profile"] != "own" else traits["system"])
-    return name if ":" in name else name[:1].upper() + name[1:]
+def _usual(rows: pd.DataFrame) -> tuple[pd.DataFrame, tuple[float, float]]:
+    """Return the scenarios to show and their duration and noise: the paper's, or the middle."""
+    pairs = sorted(set(zip(rows.duration_s.tolist(), rows.snr_db.tolist(), strict=True)))
+    duration, snr = USUAL if USUAL in pairs else pairs[len(pairs) // 2]
+    return rows[(rows.duration_s == duration) & (rows.snr_db == snr)], (duration, snr)
 
 
-def _covarying(traits: Any) -> str:
-    return ", viscosity varies with stiffness" if traits["viscosity"] == "covarying" else ""
-
-
-def _middle(rows: pd.DataFrame) -> tuple[float, float]:
-    """Return the duration and signal-to-noise ratio to show: the paper's, or the middle ones."""
-    pairs = sorted(set(zip(rows.duration_s.astype(float), rows.snr_db.astype(float), strict=True)))
-    return USUAL if USUAL in pairs else pairs[len(pairs) // 2]
-
-
-def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
-    duration, snr = _middle(rows)
-    shown = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
-    bars = rows.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
-    scenarios: list[Any] = shown.to_dict("records")
-    perturbations = " and ".join(map(perturbation_name, shown.perturbation))
-    title = f"{_name(scenarios[0])}, {perturbations}{_covarying(scenarios[0])}"
-    labels = list(dict.fromkeys([*shown.index, *bars.index]))
-    drawing = partial(
-        method_comparison,
-        results[OVER_TIME].sel(scenario=labels, quantity="stiffness"),
-        summary[summary.scenario.isin(labels)],
-        list(shown.index),
-        list(bars.index),
-        title,
-    )
+def _amount(rows: pd.DataFrame, column: str, title: str) -> Illustration:
+    total = rows.assign(size=rows[column]).sort_values("size", kind="stable")
     text = (
-        f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one "
-        f"realization of {duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two "
-        f"standard deviations over {count(results.sizes['trial'], 'trial')}, against the true "
-        "stiffness, and time-varying VAF. Lower rows: bars of the metrics for "
-        f"{count(len(bars), 'scenario')}. "
-    )
-    return Illustration(
-        drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios))
-    )
-
-
-def _figures(
-    summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, object]]
-) -> list[str]:
-    """Return one sentence for each method in each scenario."""
-    sentences = []
-    for label, scenario in zip(labels, scenarios, strict=True):
-        rows = summary[(summary.scenario == label) & summary.metric.isin(list(METRICS))].dropna(
-            subset=["value"]
-        )
-        for method, mine in rows.groupby("method", sort=False):
-            values = mine.set_index("metric")
-            parts = [
-                f"{words} {values.value[name]:.3g} {values.unit[name]}"
-                for name, words in METRICS.items()
-                if name in values.index
-            ]
-            sentences.append(f"{method} with {described(scenario)}: {', '.join(parts)}.")
-    return sentences
-
-
-def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
-    first: Any = rows.iloc[0]
-    title = (
-        f"{_name(first)}: how often the bands hold the truth, {first.duration_s:g} "
-        f"s{_covarying(first)}"
-    )
-    labels = list(rows.index)
-    chosen = results[BANDS].sel(scenario=labels, quantity="stiffness")
-    missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
-    text = [
-        "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
-        "realization, averaged over 0.05 s. A band covers the random error, not the bias of what a "
-        f"method smooths{missed}"
-    ]
-    for label, row in rows.iterrows():
-        mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(
-            subset=["value"]
-        )
-        shares = ", ".join(
-            f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True)
-        )
-        if shares:
-            text.append(f"With {perturbation_name(row.perturbation)}: {shares} over all times.")
-        without = summary[
-            (summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)
-        ]
-        missing = [
-            f"{method} {'below 1' if value < 1 else f'{value:.0f}'} %"
-            for method, value in zip(without.method, without.value, strict=True)
-        ]
-        if missing:
-            text.append(
-                f"Of these times and trials no band, and not counted: {', '.join(missing)}."
-            )
-    return Illustration(partial(coverage_over_time, chosen, labels, title), title, " ".join(text))
-
-
-def _amount(rows: pd.DataFrame, title: str) -> Illustration:
-    name = "duration_s" if rows.duration_s.nunique() > 1 else "snr_db"
-    unit = "s" if name == "duration_s" else "dB"
-    other = (
-        f"{rows.snr_db.iloc[0]:g} dB"
-        if name == "duration_s"
-        else f"{rows.duration_s.iloc[0]:g} s of data"
-    )
-    title = f"{title}, {other}"
-    known = rows[(rows.metric == "total_error") & (rows[name] < float("inf"))].dropna(
-        subset=["value"]
-    )
-    sentences = [
         "Debiased bias error, random error and total error of each method in N·m/rad, with "
-        "standard errors."
-    ]
-    for (perturbation, method), line in known.sort_values(name, kind="stable").groupby(
-        ["perturbation", "method"], sort=False
-    ):
-        first, last = line.iloc[0], line.iloc[-1]
-        sentences.append(
-            f"{method} with {perturbation_name(perturbation)}: total error {first.value:.3g} at "
-            f"{first[name]:g} {unit}, {last.value:.3g} at {last[name]:g} {unit}."
-        )
-    return Illustration(partial(error_against_amount, rows, title), title, " ".join(sentences))
+        f"standard errors. {in_words(total, ['perturbation', 'method'], ['total_error'])}"
+    )
+    return Illustration(partial(error_against_amount, rows, title), title, text)
 
 
 def _responses(responses: xr.Dataset) -> Illustration:
@@ -215,22 +101,15 @@ def _responses(responses: xr.Dataset) -> Illustration:
         f"{SCENARIO.snr_db:g} dB"
     )
     title = f"Impulse responses at a low and a high stiffness: {data}"
-    sentences = [
+    rows = responses.distance.to_dataframe("value").reset_index()
+    rows = rows.assign(metric="root mean square distance from the truth", unit=" N·m/(rad·s)")
+    text = (
         "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from "
         f"the first trial of the square wave ({data}), with the paper's settings, drawn over the "
-        "true one in the band of the data."
-    ]
-    for instant in responses.instant.values:
-        here = responses.distance.sel(instant=instant)
-        parts = [
-            f"{method} {float(here.sel(method_key=method)):.3g}"
-            for method in here.method_key.values
-        ]
-        sentences.append(
-            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance "
-            f"from the truth is {', '.join(parts)}."
-        )
-    return Illustration(partial(impulse_responses, responses, title), title, " ".join(sentences))
+        "true one in the band of the data, at a low and a high stiffness in N·m/rad. "
+        f"{in_words(rows, ['stiffness', 'method_key'], set(rows.metric))}"
+    )
+    return Illustration(partial(impulse_responses, responses, title), title, text)
 
 
 def example_responses(seed: int = 0) -> xr.Dataset:
@@ -246,37 +125,36 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    simulation = Joint(stiffness=PROFILES[SCENARIO.stiffness]).simulate(
+    study = Study(seed=seed)
+    system, perturbation = study.simulated(SCENARIO)
+    simulation = system.simulate(
         SCENARIO.duration_s,
-        perturbation=PERTURBATIONS[SCENARIO.perturbation],
+        perturbation=perturbation,
         snr_db=SCENARIO.snr_db,
-        seed=Study(seed=seed).seed_of(SCENARIO, 0),
+        seed=study.seed_of(SCENARIO, 0),
     )
     ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
-    methods: list[Method] = [EnsembleIRF(), ShortDataSegments(), BasisIRF(model="irf")]
-    models: list[Any] = [method.identify(ensemble) for method in methods]
-    stiffness = np.asarray(PROFILES[SCENARIO.stiffness](np.array(INSTANTS)))
-    viscosity = float(simulation.truth["viscosity"][0])
-    # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
-    # the power m; a
-    # response is per second, which is once more the rate.
-    weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
-    inertia = float(simulation.truth["inertia"][0])
-    truth = [k * weights[0] + viscosity * weights[1] + inertia * weights[2] for k in stiffness]
+    methods = {
+        "eirf": EnsembleIRF(), "sds": ShortDataSegments(), "birf": BasisIRF(model="irf")
+    }  # fmt: skip
     rows = [round(instant * RATE) for instant in INSTANTS]
-    dims = ("method_key", "instant", "lag")
-    found = np.stack([model.impulse_response[rows] for model in models])
-    distance = np.sqrt(np.mean((found - np.stack(truth)) ** 2, axis=-1))
-    return xr.Dataset(
+    found = [method.identify(ensemble).impulse_response[rows] for method in methods.values()]
+    truth = simulation.truth_of(ensemble)
+    true = np.stack([truth[name][0, rows] for name in ("stiffness", "viscosity", "inertia")], -1)
+    # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
+    # the power m; a response is per second, which is once more the rate.
+    weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
+    responses = xr.Dataset(
         {
-            "impulse_response": (dims, found),
-            "distance": (dims[:2], distance),
-            "true_impulse_response": (dims[1:], np.stack(truth)),
+            "impulse_response": (("method_key", "instant", "lag"), np.stack(found)),
+            "true_impulse_response": (("instant", "lag"), true @ weights),
         },
         coords={
-            "method_key": ["eirf", "sds", "birf"],
+            "method_key": list(methods),
             "instant": list(INSTANTS),
-            "stiffness": ("instant", stiffness),
+            "stiffness": ("instant", true[:, 0]),
             "lag": np.arange(-HALF_WIDTH, HALF_WIDTH + 1) / RATE,
         },
     )
+    error = responses.impulse_response - responses.true_impulse_response
+    return responses.assign(distance=np.sqrt((error**2).mean("lag")))

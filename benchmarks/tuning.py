@@ -47,9 +47,7 @@ def main() -> None:
         "duration_s": chosen.durations,
     }
     given = {name: values for name, values in part.items() if values}
-    study = tv.studies.preset(
-        "paper", methods=methods, trials=chosen.trials, **given
-    )
+    study = tv.studies.preset("paper", methods=methods, trials=chosen.trials, **given)
     console = Console(width=None if sys.stdout.isatty() else 150)
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -170,17 +170,19 @@ def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     return command
 
 
+def _without_helpers(monkeypatch):
+    for module in ("published_study", "van_de_ruit_2021.folder"):
+        monkeypatch.setattr(f"tvsysid.studies.{module}.helpers", lambda workers: nullcontext())
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
-    for name in ("study_figures", "experiment_figures", "participant_figures"):
-        monkeypatch.setattr(f"tvsysid.studies.van_de_ruit_2021.folder.{name}", lambda *given: {})
-    monkeypatch.setattr(
-        "tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None
-    )
-    monkeypatch.setattr(
-        "tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext()
-    )
+    paper = "tvsysid.studies.van_de_ruit_2021"
+    for name in ("study_figures", "folder.experiment_figures", "folder.participant_figures"):
+        monkeypatch.setattr(f"{paper}.{name}", lambda *given: {})
+    monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
+    _without_helpers(monkeypatch)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
     monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given: None)
@@ -202,9 +204,7 @@ def sketched(monkeypatch):
 
     empty = _empty_figure()
     monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
-    monkeypatch.setattr(
-        "tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext()
-    )
+    _without_helpers(monkeypatch)
 
 
 @pytest.fixture

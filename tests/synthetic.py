@@ -257,7 +257,7 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
         1 + spread * np.random.default_rng(1).standard_normal((*value.shape, 200))
     )
     dims = ("scenario", "method_key", "metric")
-    traits = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
+    traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
     units = {name: unit for name, (unit, _) in METRICS.items()}
     return xr.Dataset(
         {
@@ -272,7 +272,7 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
             "unit": ("metric", [units.get(name, "N·m·s/rad") for name in metrics]),
         }
         | {
-            name.replace("stiffness", "profile"): ("scenario", [getattr(s, name) for s in scenarios])
-            for name in traits
+            name: ("scenario", list(each))
+            for name, *each in zip(traits, *map(tuple, scenarios), strict=True)
         },
     )

@@ -182,8 +182,7 @@ def test_two_participants_with_both_perturbations_decide_nothing_between_them():
         ).values
     )
     assert (
-        verdicts(nobody)["PRBS gives 20 to 30 % more VAF than noise for all but kbr"]
-        == "not studied"
+        verdicts(nobody)["PRBS gives 20 to 30 % more VAF than noise for all but kbr"] == "undecided"
     )
 
 

@@ -1,101 +1,81 @@
+"""Claims of the paper's simulations against invented numbers, and how a claim is judged."""
+
 import math
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.synthetic import scores_of
 
-from tvsysid.studies.claims import COLUMNS, Claim, Comparison, Scores, judge_claim
-from tvsysid.studies.van_de_ruit_2021 import judge, preset
-from tvsysid.studies.van_de_ruit_2021.simulations import CLAIMS, FIVE
+from tvsysid.studies import preset
+from tvsysid.studies.claims import COLUMNS, Claim, Evidence, Margin, judge_claim, replicate_interval
+from tvsysid.studies.van_de_ruit_2021 import judge
+from tvsysid.studies.van_de_ruit_2021.simulations import FIVE
 from tvsysid.study import Study, run, score
 from tvsysid.study.scores import METRICS
 
-DRAWS = 200
+DEBIASED = "debiased_bias_error"
+BIAS = {(method, DEBIASED): size for method, size in zip(FIVE, (4, 9, 15, 11, 10), strict=True)}
+LOWEST, LARGEST = "eirf has the lowest bias", "birf has the largest bias"
+BETWEEN = "sds, esm, kbr lie between eirf and birf in bias"
 
 
-def scores_of(values, errors=0.01, study=None):
-    """Scores of the paper's study: values by (method, metric), or 1.
+def paper_scores(values=None, spread=0.01, study=None, methods=FIVE):
+    """Scores by (method, metric), numbers or functions of the scenario; 1 where not given."""
 
-    Each with a normal uncertainty.
-    """
+    def numbers(scenario, method, metric):
+        number = (values or {}).get((method, metric), 1.0)
+        return number(scenario) if callable(number) else number
+
     study = study or preset("paper", trials=10)
-    random = np.random.default_rng(1)
-    names = list(METRICS)
-    shape = len(study.scenarios), len(FIVE), len(names)
-    value = np.ones(shape)
-    for (method, metric), number in values.items():
-        value[:, FIVE.index(method), names.index(metric)] = [
-            number(scenario) if callable(number) else number for scenario in study.scenarios
-        ]
-    replicates = value[..., None] * (1 + errors * random.standard_normal((*shape, DRAWS)))
-    dims = ("scenario", "method_key", "metric")
-    return xr.Dataset(
-        {
-            "value": (dims, value),
-            "replicates": ((*dims, "draw"), replicates),
-            "trials": (dims[:2], np.full(shape[:2], 10)),
-        },
-        coords={
-            "scenario": [s.label for s in study.scenarios], "method_key": list(FIVE),
-            "metric": names,
-            "profile": ("scenario", [s.stiffness for s in study.scenarios]),
-            "perturbation": ("scenario", [s.perturbation for s in study.scenarios]),
-            "duration_s": ("scenario", [s.duration_s for s in study.scenarios]),
-            "snr_db": ("scenario", [s.snr_db for s in study.scenarios]),
-            "viscosity": ("scenario", [s.viscosity for s in study.scenarios]),
-            "system": ("scenario", [s.system for s in study.scenarios]),
-        },
-    )  # fmt: skip
+    scores = scores_of(numbers, study.scenarios, methods, list(METRICS), spread, 10)
+    scores.replicates.loc[{"metric": "lowest_vaf"}] = np.nan  # that of the worst trial has none
+    return scores
 
 
-def verdicts(scores):
-    return judge(scores).set_index("claim").verdict
+def verdicts(*given, **settings):
+    return judge(paper_scores(*given, **settings)).set_index("claim").verdict
 
 
-BIAS = {
-    (method, "debiased_bias_error"): level
-    for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)
-}
+def of_all(metric, number):
+    return {(method, metric): number for method in FIVE}
 
 
 def test_only_the_paper_s_joint_rate_and_period_are_judged():
     study = Study(system=["joint", "reflex"], duration_s=[40, 150], trials=10)
     bias = {
-        name: lambda s, low=low: low if s.system == "joint" else 20 - low
-        for (name, _), low in BIAS.items()
+        key: lambda s, size=size: size if s.system == "joint" else 20 - size
+        for key, size in BIAS.items()
     }
-    scores = scores_of(
-        {(name, "debiased_bias_error"): value for name, value in bias.items()}, study=study
-    )
-    assert verdicts(scores)["eirf has the lowest bias"] == "holds"
-    assert set(verdicts(scores.assign_attrs(study=Study(period=1.0).to_json()))) == {"not studied"}
+    assert verdicts(bias, study=study)[LOWEST] == "holds"
+    other = paper_scores(bias, study=study).assign_attrs(study=Study(period=1.0).to_json())
+    assert set(judge(other).verdict) == {"not studied"}
 
 
-def test_a_claim_holds_fails_or_is_undecided_as_the_figures_say():
-    told = verdicts(scores_of(BIAS))
-    assert told["eirf has the lowest bias"] == told["birf has the largest bias"] == "holds"
-    assert told["sds, esm, kbr lie between eirf and birf in bias"] == "holds"
-    told = verdicts(scores_of(BIAS | {("eirf", "debiased_bias_error"): 12.0}))
-    assert told["eirf has the lowest bias"] == "does not hold"
-    assert told["birf has the largest bias"] == "holds"
-    assert told["sds, esm, kbr lie between eirf and birf in bias"] == "does not hold"
-    told = verdicts(scores_of(BIAS | {("eirf", "debiased_bias_error"): 9.0}))
-    assert told["eirf has the lowest bias"] == "undecided"
-    assert verdicts(scores_of(BIAS, errors=0.8))["eirf has the lowest bias"] == "undecided"
+@pytest.mark.parametrize(
+    ("changes", "spread", "expected"),
+    [
+        ({}, 0.01, ["holds", "holds", "holds"]),
+        ({("eirf", DEBIASED): 12.0}, 0.01, ["does not hold", "holds", "does not hold"]),
+        ({("eirf", DEBIASED): 9.0}, 0.01, ["undecided", "holds", "undecided"]),
+        ({}, 0.8, ["undecided", "undecided", "undecided"]),
+    ],
+)
+def test_a_claim_holds_fails_or_is_undecided_as_the_numbers_say(changes, spread, expected):
+    assert verdicts(BIAS | changes, spread)[[LOWEST, LARGEST, BETWEEN]].tolist() == expected
 
 
-def test_one_cell_that_speaks_against_it_is_enough():
+def test_one_cell_against_a_claim_is_enough():
     def exception(scenario):
         return 20.0 if scenario.duration_s == 300 and scenario.perturbation == "prbs" else 4.0
 
-    table = judge(scores_of(BIAS | {("eirf", "debiased_bias_error"): exception})).set_index("claim")
-    row = table.loc["eirf has the lowest bias"]
+    row = judge(paper_scores(BIAS | {("eirf", DEBIASED): exception})).set_index("claim").loc[LOWEST]
     assert row.verdict == "does not hold"
     assert row.finding == (
-        "4 of 40 comparisons speak against it; the clearest: bias (freed of random error) of sds "
-        "9.0 N·m/rad, of eirf 20.0 N·m/rad (PRBS, 300 s)"
+        "4 of 40 comparisons against it; the clearest: debiased bias error 9 N·m/rad "
+        "(sds, square-prbs-300s-10dB); debiased bias error 20 N·m/rad "
+        "(eirf, square-prbs-300s-10dB)"
     )
     assert row.estimate == -11
     assert row.low < -11 < row.high < 0
@@ -108,89 +88,73 @@ def test_sensitivity_to_the_amount_of_data():
     def exploding(scenario):
         return averaging(scenario) * (4 if scenario.duration_s == 40 else 1)
 
-    even = {(method, "random_error"): averaging for method in FIVE}
-    told = verdicts(scores_of(even))
-    assert told["eirf is most sensitive to the amount of data"] == "undecided"
-    assert told["eirf improves strongly above 40 s"] == "undecided"
-    told = verdicts(scores_of(even | {("eirf", "random_error"): exploding}))
-    assert told["eirf is most sensitive to the amount of data"] == "holds"
-    assert told["eirf improves strongly above 40 s"] == "holds"
+    claims = ["eirf is most sensitive to the amount of data", "eirf improves strongly above 40 s"]
+    even = of_all("random_error", averaging)
+    assert set(verdicts(even)[claims]) == {"undecided"}
+    assert set(verdicts(even | {("eirf", "random_error"): exploding})[claims]) == {"holds"}
 
 
-def test_what_hardly_depends_is_a_matter_of_its_size():
+@pytest.mark.parametrize(
+    ("ratio", "verdict"),
+    [(1.0, "holds"), (1.1, "holds"), (1.5, "does not hold"), (0.6, "does not hold")],
+)
+def test_what_hardly_depends_is_a_matter_of_its_size(ratio, verdict):
     claim = (
         "Under most conditions the total error hardly depends on the perturbation (less than 25 %)"
     )
-    assert verdicts(scores_of({}))[claim] == "holds"
-
-    def larger(by):
-        return {
-            (method, "total_error"): lambda scenario: by if scenario.perturbation == "prbs" else 1.0
-            for method in ("eirf", "esm", "kbr")
-        }
-
-    assert verdicts(scores_of(larger(1.1)))[claim] == "holds"
-    assert verdicts(scores_of(larger(1.5)))[claim] == "does not hold"
-    assert verdicts(scores_of(larger(0.6)))[claim] == "does not hold"
-
-
-def test_viscosity_is_judged_where_it_varies():
-    claim = next(c.sentence for c in CLAIMS if "Viscosity" in c.sentence)
-    assert verdicts(scores_of({}))[claim] == "not studied"
-    study = preset("viscosity", trials=10)
-    assert verdicts(scores_of({}, study=study))[claim] == "holds"
-    other = {
-        ("kbr", "total_error"): lambda scenario: 2.0 if scenario.viscosity == "covarying" else 1.0
+    values = {
+        (method, "total_error"): lambda scenario: ratio if scenario.perturbation == "prbs" else 1.0
+        for method in ("eirf", "esm", "kbr")
     }
-    assert verdicts(scores_of(other, study=study))[claim] == "does not hold"
-    limit = {
-        ("kbr", "total_error"): lambda scenario: 1.25 if scenario.viscosity == "covarying" else 1.0
-    }
-    assert verdicts(scores_of(limit, study=study))[claim] == "undecided"
+    assert verdicts(values)[claim] == verdict
+
+
+@pytest.mark.parametrize(
+    ("ratio", "verdict"), [(1.0, "holds"), (2.0, "does not hold"), (1.25, "undecided")]
+)
+def test_viscosity_is_judged_where_it_varies(ratio, verdict):
+    def numbers(scenario):
+        return ratio if scenario.viscosity == "covarying" else 1.0
+
+    table = verdicts({("kbr", "total_error"): numbers}, study=preset("viscosity", trials=10))
+    (claim,) = table.index[table.index.str.startswith("Viscosity")]
+    assert table[claim] == verdict
+    assert verdicts()[claim] == "not studied"
 
 
 def test_floors_of_the_vaf():
-    high = {(method, "lowest_vaf"): 95.0 for method in FIVE}
-    table = judge(scores_of(high)).set_index("claim")
-    row = table.loc["Every VAF is above 85 % (square wave)"]
-    assert row.verdict == "holds"
-    # None of n: the upper limit is 1 - 0.05 ** (1 / n), here for 10 trials of each scenario.
-    assert f"fewer than {100 * (1 - 0.05 ** (1 / 10)):.2g} %" in row.finding
-    table = judge(scores_of(high | {("esm", "lowest_vaf"): 88.0})).set_index("claim")
-    assert table.loc["Every VAF is above 85 % (square wave)"].verdict == "holds"
-    assert table.loc["Every VAF is above 90 % (sine)"].verdict == "does not hold"
+    floors = ["Every VAF is above 85 % (square wave)", "Every VAF is above 90 % (sine)"]
+    high = of_all("lowest_vaf", 95.0)
+    assert set(verdicts(high)[floors]) == {"holds"}
+    lower = verdicts(high | {("esm", "lowest_vaf"): 88.0})
+    assert lower[floors].tolist() == ["holds", "does not hold"]
 
 
 def test_what_is_not_studied_says_what_it_needs():
-    table = judge(scores_of({}, study=Study(duration_s=40.0, trials=10))).set_index("claim")
+    table = judge(paper_scores(study=Study(duration_s=40.0, trials=10))).set_index("claim")
     row = table.loc["With a sine, eirf varies most"]
     assert (row.verdict, row.remark) == (
         "not studied", "Needs a sine at 10 dB, and all five methods with their own settings."
     )  # fmt: skip
-    four = scores_of(BIAS).sel(method_key=["eirf", "sds", "birf", "esm"])
-    assert set(judge(four).verdict) == {"not studied"}
-    assert tuple(judge(scores_of({})).columns) == COLUMNS
+    assert set(judge(paper_scores(BIAS, methods=FIVE[:4])).verdict) == {"not studied"}
+    assert tuple(judge(paper_scores()).columns) == COLUMNS
 
 
 def test_methods_without_results_leave_a_claim_undecided():
-    table = judge(scores_of(BIAS | {("kbr", "debiased_bias_error"): np.nan})).set_index("claim")
-    row = table.loc["eirf has the lowest bias"]
-    assert row.verdict == "undecided"
-    assert "gave no results" in row.remark
-    floor = "Every VAF is above 85 % (square wave)"
-    lost = scores_of({(method, "lowest_vaf"): 95.0 for method in FIVE})
-    lost["trials"] = lost.trials.where(lost.scenario != "square-noise-40s-10dB", 0)
-    assert judge(lost).set_index("claim").verdict[floor] == "undecided"
+    row = judge(paper_scores(BIAS | {("kbr", DEBIASED): np.nan})).set_index("claim").loc[LOWEST]
+    assert (row.verdict, row.remark) == ("undecided", "A method gave no results.")
     everything = {(method, metric): np.nan for method in FIVE for metric in METRICS}
-    assert set(judge(scores_of(everything)).verdict) <= {"undecided", "not studied"}
+    assert set(verdicts(everything)) <= {"undecided", "not studied"}
 
 
 @given(st.floats(-3, 3), st.integers(1, 60))
 def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
-    spread = np.linspace(-1, 1, 401)
-    comparisons = [Comparison("m", np.append(estimate, estimate + spread))] * count
-    claim = Claim("c", "s", lambda scores: iter(comparisons), "N·m/rad", "n")
-    verdict = judge_claim(claim, Scores(scores_of({})))[7]
+    samples = np.append(estimate, estimate + np.linspace(-1, 1, 401))
+    names = [f"method {number}" for number in range(count)]
+    evidence = Evidence(
+        {("error", name): samples for name in names}, {"error": "N·m/rad"}, replicate_interval
+    )
+    verdict = judge_claim(Claim("c", "s", "n", [(Margin(0), "error", names)]), evidence)[7]
     low, high = estimate - 0.95, estimate + 0.95
     if low > 1e-9:
         assert verdict == "holds"
@@ -209,6 +173,5 @@ def test_few_trials_decide_nothing(trials):
 
 
 def test_without_noise_no_scenario_is_compared_with_itself():
-    found = judge(scores_of({}, study=Study(snr_db=math.inf, trials=10)))
-    (row,) = found[found.claim.str.contains("10 dB less")].itertuples()
-    assert row.verdict == "not studied"
+    found = verdicts(study=Study(snr_db=math.inf, trials=10))
+    assert found[found.index.str.contains("10 dB less")].tolist() == ["not studied"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import InputError
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
-from tvsysid.studies.published import PublishedStudy, write_study
+from tvsysid.studies.published_study import PublishedStudy, write_study
 from tvsysid.study.scenarios import Study, preset_study
 
 if TYPE_CHECKING:

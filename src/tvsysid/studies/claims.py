@@ -192,7 +192,7 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
         return (claim.sentence, claim.source, "", *[np.nan] * 3, "", NOT_STUDIED, remark)
     intervals = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
     estimates, lows, _ = intervals.T
-    joint = TAIL / max(1, np.count_nonzero(np.isfinite(estimates)))
+    joint = TAIL / max(1, int(np.isfinite(estimates).sum()))
     highs = np.array([evidence.interval(samples, joint)[2] for samples, *_ in margins])
     can_decide = not evidence.too_few
     holds, fails = (lows > 0) & can_decide, (highs < 0) & can_decide

@@ -16,7 +16,7 @@ from tvsysid.methods import CLOSED_LOOP, from_text
 from tvsysid.simulate import SYSTEMS, CompliantActuator
 from tvsysid.studies.claims import HOW_DECIDED, Claim, Margin, ratio
 from tvsysid.studies.pictures import comparison, coverage, error_over_size
-from tvsysid.studies.published import PublishedStudy
+from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
 
 if TYPE_CHECKING:
@@ -173,9 +173,10 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
         (:func:`tvsysid.study.by_full_name`).
     """
     traits = scenario_traits(results)
+    loops = [loop for each in traits.system if (loop := loop_of(each))]
     traits = traits.assign(
-        size=[loop_of(each).actuator_stiffness for each in traits.system],
-        noise=[loop_of(each).noise_bandwidth for each in traits.system],
+        size=[loop.actuator_stiffness for loop in loops],
+        noise=[loop.noise_bandwidth for loop in loops],
     )
     shown: dict[str, Illustration] = {}
     for noise, every in traits.groupby("noise"):

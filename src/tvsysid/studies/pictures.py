@@ -54,7 +54,7 @@ def comparison(
     mine = summary[summary.scenario.isin([*shown, *bars])]
     labels = unique([*shown, *bars])
     methods = [each for each in unique(results.method_key.values) if each in set(mine.method)]
-    what = ' and '.join(quantities).replace('_', ' ')
+    what = " and ".join(quantities).replace("_", " ")
     data = results[OVER_TIME].sel(scenario=labels, quantity=list(quantities), method_key=methods)
     text = (
         f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization "

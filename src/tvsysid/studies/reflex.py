@@ -8,15 +8,13 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from tvsysid.figures import BARS_OF_PATHWAYS, Illustration
 from tvsysid.figures.results import scenario_traits, unique
 from tvsysid.figures.words import TRAITS, perturbation_name, profile_name
 from tvsysid.numerics import Array
 from tvsysid.studies.claims import HOW_DECIDED, LARGER, Claim, Margin, log_ratio, ratio
 from tvsysid.studies.pictures import comparison, error_over_size
-from tvsysid.studies.published import PublishedStudy
+from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
 from tvsysid.study.scores import asked
 

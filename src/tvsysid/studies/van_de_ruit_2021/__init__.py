@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tvsysid.methods import PAPER_METHODS
 from tvsysid.report import CLAIMS as ABOUT
 from tvsysid.studies.claims import judge_claims
-from tvsysid.studies.published import PublishedStudy
+from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.studies.van_de_ruit_2021 import experiment
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
@@ -39,7 +39,7 @@ __all__ = [
     "write_experiment",
 ]
 
-PRESETS = {
+PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
     "paper": {
         "methods": PAPER_METHODS,
@@ -82,4 +82,6 @@ def paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illus
     return study_figures(results, summary, example_responses(seed) if has_square else None)
 
 
-STUDY = PublishedStudy(PRESETS, CLAIMS, ABOUT, paper_figures, lambda results: True, paper_evidence)
+STUDY: PublishedStudy = PublishedStudy(
+    PRESETS, CLAIMS, ABOUT, paper_figures, lambda results: True, paper_evidence
+)

@@ -19,7 +19,6 @@ from tvsysid.studies.claims import GREATER, LARGER, Claim, Evidence, Margin
 from tvsysid.study.bootstraps import STEPS
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 FOUR = ("eirf", "sds", "birf", "esm")
@@ -188,7 +187,10 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Some 255 to 260 of 300 realizations survive (within one standard deviation of the paper's "
         "mean)", "4.4", EITHER,
-        [(Margin(mean - sd, mean + sd), "survivors", name) for name, (mean, sd) in SURVIVED.items()],
+        [
+            (Margin(mean - sd, mean + sd), "survivors", name)
+            for name, (mean, sd) in SURVIVED.items()
+        ],
     ),
     Claim(
         "Each step excludes as many realizations, on average, as some of the paper's participants "

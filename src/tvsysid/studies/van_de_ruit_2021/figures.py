@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def study_figures(
             at, _ = _usual(mine)
             bars = mine.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
             perturbations = " and ".join(map(perturbation_name, at.perturbation))
-            words = [profile, *(group if len(group) == 1 else []), *(["covarying"] * covaries)]
+            words = [str(profile), *(group if len(group) == 1 else []), *(["covarying"] * covaries)]
             shown["-".join(["comparison", *words])] = comparison(
                 results, summary, list(at.index), list(bars.index), f"{name}, {perturbations}{also}"
             )
@@ -138,7 +138,8 @@ def example_responses(seed: int = 0) -> xr.Dataset:
         "eirf": EnsembleIRF(), "sds": ShortDataSegments(), "birf": BasisIRF(model="irf")
     }  # fmt: skip
     rows = [round(instant * RATE) for instant in INSTANTS]
-    found = [method.identify(ensemble).impulse_response[rows] for method in methods.values()]
+    models: list[Any] = [method.identify(ensemble) for method in methods.values()]
+    found = [model.impulse_response[rows] for model in models]
     truth = simulation.truth_of(ensemble)
     true = np.stack([truth[name][0, rows] for name in ("stiffness", "viscosity", "inertia")], -1)
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from tvsysid.recordings import write_ensemble
 from tvsysid.report import alignment, write_diagnosis, write_experiment_report
 from tvsysid.signals import Ensemble
 from tvsysid.studies.claims import judge_claims
-from tvsysid.studies.published import Written, write_tables
+from tvsysid.studies.published_study import Written, write_tables
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, COUNTS, experiment_evidence
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
     experiment_figures,
@@ -69,12 +69,11 @@ def write_experiment(
     ensembles = {each.recorded.label: each.ensemble for each in prepared if each.ensemble}
     for label, ensemble in ensembles.items():
         write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)
-    who, examples = representative(results, summary), {}
-    for each in prepared:
-        if each.recorded.participant == who and each.ensemble:
+    who, excerpts, preparations = representative(results, summary), {}, {}
+    for recorded in (each.recorded for each in prepared if each.ensemble):
+        if recorded.participant == who:
             with suppress(InputError):  # a file that is gone since
-                examples[each.recorded.label] = shown(experiment, each.recorded)
-    excerpts, preparations = ({name: pair[k] for name, pair in examples.items()} for k in (0, 1))
+                excerpts[recorded.label], preparations[recorded.label] = shown(experiment, recorded)
     figures = experiment_figures(results, summary, excerpts, preparations)
     with helpers(cores()) as pool:
         pictures = draw_all(figures | participant_figures(results), folder / "figures", pool)

@@ -101,6 +101,9 @@ def scenarios(
     return find
 
 
+SQUARES, SINES = scenarios(), scenarios(stiffness="sine")
+
+
 def extremes(evidence: Evidence) -> list[tuple[str, ...]]:
     """Return the labels of the scenarios with the least and the most data."""
     each = (scenarios(perturbation=name)(evidence) for name in ("noise", "prbs"))
@@ -113,7 +116,7 @@ def ranked(
     metric: str,
     order: str,
     source: str = "3.4",
-    where: Callable[[Evidence], list[Any]] = scenarios(),
+    where: Callable[[Evidence], list[Any]] = SQUARES,
     needs: str = SQUARE,
     disagreement: str = "",
 ) -> Claim:
@@ -130,7 +133,6 @@ def ranked(
 LOWEST_EIRF, HIGHEST_EIRF = "sds birf esm kbr > eirf", "eirf > sds birf esm kbr"
 LOWEST_BIRF, HIGHEST_BIRF = "eirf sds esm kbr > birf", "birf > eirf sds esm kbr"
 BETWEEN, REVERSED = "birf > sds esm kbr > eirf", "eirf > sds esm kbr > birf"
-SQUARES, SINES = scenarios(), scenarios(stiffness="sine")
 LONG = "5", scenarios(min_duration_s=FEW_HUNDRED_S), FEW_HUNDRED
 CLAIMS: tuple[Claim, ...] = (
     ranked("eirf has the lowest bias", BIAS, LOWEST_EIRF),

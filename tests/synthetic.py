@@ -269,6 +269,7 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
             "scenario": [s.label for s in scenarios],
             "method_key": list(methods),
             "metric": list(metrics),
+            "asked": (dims[:2], np.ones(value.shape[:2], dtype=bool)),
             "unit": ("metric", [units.get(name, "N·m·s/rad") for name in metrics]),
         }
         | {

@@ -18,7 +18,6 @@ import numpy as np
 
 from tvsysid.numerics import Array
 from tvsysid.study.scenarios import Scenario
-from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -224,7 +223,6 @@ def simulation_evidence(scores: xr.Dataset) -> Evidence:
     traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
     columns = (scores[name].values.tolist() for name in ("scenario", *traits))
     samples = xr.concat([scores.value, scores.replicates], "draw")
-    samples = samples.assign_coords(asked=(("scenario", "method_key"), asked(scores)))
     samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "draw")
     samples = samples[samples.asked.values]
     is_small = int(scores.trials.max()) < MIN_TRIALS

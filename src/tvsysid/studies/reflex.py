@@ -16,7 +16,6 @@ from tvsysid.studies.claims import HOW_DECIDED, LARGER, Claim, Margin, log_ratio
 from tvsysid.studies.pictures import comparison, error_over_size
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
-from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,7 +156,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
         (:func:`tvsysid.study.by_full_name`).
     """
     gain = results.truth.sel(quantity="reflex_gain").mean("time").to_series()
-    traits = scenario_traits(results).assign(gain=gain, methods=asked(results).sum(axis=1))
+    traits = scenario_traits(results).assign(gain=gain, methods=results.asked.values.sum(axis=1))
     traits = traits.assign(kind=traits.system.str.partition(":")[0])
     compared = traits[traits.methods >= min(2, traits.methods.max())]
     shown: dict[str, Illustration] = {}

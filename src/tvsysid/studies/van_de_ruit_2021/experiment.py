@@ -17,6 +17,7 @@ from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
 from tvsysid.studies.claims import GREATER, LARGER, Claim, Evidence, Margin
 from tvsysid.study.bootstraps import STEPS
+from tvsysid.study.summary import measured
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,22 +105,18 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    draws = results.estimate.sel(quantity="stiffness", drop=True)
-    mean, variance = draws.mean("bootstrap"), draws.var("bootstrap", ddof=1)
+    own = results.sel(quantity="stiffness", drop=True)
+    draws = own.estimate.transpose("recording", "analysis", ...)
+    mean = draws.mean("bootstrap")
     vaf = results.time_varying_vaf.mean("bootstrap")
     time = results.time - results.time[0]
     from_turn = np.abs((2 * time / (time[-1] + time[1]) + 0.5) % 1 - 0.5) / 2
     away, at = from_turn > 0.25 - DIP_WIDTH / 2, from_turn < DIP_WIDTH / 2
-    found = xr.Dataset(
-        {
-            "vaf": results.vaf.mean("bootstrap"),
-            "bandpassed_vaf": results.bandpassed_vaf.mean("bootstrap"),
-            "random_error": np.sqrt(variance.mean("time")),
-            "correlation_with_torque": xr.corr(mean, results.mean_torque, "time"),
-            "vaf_dip": vaf.where(away).mean("time") - vaf.where(at).mean("time"),
-            "mean": mean,
-            "chance": variance / draws.count("bootstrap"),
-        }
+    found = measured(own)[["vaf", "bandpassed_vaf", "random_error"]].assign(
+        correlation_with_torque=xr.corr(mean, results.mean_torque, "time"),
+        vaf_dip=vaf.where(away).mean("time") - vaf.where(at).mean("time"),
+        stiffness=mean,
+        chance=draws.var("bootstrap", ddof=1) / draws.count("bootstrap"),
     )
     order = results.realizations.to_series().groupby(results.method_key.values).rank("first")
     found = found.reset_coords("realizations").assign_coords(amount=("analysis", order - 1))
@@ -127,8 +124,8 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
         analysis=["method_key", "amount"]
     )
     found = found.unstack("analysis").reindex(amount=[0, 1]).assign_coords(amount=[LESS, MORE])
-    change = found["mean"].diff("amount").squeeze("amount") ** 2 - found.chance.sum("amount")
-    size = np.sqrt(change.mean("time").clip(min=0)) / found["mean"].sel(amount=LESS).mean("time")
+    change = found.stiffness.diff("amount").squeeze("amount") ** 2 - found.chance.sum("amount")
+    size = np.sqrt(change.mean("time").clip(min=0)) / found.stiffness.sel(amount=LESS).mean("time")
     return found.drop_dims("time").assign(stiffness_change=100 * size.expand_dims(amount=[MORE]))
 
 

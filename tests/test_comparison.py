@@ -62,21 +62,6 @@ def test_a_method_that_is_skipped_or_fails_leaves_the_others():
     assert outcomes == [["esm"], ["Level"], ["Unused"]]
 
 
-def test_settings_are_chosen_from_the_data_if_asked():
-    found = tv.compare(ensemble_of(80.0), ["birf"], tune=True)
-    assert found.evidence["birf"].settings == {"basis": found.methods["birf"].basis}
-    assert not tv.compare(ensemble_of(), ["adaptive"], tune=True).evidence
-
-
-def test_a_channel_either_keeps_its_mean_or_loses_it():
-    class Driven(Unused):
-        inputs = (tv.Input("emg", "input", "V"),)
-
-    assert tv.methods.centered_channels([Driven(), Unused()]) == ("emg",)
-    with pytest.raises(tv.InputError, match="channel 'emg' keeps its mean for one method"):
-        tv.methods.centered_channels([Driven(), Level()])
-
-
 def by_hand(raw, method, folds):
     """Held-out VAF of whole realizations, by subtracting the means of the realizations kept."""
     out = np.full(len(raw), np.nan)

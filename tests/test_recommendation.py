@@ -3,7 +3,6 @@
 import math
 from types import SimpleNamespace
 
-import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -146,16 +145,6 @@ def test_a_loop_with_an_unnamed_reference(closed_loop):
     assert "record the actuator's command" in found.caveats[-2]
     assert found.unnamed_references == found.caveats[-1:]
     assert "'disturbance' moves the angle, and was not named as the reference" in found.caveats[-1]
-
-
-def test_only_an_applied_disturbance_is_taken_for_a_reference(closed_loop):
-    late = np.roll(closed_loop.signal("disturbance"), 5, axis=1)  # as of a channel that follows
-    noise = np.random.default_rng(1).normal(size=late.shape)
-    others = {"late": late, "noise": noise, "still": 0 * noise}
-    others["sensor"] = closed_loop.angle + 1e-4 * noise
-    others["torque sensor"] = closed_loop.torque + 0.01 * noise
-    ensemble = attrs.evolve(closed_loop, channels=others)
-    assert not any(tv.quality.find_reference(ensemble, name).found for name in others)
 
 
 def test_bad_input():

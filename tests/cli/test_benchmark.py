@@ -26,13 +26,11 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     assert "square-wave stiffness, filtered noise, 40 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
     folder = tmp_path / "found"
-    assert {"stiffness", "perturbation", "duration_s", "snr_db", "metric", "value"} < set(table)
     assert set(table.perturbation) == {"noise", "prbs"}
     assert set(table.method) == {"sds", "esm:window=0.4"}
     assert xr.load_dataset(folder / "results.nc").estimate.sizes["trial"] == 2
     figures = {file.name for file in (folder / "figures").iterdir()}
-    for stem in ("comparison-square-noise", "comparison-square-prbs", "coverage-square"):
-        assert {f"{stem}.{ending}" for ending in ("png", "pdf", "svg")} <= figures
+    assert {"comparison-square-noise.png", "coverage-square.svg"} <= figures
     page = (folder / "report.html").read_text()
     assert f"tvsysid benchmark {words} --workers 1" in page
     tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv")}
@@ -51,17 +49,6 @@ def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
     assert "4 trials of each of 12 scenarios, seed 0: 48 trials, 10,560 s of data" in out
     assert "nothing was run" in out
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_options_take_the_place_of_settings_in_a_file(benchmark, tmp_path):
-    (tmp_path / "study.toml").write_text(
-        'duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n'
-    )
-    code, _, _, table = benchmark("study.toml --trials 2")
-    assert code == 0
-    settings = (set(table[name]) for name in ("perturbation", "duration_s", "trials"))
-    assert tuple(settings) == ({"prbs"}, {40.0}, {2})
 
 
 @pytest.mark.slow

@@ -38,46 +38,39 @@ def pathways(ensemble):
     return {"intrinsic": 100.0 * angle, "reflex": 0.1 * angle}
 
 
-class Driven(Scheduled):
-    inputs = (tv.Input("emg", "input", "V"),)
-
-
 class Lazy(Scheduled):
     def skip(self, ensemble):
         return "it wants a [bold]holiday[/bold]"
+
+
+class Faulty(tv.Method):
+    def fit(self, ensemble):
+        return 1 / 0
 '''
-SIGNALS = "--angle angle --torque torque --rate 100 --period 2"
-EMG = "--channel emg=EMG_SIGNAL"
 
 
-@pytest.fixture
-def identify(tvsysid, tmp_path, monkeypatch):
-    """Identify a joint of 100 N·m/rad at 100 Hz with EMG, in a file whose name looks like markup.
-
-    Returns exit code, output, errors and the table of estimates by method.
-    """
+@pytest.mark.usefixtures("only_identified")
+def test_own_methods_of_which_one_is_skipped_and_one_fails(tvsysid, tmp_path, monkeypatch):
+    # A joint of 100 N·m/rad at 100 Hz with EMG, in a file whose name looks like markup
     random = np.random.default_rng(0)
     angle, emg, noise = random.standard_normal((3, 4000)) * [[0.02], [0.1], [1.0]]
     emg += 1 + np.sin(np.pi * np.arange(4000) / 100)
     np.savez("[red]joint.npz", angle=angle, torque=100 * angle + noise, EMG_SIGNAL=emg)
     (tmp_path / "channel_methods.py").write_text(METHODS)
     monkeypatch.syspath_prepend(tmp_path)
-
-    def command(options):
-        code, out, err = tvsysid(f"identify [red]joint.npz {SIGNALS} {options}")
-        table = None if code else pd.read_csv("tvsysid-identify/stiffness.csv")
-        return code, out, err, table
-
-    return command
-
-
-@pytest.mark.usefixtures("only_identified")
-def test_a_channel_reaches_the_method_that_needs_it(identify):
-    code, out, err, table = identify(f"{EMG} --method channel_methods:Scheduled --method birf")
-    assert (code, err) == (0, "")
+    words = "identify [red]joint.npz --angle angle --torque torque --rate 100 --period 2 --method "
+    own = " --method ".join(f"channel_methods:{name}" for name in ("Scheduled", "Lazy", "Faulty"))
+    code, out, err = tvsysid(f"{words}{own} --method birf --channel emg=EMG_SIGNAL")
+    assert code == 1
+    assert err.splitlines() == [
+        "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]",
+        "error: channel_methods:Faulty failed: ZeroDivisionError: division by zero "
+        "(channel_methods.py, line 36)",
+    ]
     assert "[red]joint.npz: " in out
     # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of
     # further estimates.
+    table = pd.read_csv("tvsysid-identify/stiffness.csv")
     own = table[table.method == "channel_methods:Scheduled"]
     assert own.emg_level.mean() == pytest.approx(1, abs=0.02)
     assert (own.emg_level_upper > own.emg_level).all()
@@ -90,27 +83,10 @@ def test_a_channel_reaches_the_method_that_needs_it(identify):
         np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)
         np.testing.assert_allclose(model.emg_level_standard_error, 0.1)
         assert model.torque_reflex.sizes == {"realization": 18, "time": 200}
-        assert "torque_intrinsic" in tree["birf"]
-
-
-@pytest.mark.usefixtures("only_identified")
-def test_an_input_loses_its_mean(identify):
-    code, _, err, table = identify(f"{EMG} --method channel_methods:Driven")
-    assert (code, err) == (0, "")
-    np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
-
-
-@pytest.mark.usefixtures("only_identified")
-def test_a_method_that_cannot_serve_is_skipped_and_the_others_go_on(identify):
-    code, _, err, table = identify(f"{EMG} --method channel_methods:Lazy --method birf")
-    assert code == 0
-    assert err == "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]\n"
-    assert set(table.method) == {"birf"}
-    # One that lacks its channel is skipped too; if no method is left, that is an error.
-    code, _, err, _ = identify("--method channel_methods:Scheduled")
+    # If no method is left, that is an error.
+    code, _, err = tvsysid(f"{words}channel_methods:Scheduled")
     assert code == 2
     assert "channel_methods:Scheduled: it needs the channel 'emg' (scheduling, V)" in err
-    assert err.count("\n") == 1
 
 
 def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):

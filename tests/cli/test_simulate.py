@@ -92,11 +92,6 @@ def test_the_file_holds_channels_and_truth_of_the_system(simulate, name, further
             {60.0, 90.0},
         ),
         (
-            "--system tvsysid.simulate:ReflexJoint:inertia=0.03 --stiffness sine",
-            "inertia",
-            {0.03},
-        ),
-        (
             "--system reflex-sine:inertia=0.03 --perturbation pulses:duration=0.1",
             "inertia",
             {0.03},

@@ -7,22 +7,9 @@ import pandas as pd
 import pytest
 
 from tvsysid.cli.console import output, show_table, shown_warnings
-from tvsysid.errors import DataQualityWarning, one_line, printable
+from tvsysid.errors import DataQualityWarning
 
 ANGLE, TORQUE, FILE = "[/a]\x1b[31m$x_{$\x07", "[bold]\u202etq$", "[red]$\x1b\udce9.csv"
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("Größe 角度 \t[b]\na\N{NO-BREAK SPACE}b", "Größe 角度 \t[b]\na\N{NO-BREAK SPACE}b"),
-        ("\x1b[31m\r\x07\x9b", r"\x1b[31m\r\x07\x9b"),
-        ("caf\udce9\u202e\u2066\u2028\ufeff", r"caf\udce9\u202e\u2066\u2028\ufeff"),
-    ],
-)
-def test_what_is_printable(text, shown):
-    assert printable(text) == shown
-    assert one_line(f"{text}\n  more") == shown.replace("\n", " ") + " more"
 
 
 def steering(text):

@@ -3,7 +3,6 @@
 import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -169,16 +168,6 @@ def test_a_fault_is_found(method, name, words):
     assert words in first.message
     assert first.required == (name != "follows a changing stiffness")
     assert "\n" not in first.message
-
-
-def test_the_line_of_the_file_is_named():
-    line = 1 + Path(__file__).read_text().splitlines().index("    angle -= angle.mean()")
-    assert f"(test_check.py, line {line})" in check_method(Fit(writes))[0].message
-
-
-def test_without_a_model_nothing_else_is_checked():
-    (check,) = check_method(Fit(lambda *_: None))
-    assert (check.name, check.passed) == ("identifies a joint", False)
 
 
 def test_a_reflex_that_is_not_separated_is_found():

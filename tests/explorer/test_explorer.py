@@ -186,10 +186,10 @@ def test_what_is_wrong_is_an_input_error(file, changed, message):
 
 def test_a_command_has_what_differs_from_the_defaults():
     reading = tv.recordings.Reading(
-        angle="1", torque="2", sampling_rate=500, header=False, start=-0.5, channels={"emg": "3"}
+        angle="1", torque="2", sampling_rate=500, start=-0.5, channels={"emg": "3"}
     )
     assert command(Settings(SourceFile("a.csv", reading), Cutting(period=1.5))) == (
-        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 --no-header "
+        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 "
         "--start -0.5 --period 1.5 --method adaptive"
     )
 

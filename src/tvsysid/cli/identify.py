@@ -260,7 +260,7 @@ def _unnamed_references(
     kinds = {item.kind for method in found.methods.values() for item in method.inputs}
     if kinds & {"reference", "scheduling"}:
         return
-    channels, ensemble = describe_file(file, reading.header), found.ensemble
+    channels, ensemble = describe_file(file), found.ensemble
     shapes = {channels.pop(name).shape for name in set(reading.names.values())}
     others = {name: each for name, each in channels.items() if each.shape in shapes}
     for name, channel in list(others.items())[:MAX_TESTED_CHANNELS]:

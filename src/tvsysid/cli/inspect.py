@@ -79,7 +79,7 @@ def inspect(
         raise InputError(
             f"{picture}: unknown ending {picture.suffix!r}; give one of {', '.join(PICTURES)}"
         )
-    channels = describe_file(file, reading.header)
+    channels = describe_file(file)
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})
     try:

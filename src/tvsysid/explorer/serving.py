@@ -134,13 +134,12 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
     file = Path(source)
     signals = {
         name: f"{name} ({each.described})"
-        for name, each in describe_file(file, given["header"]).items()
+        for name, each in describe_file(file).items()
         if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
     }
     given = checked(given, signals)
     fixed = {
         "file": file,
-        "header": given["header"],
         "start": given["start"],
         "channel": given["channel"],
     }

@@ -192,7 +192,6 @@ def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> SourceFile:
         sampling_rate=rate,
         torque_sign=-1 if said["reversed"] else 1,
         channels=source["channel"],
-        header=source.get("header", True),
         start=source.get("start", 0.0),
     )
     return SourceFile(source["file"], reading)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fitted import NOT_IDENTIFIABLE, FittedEnsemble
-from tvsysid.recordings.plausible import MAX_ANGLE_RMS_RAD
+from tvsysid.recordings.read import MAX_ANGLE_RMS_RAD
 from tvsysid.signals import Array
 
 SURE = 5.0  # standard errors from which on a value's sign is sure

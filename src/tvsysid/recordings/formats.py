@@ -35,22 +35,17 @@ READERS = {
     ".bdf": "edf:read_edf",
 }
 """Readers, as ``module:function``, by the ending of the file's name."""
-NAMELESS = {"tables:read_text": "tables:read_nameless"}
-"""Readers of tables whose first line has no names."""
 ISOLATED = ("mat", "hdf5", "netcdf", "c3d")
 """Modules whose libraries crash or never end on damaged files."""
 
 
-def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
+def describe_file(path: str | Path) -> dict[str, Channel]:
     """Return the channels of a file by name, in the file's order.
 
     Parameters
     ----------
     path
         File of any format that :func:`tvsysid.read_recording` reads.
-    header
-        Whether the first line of a text table has names; if not, columns are called 1, 2, ...
-        Other formats are read as usual.
 
     Raises
     ------
@@ -59,7 +54,7 @@ def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
     """
     file = Path(path).absolute()
     with explained(str(path)):
-        return _call(read_channels, file, _reader_of(file, header), 0)
+        return _call(read_channels, file, _reader_of(file), 0)
 
 
 def read_channels(file: Path, reader: str) -> dict[str, Channel]:
@@ -106,7 +101,7 @@ def _group(name: str) -> str:
     return name[: max(name.rfind("/"), name.rfind(".")) + 1]
 
 
-def _reader_of(file: Path, header: bool) -> str:
+def _reader_of(file: Path) -> str:
     """Return the reader for a file as ``module:function``."""
     if not file.is_file():
         raise InputError("expected a file, got a folder" if file.is_dir() else "no such file")
@@ -117,5 +112,4 @@ def _reader_of(file: Path, header: bool) -> str:
         )
     if not file.stat().st_size:
         raise InputError("the file is empty")
-    reader = READERS[max(endings, key=len)]
-    return reader if header else NAMELESS.get(reader, reader)
+    return READERS[max(endings, key=len)]

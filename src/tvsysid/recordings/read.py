@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,19 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import Channel, explained
 from tvsysid.recordings.formats import describe_file
-from tvsysid.recordings.plausible import doubts
 from tvsysid.recordings.reading import Reading, read_recording
 from tvsysid.signals import Array, Recording
 
 RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
 NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
+MAX_ANGLE_RMS_RAD = 0.2  # about the mean; more is probably in degrees
+RATE_TOLERANCE = 1e-3  # relative: files round their rates
+UNIT_SPELLINGS = {
+    "rad": r"rad(ians?)?",
+    "deg": r"deg(rees?)?|°",
+    "Nm": r"nm|newtonmet(er|re)s?",
+    "Nmm": r"nmm|newtonmillimet(er|re)s?",
+}
 
 
 class UsableTrials(NamedTuple):
@@ -45,7 +53,7 @@ def read(file: Path, reading: Reading) -> Recording:
     channels, signals, trial_starts = _read_signals(file, reading)
     with explained(file.name):
         recording = _recording(reading, signals, trial_starts)
-    _warn(file.name, doubts(channels, recording, reading))
+    _warn(file.name, _doubts(channels, recording, reading))
     return recording
 
 
@@ -83,7 +91,7 @@ def read_usable_trials(
                 refused[name] += f"{shortest:g} s of a realization and the ends that are cut off"
                 continue
             usable[name] = recording
-            _warn(name, doubts(channels, recording, reading))
+            _warn(name, _doubts(channels, recording, reading))
     joined = join_trials([*usable.values()]) if usable else None
     return UsableTrials(joined, tuple(usable), refused)
 
@@ -160,7 +168,7 @@ def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
     """Return channels and values of the signals of a recording, and where its trials start."""
-    found = describe_file(file, reading.header)
+    found = describe_file(file)
     with explained(file.name):
         names = reading.names
         if missing := [name for name in names.values() if name not in found]:
@@ -216,6 +224,43 @@ def _recording(
         channels={name: signals[name] for name in reading.channels},
         trial_starts=trial_starts,
     )
+
+
+def _doubts(
+    channels: Mapping[str, Channel], recording: Recording, reading: Reading
+) -> Iterator[str]:
+    """Yield sentences on what a file states otherwise than the caller, and on odd values.
+
+    Channels are those that were read, by their names in the recording.
+    """
+    given, names = recording.sampling_rate, reading.names
+    for rate in sorted({each.sampling_rate for each in channels.values() if each.sampling_rate}):
+        if abs(rate - given) > RATE_TOLERANCE * given:
+            stating = [names[own] for own in names if channels[own].sampling_rate == rate]
+            yield (
+                f"the file states {rate:g} Hz for {', '.join(stating)}, you gave {given:g} Hz; "
+                "check the rate"
+            )
+    for own, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
+        stated = channels[own].unit
+        plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
+        if stated and not re.fullmatch(UNIT_SPELLINGS[unit], plain):
+            yield (
+                f"the file states the unit {stated!r} for {names[own]}, and is read in {unit}; "
+                "convert it, or name its unit"
+            )
+    size = float(np.std(recording.angle))
+    if size > MAX_ANGLE_RMS_RAD:
+        yield (
+            f"{reading.angle} has an RMS of {size:.3g} rad about its mean; if it is in degrees, "
+            "give angle_unit='deg' (--angle-unit deg)"
+        )
+    for own, values in recording.channels.items():
+        if values.min() == values.max():
+            yield (
+                f"all {len(values)} values of channel {own} are {values[0]:g}; is this the right "
+                "channel?"
+            )
 
 
 def _warn(name: str, texts: Iterable[str]) -> None:

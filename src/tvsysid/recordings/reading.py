@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.validators import Validator, boolean, finite, not_negative, one_of, optional, positive
+from tvsysid.validators import Validator, finite, not_negative, one_of, optional, positive
 
 if TYPE_CHECKING:  # the command line imports this module for its options, and must start quickly
     from tvsysid.signals import Recording
@@ -81,9 +81,6 @@ class Reading:
         Unit of the angle in the file.
     torque_unit
         Unit of the torque in the file; N·mm is what C3D files have in most laboratories.
-    header
-        Whether the first line of a text table (CSV, TSV) has names; if not, columns are called
-        1, 2, ...
     start
         Time of the first sample in s; realizations begin at multiples of the period.
 
@@ -111,7 +108,6 @@ class Reading:
     torque_sign: TorqueSign = attrs.field(default=1, validator=_named(one_of(TorqueSign)))
     angle_unit: AngleUnit = attrs.field(default="rad", validator=_named(one_of(AngleUnit)))
     torque_unit: TorqueUnit = attrs.field(default="Nm", validator=_named(one_of(TorqueUnit)))
-    header: bool = attrs.field(default=True, validator=_named(boolean))
     start: float = attrs.field(default=0.0, validator=_named(finite))
 
     @torque.validator
@@ -197,7 +193,7 @@ def read_recording(path: str | Path, **settings: Any) -> Recording:
         In Hz. What the file says of itself is compared with it, and never used in its place.
     **settings
         ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
-        ``angle_unit="deg"``, ``torque_unit="Nmm"``, ``header=False`` and ``start``: see
+        ``angle_unit="deg"``, ``torque_unit="Nmm"`` and ``start``: see
         :class:`tvsysid.recordings.Reading`. Errors and warnings are those of
         :meth:`tvsysid.recordings.Reading.read`.
 

@@ -20,24 +20,17 @@ BIDS_FOLDERS = 4  # data set, participant, session, kind of data: all may hold d
 
 
 def read_text(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Read columns by the names in the first line.
+    """Read columns by the names in the first line, or by number, 1, 2, ..., if it holds numbers.
 
     Semicolons may separate the columns of a CSV file; its numbers may have decimal commas then.
     """
-    first, columns = _read_table(file, has_names=True)
-    for number, (cell, values) in enumerate(zip(first, columns, strict=True)):
-        yield cell or f"Unnamed: {number}", channel_of(values)
-
-
-def read_nameless(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Read columns by number, 1, 2, ..., of a table whose first line has no names."""
-    _, columns = _read_table(file, has_names=False)
+    names, columns = _read_table(file)
     for number, values in enumerate(columns, start=1):
-        yield str(number), channel_of(values)
+        yield names[number - 1] if names else str(number), channel_of(values)
 
 
-def _read_table(file: Path, has_names: bool) -> tuple[list[str], list[Any]]:
-    """Return the cells of the first line that is not empty, and the values of each column."""
+def _read_table(file: Path) -> tuple[list[str], list[Any]]:
+    """Return the names in the first line, none if it holds numbers, and each column's values."""
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         head = stream.read(HEAD_LENGTH).strip(" \r\n")
     line = head.partition("\n")[0]
@@ -47,16 +40,7 @@ def _read_table(file: Path, has_names: bool) -> tuple[list[str], list[Any]]:
         separator, decimal = ";", "," if "," in head else "."
     (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
     first = [cell.strip() for cell in row]
-    if has_names and _are_numbers(first):
-        raise InputError(
-            "the first line is all numbers, and would be lost as names; if the file has no names, "
-            "say --no-header (header=False in Python) and call its columns 1, 2, ..."
-        )
-    if not has_names and not _are_numbers(first):
-        raise InputError(
-            f"expected numbers in the first line, got {first[:3]}; if it has names, read it "
-            "without --no-header, or give a Motion-BIDS file another name"
-        )
+    has_names = not _are_numbers(first)
     import pandas as pd  # noqa: PLC0415  # heavy
 
     with warnings.catch_warnings():
@@ -80,7 +64,8 @@ def _read_table(file: Path, has_names: bool) -> tuple[list[str], list[Any]]:
                         f"line {number} has {count} of {len(first)} columns; complete it, or copy "
                         "the file again"
                     )
-    return first, [values.to_numpy() for _, values in table.items()]
+    names = [cell or f"Unnamed: {number}" for number, cell in enumerate(first) if has_names]
+    return names, [values.to_numpy() for _, values in table.items()]
 
 
 def _are_numbers(cells: list[str]) -> bool:
@@ -98,12 +83,17 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     that of the times in a channel of type LATENCY. Both files may also be in folders above, with
     fewer words in their names.
     """
-    _, columns = _read_table(file, has_names=False)
+    names, columns = _read_table(file)
     described, settings = (_nearest(file, ending) for ending in ("_channels.tsv", "_motion.json"))
+    if names:
+        raise InputError(
+            "expected numbers in the first line, as Motion-BIDS has no names there; got "
+            f"{names[:3]}; give a file of another kind another name"
+        )
     if described is None:
         raise InputError(
             f"no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its "
-            "columns; put it there, or give the file another name if its first line has names"
+            "columns; put it there"
         )
     lines = described.read_text(encoding="utf-8-sig").splitlines()
     rows = list(csv.DictReader(lines, delimiter="\t"))

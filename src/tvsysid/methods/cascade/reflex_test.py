@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -56,33 +57,31 @@ class ReflexTest(NamedTuple):
         return max(self.over_none, self.over_linear) < MAX_P_VALUE
 
 
-class _Fit(NamedTuple):
-    """Fit of a model to the other blocks of realizations.
-
-    ``weights`` and the residual products ``left`` have shape (realization, regressor).
-    ``errors`` are the squared errors of the realizations.
-    """
-
-    weights: Array
-    left: Array
-    errors: Array
-
-
 @attrs.frozen(eq=False)
 class _Regression:
-    """Products of regressors and torque, which is last.
+    """Regressors and torque, which is last: ``rows`` (realization, time, regressor).
 
-    ``products`` are those of each realization, without slow torque; ``total`` is their sum with
-    it. The first regressors are the joint's: lagged angles, then angle and velocity times
-    harmonics of the realization, whose numbers are ``harmonics``. ``mean`` gives the mean
-    stiffness of their weights. Then come late responses to positive and to negative velocity,
-    as triangles that make up any response.
+    The first regressors are the joint's: lagged angles, then angle and velocity times harmonics of
+    the realization, whose numbers are ``harmonics``. ``mean`` gives the mean stiffness of their
+    weights. Then come late responses to positive and to negative velocity, as triangles that make
+    up any response.
     """
 
-    products: Array
-    total: Array
+    rows: Array
     harmonics: NDArray[np.int64]
     mean: Array
+
+    @cached_property
+    def blocks(self) -> list[Array]:
+        """Return the rows of each block of neighbouring realizations."""
+        count = len(self.rows)
+        return np.split(self.rows, [count * block // BLOCKS for block in range(1, BLOCKS)])
+
+    @cached_property
+    def products(self) -> Array:
+        """Return the products of regressors and torque in each block."""
+        flat = (block.reshape(-1, block.shape[2]) for block in self.blocks)
+        return np.stack([each.T @ each for each in flat])
 
     def columns(self, *late: Array) -> Array:
         """Return the columns of a model: the joint's regressors and sums of late ones."""
@@ -90,39 +89,38 @@ class _Regression:
         joint = np.eye(own + 2 * TRIANGLES, own)
         return np.column_stack([joint, *(np.pad(each, (own, 0)) for each in late)])
 
-    def fit(self, columns: Array) -> _Fit:
-        """Fit a model to all blocks of realizations but the one that it predicts."""
-        count = len(self.products)
-        edges = [count * block // BLOCKS for block in range(1, BLOCKS)]
-        block_of = np.searchsorted(edges, np.arange(count), side="right")
-        sums = [self.products[block_of == block].sum(axis=0) for block in range(BLOCKS)]
-        others = (np.delete(sums, block, axis=0).sum(axis=0) for block in range(BLOCKS))
-        weights = np.stack([_solve(each, columns) for each in others])[block_of]
-        moments, squares = self.products[:, :-1, -1], self.products[:, -1, -1]
-        left = moments - (self.products[:, :-1, :-1] @ weights[..., None])[..., 0]
-        errors = squares - np.sum(weights * (moments + left), axis=1)
-        return _Fit(weights, left, np.maximum(errors, ROUNDING * squares) + np.finfo(float).tiny)
+    def predicted(self, columns: Array) -> Array:
+        """Return the torque in each block that a model fitted to the others predicts."""
+        others = self.products.sum(axis=0) - self.products
+        fits = zip(self.blocks, others, strict=True)
+        return np.concatenate([block[..., :-1] @ _solve(each, columns) for block, each in fits])
 
-    def scores(self, simple: _Fit, further: _Fit) -> Array:
-        """Return how much a further model adds to a simple one in each realization."""
-        gain = np.sum((further.weights - simple.weights) * simple.left, axis=1)
-        is_rounding = np.abs(gain) <= ROUNDING * self.products[:, -1, -1]
-        return np.where(is_rounding, 0.0, gain / simple.errors)
+    def errors(self, predicted: Array) -> Array:
+        """Return the squared error of each realization, at least what rounding leaves."""
+        torque = self.rows[..., -1]
+        errors = np.sum((torque - predicted) ** 2, axis=1)
+        least = ROUNDING * np.sum(torque**2, axis=1)
+        return np.asarray(np.maximum(errors, least) + np.finfo(float).tiny)
+
+    def scores(self, simple: Array, further: Array) -> Array:
+        """Return how much a further prediction adds to a simple one in each realization."""
+        torque = self.rows[..., -1]
+        gain = np.sum((torque - simple) * (further - simple), axis=1)
+        is_rounding = np.abs(gain) <= ROUNDING * np.sum(torque**2, axis=1)
+        return np.where(is_rounding, 0.0, gain / self.errors(simple))
 
     def stiffness(self, *late: Array) -> float:
         """Return the mean stiffness of a fit to all realizations."""
-        weights = _solve(self.total, self.columns(*late))
+        weights = _solve(self.products.sum(axis=0), self.columns(*late))
         return float(self.mean @ weights[: len(self.mean)])
 
 
 def _solve(products: Array, columns: Array) -> Array:
     """Return weights of the regressors by least squares with some columns."""
     gram, cross = columns.T @ products[:-1, :-1] @ columns, products[-1, :-1] @ columns
-    power = gram.diagonal()
-    size = np.sqrt(np.where(power > 0, power, 1.0))
-    return np.asarray(
-        columns @ (solve_regularized(gram / np.outer(size, size), cross / size) / size)
-    )
+    size = np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
+    scaled = solve_regularized(gram / np.outer(size, size), cross / size)
+    return np.asarray(columns @ (scaled / size))
 
 
 def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
@@ -131,7 +129,7 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     See :func:`reflex_test`. The velocity is rectified at the rate at which the angle was recorded.
     """
     if ensemble not in _TESTED:
-        _TESTED[ensemble] = _test(_regression_of(ensemble))
+        _TESTED[ensemble] = reflex_test(*_signals(ensemble))
     return _TESTED[ensemble]
 
 
@@ -142,12 +140,12 @@ def changes(ensemble: Ensemble) -> bool:
     False where realizations are too short to tell.
     """
     try:
-        regression = _regression_of(ensemble)
+        regression = _regression(*_signals(ensemble))
     except InputError:
         return False
     columns = regression.columns(*_usual_responses())
     constant, changing = (
-        regression.fit(np.delete(columns, np.flatnonzero(regression.harmonics > most), axis=1))
+        regression.predicted(np.delete(columns, np.flatnonzero(regression.harmonics > most), 1))
         for most in (0, TESTED_HARMONICS)
     )
     return _above_zero(regression.scores(constant, changing))[0] < MAX_P_VALUE
@@ -192,20 +190,21 @@ def reflex_test(
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    return _test(_regression(angle, torque, stretches, core, rate))
-
-
-def _test(regression: _Regression) -> ReflexTest:
-    positive, negative = _usual_responses()
+    regression, (positive, negative) = (
+        _regression(angle, torque, stretches, core, rate),
+        _usual_responses(),
+    )
     models = [(), (positive + negative,), (positive, negative), (positive,), (negative,)]
-    none, linear, both, *directed = (regression.fit(regression.columns(*late)) for late in models)
-    is_positive = np.sum(np.log(directed[1].errors / directed[0].errors)) >= 0
-    reflex = directed[0 if is_positive else 1]
-    over_none, share_over_none = _above_zero(regression.scores(none, reflex))
+    none, linear, both, *directed = (
+        regression.predicted(regression.columns(*late)) for late in models
+    )
+    larger, smaller = (np.log(regression.errors(each)) for each in directed[::-1])
+    index = 0 if np.sum(larger - smaller) >= 0 else 1
+    over_none, share_over_none = _above_zero(regression.scores(none, directed[index]))
     over_linear, share_over_linear = _above_zero(regression.scores(linear, both))
-    free = np.split(np.eye(2 * TRIANGLES), 2)[0 if is_positive else 1]
+    free = np.split(np.eye(2 * TRIANGLES), 2)[index]
     return ReflexTest(
-        direction=1 if is_positive else -1,
+        direction=(1, -1)[index],
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
         over_linear=over_linear,
         share=min(share_over_none, share_over_linear),
@@ -241,20 +240,16 @@ def _above_zero(scores: Array) -> tuple[float, float]:
     if error == 0:
         return 1.0, 0.0
     mean = float(scores.mean())
-    return float(stdtr(count - 1, -mean / error)), mean - error * float(
-        stdtrit(count - 1, CONFIDENCE)
-    )
+    least = mean - error * float(stdtrit(count - 1, CONFIDENCE))
+    return float(stdtr(count - 1, -mean / error)), least
 
 
-def _regression_of(ensemble: Ensemble) -> _Regression:
+def _signals(ensemble: Ensemble) -> tuple[Array, Array, Array, slice, float]:
+    """Return the arguments of :func:`reflex_test`."""
     order = np.concatenate(ensemble.runs)
-    return _regression(
-        ensemble.angle[order],
-        ensemble.torque[order],
-        rectified_velocities(ensemble)[:, order],
-        ensemble.core,
-        ensemble.sampling_rate,
-    )
+    stretches = rectified_velocities(ensemble)[:, order]
+    signals = ensemble.angle[order], ensemble.torque[order], stretches
+    return *signals, ensemble.core, ensemble.sampling_rate
 
 
 def _regression(
@@ -278,21 +273,15 @@ def _regression(
 
     signals = (each - each.mean(axis=-2, keepdims=True) for each in (angle, torque, stretches))
     angle, torque, stretches = signals
+    near = sliding_window_view(angle, 2 * reach + 1, axis=1)[:, start - reach : stop - reach]
+    motion = [each[:, start:stop, None] * waves for each in (angle, stretches.sum(axis=0))]
+    past = sliding_window_view(stretches, len(lags), axis=2)[:, :, start - latest : stop - latest]
     torque = torque[:, start:stop]
+    rows = np.concatenate([near, *motion, *(past @ triangles), torque[..., None]], axis=2)
     slow = np.linalg.qr(np.vander(phase, SLOW_TERMS))[0]
-    if 2 * np.sum((torque @ slow) ** 2) < np.sum(torque**2):
-        slow = slow[:, :0]
-
-    width, products, wholes = 2 * reach + 1, [], []
-    for x, y, *directed in zip(angle, torque, *stretches, strict=True):
-        motion = [each[start:stop, None] * waves for each in (x, sum(directed))]
-        past = [sliding_window_view(each, len(lags))[start - latest :] for each in directed]
-        late = [each[: stop - start] @ triangles for each in past]
-        near = sliding_window_view(x, width)[start - reach : stop - reach]
-        rows = np.concatenate([near, *motion, *late, y[:, None]], axis=1)
-        whole, taken = rows.T @ rows, slow.T @ rows
-        wholes.append(whole)
-        products.append(whole - taken.T @ taken)
+    if 2 * np.sum((torque @ slow) ** 2) >= np.sum(torque**2):
+        rows -= slow @ (slow.T @ rows)
+    width = near.shape[2]
     mean = np.concatenate([np.ones(width), waves.mean(axis=0), np.zeros(waves.shape[1])])
     harmonics = np.pad(np.tile(np.arange(1, HARMONICS + 1), 4), (width, 0))
-    return _Regression(np.stack(products), np.sum(wholes, axis=0), harmonics, mean)
+    return _Regression(rows, harmonics, mean)

@@ -107,7 +107,7 @@ def signals_with_reflex(
     if not is_shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
         return None
     assert positive is not None
-    first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
+    first = data.starts[2] + 1  # after the inertia
     gains = positive[:, data.own :]
     constants = len(data.signals) - 1, len(fit.free)
     reflex = np.concatenate([fit.reflex_columns(), fit.slopes(), data.torque[None]])

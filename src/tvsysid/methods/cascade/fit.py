@@ -42,9 +42,11 @@ MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
 
 FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relative to the noise
-LOG_SIZE_BOUNDS = (-9.0, 3.0)
-DECAY_BOUNDS = (0.6, 6.0)  # of the power with which harmonics fall
 DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
+# Of the parameters of five families: stiffness, viscosity, inertia, differences, reflex gain
+IS_DECAY = np.tile([False, False, True], FLAT_FAMILIES + 2)
+BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
+USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 
@@ -53,16 +55,17 @@ class Data:
     """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
 
     The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
-    and ``times`` of an ensemble are fitted. ``bases`` are the functions of time (time, function)
-    by which each signal's coefficient changes, at all times. ``gain`` is the basis of the reflex's
-    gain over a ``period`` in s. ``noise`` is the autocorrelation of the noise, from lag 0 on. It
-    weights the samples. If the ``true`` autocorrelation is another one, products of columns are
-    those of the sandwich covariance of the coefficients.
+    and ``times`` of an ensemble are fitted. ``functions`` (time, column) are those of all times by
+    which coefficients change; those of a signal begin with the column ``starts``. ``gain`` is the
+    basis of the reflex's gain over a ``period`` in s. ``noise`` is the autocorrelation of the
+    noise, from lag 0 on. It weights the samples. If the ``true`` autocorrelation is another one,
+    products of columns are those of the sandwich covariance of the coefficients.
     """
 
     torque: Array
     signals: Array
-    bases: tuple[Array, ...]
+    functions: Array
+    starts: list[int]
     gain: FourierSeries
     period: float
     rate: float
@@ -85,18 +88,18 @@ class Data:
     @property
     def own(self) -> int:
         """Return the number of intrinsic columns."""
-        return sum(functions.shape[1] for functions in self.bases)
+        return int(self.functions.shape[1])
 
     @property
     def varies(self) -> bool:
         """Return whether any coefficient changes over time."""
-        return self.own > len(self.bases)
+        return self.own > len(self.signals)
 
     @cached_property
     def constant(self) -> Data:
         """Return the data with constant coefficients."""
-        bases = tuple(functions[:, :1] for functions in self.bases)
-        return attrs.evolve(self, bases=bases, gain=FourierSeries(0))
+        functions, starts = self.functions[:, self.starts], list(range(len(self.starts)))
+        return attrs.evolve(self, functions=functions, starts=starts, gain=FourierSeries(0))
 
     @cached_property
     def windows(self) -> list[tuple[slice, Array]]:
@@ -114,23 +117,11 @@ class Data:
             inverses[size] = inverse
         return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
 
-    @cached_property
-    def arriving(self) -> Callable[[float, int], Array]:
-        """Return the function that gives the basis of the gain behind a delay, for some samples."""
-
-        @lru_cache(CACHED_DELAYS)
-        def arriving(delay: float, samples: int) -> Array:
-            times = np.arange(self.times.stop - samples, self.times.stop) / self.rate
-            return self.gain((times + delay) / self.period)
-
-        return arriving
-
     @property
     def columns(self) -> list[Columns]:
         """Return the torque and the intrinsic columns."""
-        every = zip(self.signals, self.bases, strict=True)
-        own = [Columns(signal, functions[self.times]) for signal, functions in every]
-        return [Columns.single(self.torque), *own]
+        functions = np.split(self.functions[self.times], self.starts[1:], axis=1)
+        return [Columns.single(self.torque), *map(Columns, self.signals, functions)]
 
     @cached_property
     def fold_products(self) -> list[Array]:
@@ -140,13 +131,11 @@ class Data:
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""
-        return np.concatenate([a * b for a, b in zip(self.bases, weights, strict=True)], axis=1)
+        return self.functions * np.repeat(weights, np.diff([*self.starts, self.own]))
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
-        ends = np.cumsum([functions.shape[1] for functions in self.bases])
-        parts = zip(self.bases, np.split(coefficients, ends[:-1]), strict=True)
-        return np.stack([functions @ own for functions, own in parts], axis=1)
+        return np.add.reduceat(self.functions * coefficients, self.starts, axis=1)
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""
@@ -197,14 +186,14 @@ def nearest_inside(point: Array, normals: Array) -> Array:
 class Prior(NamedTuple):
     r"""Prior of the coefficients: their log standard deviations relative to the noise.
 
-    These are ``offset + design @ parameters`` for columns of unit RMS. That of a family's h-th
-    harmonic is :math:`\log\gamma - \nu \log h`; ``is_decay`` says which parameters are a
-    :math:`\nu`. ``first`` (column,) is the column of each family that is not modulated.
+    These are ``offset + design @ parameters`` for columns of unit RMS. Each family of columns has
+    three parameters: the size of its constant, and :math:`\log\gamma` and :math:`\nu`, which give
+    :math:`\log\gamma - \nu \log h` for its h-th harmonic. ``first`` (column,) is the column of each
+    family that is not modulated.
     """
 
     offset: Array
     design: Array
-    is_decay: NDArray[np.bool_]
     first: NDArray[np.int64]
 
     @staticmethod
@@ -216,44 +205,39 @@ class Prior(NamedTuple):
         harmonic. Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond
         the acceleration share one size.
         """
-        families = [np.arange(1, size + 1) // 2 for size in sizes[:FLAT_FAMILIES]]
-        families += [np.zeros(len(sizes) - FLAT_FAMILIES, dtype=int), np.arange(1, gain + 1) // 2]
-        designs = []
-        for family, order in enumerate(families):
-            is_free = (order == 0) & (family >= FLAT_FAMILIES)
-            rows = np.array([is_free, order > 0, -np.log(order.clip(1))])
-            designs.append(rows[rows.any(axis=1)].T)
-        order, design = np.concatenate(families), block_diag(*designs)
+        families = [np.arange(1, size + 1) // 2 for size in (*sizes[:FLAT_FAMILIES], gain)]
+        families.insert(FLAT_FAMILIES, np.zeros(len(sizes) - FLAT_FAMILIES, dtype=int))
+        is_free = np.repeat(np.arange(len(families)) >= FLAT_FAMILIES, [*map(len, families)])
+        order = np.concatenate(families)
+        rows = [np.stack([each == 0, each > 0, -np.log(each.clip(1))], axis=1) for each in families]
         first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        offset = np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE)
-        return Prior(offset, design, (design < 0).any(axis=0), first)
+        design = block_diag(*rows) * ((order > 0) | is_free)[:, None]
+        return Prior(np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE), design, first)
 
     def spread(self, moments: Moments, parameters: Array) -> Array:
         """Return the standard deviations of the coefficients relative to the noise."""
         power = np.maximum(np.diag(moments.gram), 0.0)[self.first] / moments.number
         scale = np.sqrt(np.where(power > 0, power, 1.0))
-        return np.asarray(np.exp(self.offset + (self.design * parameters).sum(axis=1)) / scale)
-
-    def off(self, parameters: Array) -> Array:
-        """Return the distance of each decay from its mean, in standard deviations."""
-        return np.where(self.is_decay, (parameters - DECAY_MEAN) / DECAY_SPREAD, 0.0)
+        return np.asarray(np.exp(self.offset + self.design @ parameters) / scale)
 
     def tuned(self, moments: Moments, start: Array) -> Array:
         """Return the parameters of greatest evidence near a start."""
-        if not len(start):
-            return start
 
         def cost(parameters: Array) -> tuple[float, Array]:
-            found, off = ridge(moments, self.spread(moments, parameters)), self.off(parameters)
+            found, off = ridge(moments, self.spread(moments, parameters)), decays_off(parameters)
             slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
             return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
 
-        bounds = [DECAY_BOUNDS if is_decay else LOG_SIZE_BOUNDS for is_decay in self.is_decay]
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(
-            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+            cost, start, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
         )
         return np.asarray(found.x)
+
+
+def decays_off(parameters: Array) -> Array:
+    """Return the distance of each decay from its mean, in standard deviations."""
+    return np.where(IS_DECAY, (parameters - DECAY_MEAN) / DECAY_SPREAD, 0.0)
 
 
 @attrs.frozen(eq=False)
@@ -295,7 +279,7 @@ class Fit:
 
     @parameters.default
     def _tuned_parameters(self) -> Array:
-        return self.prior.tuned(self.moments, np.where(self.prior.is_decay, DECAY_MEAN, 0.0))
+        return self.prior.tuned(self.moments, USUAL_PARAMETERS)
 
     @posterior.default
     def _posterior(self) -> Posterior:
@@ -305,8 +289,8 @@ class Fit:
     @property
     def prior(self) -> Prior:
         """Return the prior of the coefficients."""
-        sizes = tuple(functions.shape[1] for functions in self.data.bases)
-        return Prior.of(sizes, 0 if self.drive is None else self._units)
+        sizes = np.diff([*self.data.starts, self.data.own]).tolist()
+        return Prior.of(tuple(sizes), 0 if self.drive is None else self._units)
 
     @property
     def moments(self) -> Moments:
@@ -317,7 +301,7 @@ class Fit:
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = ((self.shape - MEAN) / SPREAD)[self.free]
-        squares = np.sum(shape**2) + np.sum(self.prior.off(self.parameters) ** 2)
+        squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
         return log_evidence(self.posterior, self.moments.square) - 0.5 * float(squares)
 
     @property
@@ -328,7 +312,8 @@ class Fit:
         """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
         assert self.drive is not None
         data, drive = self.data, self.drive(float(shape[THRESHOLD]))
-        gain = data.arriving(float(shape[DELAY]), drive.shape[1])
+        times = data.times.stop - drive.shape[1], data.times.stop
+        gain = _arriving(data.gain, *times, data.rate, float(shape[DELAY]), data.period)
         return drive, gain, muscle(shape, drive.shape[1], data.rate)
 
     def reflex(self, shape: Array, coefficients: Array) -> Array:
@@ -487,6 +472,14 @@ class Fit:
             fit = fit.improved()
             fit = attrs.evolve(fit, parameters=fit.prior.tuned(fit.moments, fit.parameters))
         return fit
+
+
+@lru_cache(CACHED_DELAYS)
+def _arriving(
+    gain: FourierSeries, start: int, stop: int, rate: float, delay: float, period: float
+) -> Array:
+    """Return the functions of the gain at the times of arrival."""
+    return gain((np.arange(start, stop) / rate + delay) / period)
 
 
 def _moments(products: Array, number: float) -> Moments:

@@ -74,8 +74,8 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
     ensemble, lags, emg = search.ensemble, search.lags, search.emg
     used, data = fit if shown else fits["none"], fit.data
     rate, gain = data.rate, data.gain(ensemble.time / data.period)
-    _, *features = (used.data.features(each) for each in readout(lags, rate))
-    features.insert(0, used.data.bases[0])
+    stiffness = np.eye(1, len(data.starts))[0]
+    features = [used.data.features(each) for each in (stiffness, *readout(lags, rate)[1:])]
     signs = float(np.sign(used.posterior.mean[0])), 1.0, None
     estimates = {
         quantity: _estimate(used, UNITS[quantity], each, sign, 0)

@@ -16,7 +16,16 @@ from scipy.linalg import block_diag
 from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags, missing_edge
 from tvsysid.methods.cascade.columns import deviations, intrinsic_signals, readout, unresolved
-from tvsysid.methods.cascade.fit import DAMPING, DEFAULT, DELAY, FREQUENCY, THRESHOLD, Data, Fit
+from tvsysid.methods.cascade.fit import (
+    DAMPING,
+    DEFAULT,
+    DELAY,
+    FREQUENCY,
+    THRESHOLD,
+    USUAL_PARAMETERS,
+    Data,
+    Fit,
+)
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.numerics import Array
@@ -106,14 +115,19 @@ class Search:
         rows = np.flatnonzero(fitted[:, times].all(axis=1))
         counts = [min(count, ensemble.samples // 4) for count in self.harmonics[:2]]
         counts += [0] * (len(signals) - 2)
-        changes = any(counts)
+        bases = [FourierSeries(count)(ensemble.time / self.period) for count in counts]
+        starts = np.cumsum([0, *(functions.shape[1] for functions in bases)]).tolist()
         return Data(
-            deviations(ensemble.torque[:, ensemble.core][rows, times]),
-            deviations(signals[..., ensemble.core][:, rows, times]),
-            tuple(FourierSeries(count)(ensemble.time / self.period) for count in counts),
-            FourierSeries(self.harmonics[2] if changes else 0),
-            self.period, rate, rows, times,
-        )  # fmt: skip
+            torque=deviations(ensemble.torque[:, ensemble.core][rows, times]),
+            signals=deviations(signals[..., ensemble.core][:, rows, times]),
+            functions=np.concatenate(bases, axis=1),
+            starts=starts[:-1],
+            gain=FourierSeries(self.harmonics[2] if any(counts) else 0),
+            period=self.period,
+            rate=rate,
+            rows=rows,
+            times=times,
+        )
 
     def drive(self, name: str, threshold: float) -> Drive:
         """Return the drive of the named reflex."""
@@ -164,9 +178,9 @@ class Search:
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
-        data, sizes = self.data.constant, np.zeros(1)
+        data = self.data.constant
         fits = [
-            self.fit(name, data, _shape(delay, frequency, threshold), parameters=sizes)
+            self.fit(name, data, _shape(delay, frequency, threshold), parameters=USUAL_PARAMETERS)
             for delay, frequency, threshold in product(self._delays, FREQUENCIES, thresholds)
         ]
         return max(fits, key=lambda fit: fit.objective).improved()
@@ -266,7 +280,7 @@ class Search:
         data, time = fit.data, self.ensemble.time
         repeated = math.ceil(self.period * data.rate)
         some = slice(0, repeated, max(1, repeated // MAX_LIMITED_TIMES))
-        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.bases))[0]
+        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
         weights = stiffness, readout(self.lags, data.rate)[1]
         rows = np.concatenate([data.features(each)[some] for each in weights])
         gains = [data.gain(time[some] / self.period)] * (fit.drive is not None)

@@ -47,17 +47,3 @@ def test_lapses_and_twitches_are_excluded():
     assert (residual.reached[[100, 200]] > 4).all()
     outside = (np.abs(residual.torque - residual.mean) > residual.half_width).any(axis=1)
     np.testing.assert_array_equal(outside, ~residual.kept)
-
-
-# Share of clean realizations excluded, in per cent: limits on what was measured over 3000 of them.
-@pytest.mark.parametrize(
-    ("step", "limit", "low", "high"),
-    [
-        ("task component", 3.0, 0.6, 1.7),  # exp(-4.5) = 1.1 %
-        ("residual", 3.0, 8.5, 11.5),  # some 20 independent values, each exceeded by 1 in 370
-        ("residual", 4.0, 0.1, 0.8),
-    ],
-)
-def test_few_clean_realizations_are_excluded(step, limit, low, high):
-    excluded = [np.sum(~STEPS[step](clean(seed), limit=limit).kept) for seed in range(10)]
-    assert low < 100 * sum(excluded) / 3000 < high

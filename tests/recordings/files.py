@@ -29,24 +29,18 @@ def write_mat(file, angle, torque):
 
 
 def write_mat_73(file, angle, torque):
-    """Write as MATLAB does: a header of 512 bytes, columns as rows, characters as numbers."""
-    with h5py.File(file, "w", userblock_size=512) as root:
-        for name, values in {
-            "pos": angle[None, :],
-            "tq": torque[:, None],
-            "fs": np.full((1, 1), 200.0),
-        }.items():
-            root.create_dataset(name, data=values).attrs["MATLAB_class"] = np.bytes_("double")
-        note = root.create_dataset("note", data=np.array([[104], [105]], dtype=np.uint16))
-        note.attrs["MATLAB_class"] = np.bytes_("char")
-        run = root.create_group("run")
-        run.attrs["MATLAB_class"] = np.bytes_("struct")
-        run.create_dataset("pos", data=np.stack([angle, -angle])).attrs["MATLAB_class"] = np.bytes_(
-            "double"
-        )
-        root.create_group("#refs#").create_dataset("a", data=[1.0])
-    with file.open("r+b") as stream:
-        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    run = np.empty((1, 1), dtype=[("pos", object)])
+    run["pos"][0, 0] = np.stack([angle, -angle], axis=1)
+    variables = {"pos": angle[:, None], "tq": torque[None, :], "fs": 200.0, "run": run}
+    save_objects(file, variables | {"note": "hi"}, "v7.3")
+
+
+def save_objects(file, variables, version):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+        import matio
+
+        matio.save_to_mat(str(file), variables, version=version)
 
 
 def write_text(file, angle, torque):
@@ -172,16 +166,9 @@ def write_object(file, values, age):
             record[name][0, 0] = item
         savemat(file, {"io": MatlabObject(record, "nldat")})
         return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
-        import matio
-        from matio.utils import MatlabOpaque
+    from matio.utils import MatlabOpaque
 
-        matio.save_to_mat(
-            str(file),
-            {"io": MatlabOpaque(values, "nldat")},
-            version="v7" if age == "v7" else "v7.3",
-        )
+    save_objects(file, {"io": MatlabOpaque(values, "nldat")}, age)
 
 
 def write_gait(file, angle, torque):
@@ -227,13 +214,10 @@ def write_segdat(file, signals, kind, onsets, lengths):
             file, {"io": nldat(signals, onsetPointer=np.array(onsets), segLength=np.array(lengths))}
         )
         return
-    import matio
     from matio.utils import MatlabOpaque
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
-        values = nldat(signals, parameterSet=parameters(onsetPointer=onsets, segLength=lengths))
-        matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "segdat")}, version=kind)
+    values = nldat(signals, parameterSet=parameters(onsetPointer=onsets, segLength=lengths))
+    save_objects(file, {"io": MatlabOpaque(values, "segdat")}, kind)
 
 
 WRITERS = {

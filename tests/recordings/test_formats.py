@@ -51,11 +51,6 @@ def test_contradictions_to_what_a_file_states_warn(file):
             read(file, angle_unit="deg")
 
 
-def test_a_wrong_name_gets_those_that_are_there(file):
-    with refused(r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"):
-        read(file, angle="ang")
-
-
 def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
     content = file.read_bytes()
     if file.suffix in (".csv", ".tsv"):
@@ -64,17 +59,6 @@ def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
         file.write_bytes(content[:cut])
         with refused(file.name):
             read(file)
-
-
-@pytest.mark.parametrize(
-    ("name", "ending"),
-    [("v5.mat", "csv"), ("v73.mat", "npz"), ("ankle.csv", "c3d"), ("ankle.npz", "mat")],
-)
-def test_a_renamed_file_is_refused(tmp_path, signals, name, ending):
-    WRITERS[name](tmp_path / name, *signals)
-    (tmp_path / name).rename(tmp_path / f"renamed.{ending}")
-    with refused(f"renamed.{ending}: cannot be read .* is its ending right"):
-        describe_file(tmp_path / f"renamed.{ending}")
 
 
 def test_a_file_that_cannot_be_opened_is_told(tmp_path, monkeypatch):

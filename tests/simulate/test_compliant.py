@@ -11,7 +11,6 @@ from tvsysid.simulate import (
     CompliantActuator,
     Constant,
     FilteredNoise,
-    Joint,
     SineWave,
 )
 
@@ -83,20 +82,6 @@ def test_the_disturbance_alone_moves_the_angle_by_half_a_degree():
     assert np.sqrt(np.mean(quiet.recording.angle[inside] ** 2)) == pytest.approx(math.radians(0.5))
     noise = loud.recording.torque - loud.noiseless.torque
     assert np.std(noise[inside]) == pytest.approx(np.std(quiet.recording.torque[inside]))
-
-
-@perturbed
-def test_a_stiff_actuator_imposes_the_angle(perturbation):
-    settings = {"perturbation": PERTURBATIONS[perturbation]}
-    plain = simulate(Joint(SineWave()), **settings).recording
-    for stiffness, limit in ((1e7, 0.02), (1e9, 0.002)):
-        system = CompliantActuator(SineWave(), actuator_stiffness=stiffness)
-        stiff = simulate(system, **settings).recording
-        assert np.std(stiff.angle - plain.angle) < limit * np.std(plain.angle)
-        assert np.std(stiff.torque - plain.torque) < limit * np.std(plain.torque)
-    np.testing.assert_allclose(
-        stiff.channels["disturbance"], stiff.angle, atol=0.01 * np.std(plain.angle)
-    )
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.virtual import perfect, simulated
 
-from tvsysid.simulate import PERTURBATIONS, PRBS, Participant, Traits
+from tvsysid.simulate import PERTURBATIONS, Participant, Traits
 
 
 @pytest.mark.slow
@@ -47,15 +47,3 @@ def test_stiffness_and_viscosity_follow_the_voluntary_torque_not_the_target():
     np.testing.assert_allclose(simulation.truth["viscosity"] / critical, traits.damping_ratio)
     off = np.std(voluntary - simulation.recording.channels["target"])
     assert off > 0.05 * np.std(voluntary)
-
-
-@pytest.mark.slow
-def test_six_people_differ_and_each_stays_the_same():
-    everybody = [Traits.of(number) for number in range(1, 7)]
-    assert len({traits.maximal_torque for traits in everybody}) == 6
-    again = Participant(1)
-    assert again.traits == everybody[0]
-    noise, prbs = again.simulate(), again.simulate(perturbation=PRBS())
-    np.testing.assert_array_equal(noise.recording.torque, simulated(1).recording.torque)
-    np.testing.assert_array_equal(prbs.truth["stiffness"], simulated(1, "prbs").truth["stiffness"])
-    assert not np.array_equal(noise.pathways["voluntary"], prbs.pathways["voluntary"])

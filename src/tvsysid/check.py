@@ -84,12 +84,12 @@ def check_method(method: Method) -> list[Check]:
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for judge in CHECKS:
-            name, required = judge.__name__.replace("_", " ").strip(), judge not in RECOMMENDED
             try:
-                results.append(Check(name, True, judge(first()), required))
+                passed, message = True, judge(first())
             except (Exception, SystemExit) as error:
-                advice = "; work on a copy of it" * ("read-only" in str(error))
-                results.append(Check(name, False, f"{describe_error(error)}{advice}", required))
+                passed, message = False, describe_error(error)
+            name = judge.__name__.replace("_", " ").strip()
+            results.append(Check(name, passed, message, judge not in RECOMMENDED))
             if not results[0].passed:
                 break
     return results
@@ -126,8 +126,8 @@ class Trial:
 
 
 def _identifies_a_joint(trial: Trial) -> str:
-    ensemble, _ = trial.ensemble, trial.stiffness
-    return f"from {', '.join(['angle', 'torque', *ensemble.channels])} of {ensemble!r}"
+    _ = trial.stiffness
+    return f"from {', '.join(['angle', 'torque', *trial.ensemble.channels])} of {trial.ensemble!r}"
 
 
 def _estimates_what_it_declares(trial: Trial) -> str:

@@ -9,7 +9,7 @@ import attrs
 
 from tvsysid.cli.console import errors, remark, say
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
-from tvsysid.cli.running import UNITS, command_line, run_study, show_claims, show_end, show_scores
+from tvsysid.cli.running import command_line, run_study, show_study
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -160,22 +160,21 @@ def _show_plan(study: Study, workers: int) -> None:
 def write(results: xr.Dataset, out: Path, command: str) -> int:
     """Write tables, figures and report, print a summary, and return the exit code."""
     from tvsysid.figures.words import count, described
-    from tvsysid.report import problems
     from tvsysid.studies import published, write_study
 
     literature = published(results)
     with errors.status("scoring and drawing"):
         written = write_study(results, out, literature, command)
-    groups = list(written.summary.groupby("scenario", sort=False))
-    for _, summary in groups[:MAX_TABLES]:
+    tables = []
+    for _, summary in written.summary.groupby("scenario", sort=False):
         scenario = {**summary.iloc[0], "profile": summary.stiffness.iloc[0]}
-        show_scores(f"{described(scenario)}, {count(summary.trials.max(), 'trial')}", summary)
-    say(UNITS)
-    if more := len(groups[MAX_TABLES:]):
-        say(f"and {more} more scenarios in summary.csv and report.html")
+        title = f"{described(scenario)}, {count(summary.trials.max(), 'trial')}"
+        tables.append((title, summary))
     need = f"other scenarios: --preset {', '.join(literature.presets)}"
-    show_claims(written.claims, "simulations", need)
-    return show_end(out, written.files, problems(results))
+    code = show_study(tables[:MAX_TABLES], written, results, out, need)
+    if more := len(tables[MAX_TABLES:]):
+        say(f"and {more} more scenarios in summary.csv and report.html")
+    return code
 
 
 def _duration_text(seconds: float) -> str:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import attrs
 
-from tvsysid.cli.console import errors, remark, say, shown_progress, shown_warnings
+from tvsysid.cli.console import errors, remark, shown_progress, shown_warnings
 from tvsysid.cli.options import Flattened, Methods, WorkerOptions, Workers, given
-from tvsysid.cli.running import UNITS, command_line, run_study, show_claims, show_end, show_scores
+from tvsysid.cli.running import command_line, run_study, show_study
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -129,19 +129,12 @@ def write(
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
     from tvsysid.figures.words import count
-    from tvsysid.report import problems
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with errors.status("scoring and drawing"):
         written = write_experiment(experiment, results, prepared, out, command)
+    tables = []
     for perturbation, summary in written.summary.groupby("perturbation", sort=False):
         people = count(summary.participant.nunique(), "participant")
-        show_scores(f"{perturbation}: mean over {people}", summary)
-    say(UNITS)
-    show_claims(written.claims, "experiment", "what the report says")
-    for label, diagnosis in written.diagnoses.items():
-        if names := ", ".join(finding.name for finding in diagnosis.findings):
-            remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
-    if written.alignment:
-        remark("warning", written.alignment)
-    return show_end(out, written.files, problems(results))
+        tables.append((f"{perturbation}: mean over {people}", summary))
+    return show_study(tables, written, results, out, "what the report says")

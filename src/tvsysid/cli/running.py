@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import remark, say_written, show_table, shown_progress
+from tvsysid.cli.console import remark, say, say_written, show_table, shown_progress
 from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from tvsysid.report.sections import Problem
+    from tvsysid.studies.published_study import Written
     from tvsysid.study import Experiment, Study
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
@@ -95,21 +96,40 @@ def _executor(workers: Workers) -> Iterator[tuple[Executor | None, int | None]]:
         yield client.get_executor(pure=False), workers.workers or threads
 
 
-def show_scores(title: str, summary: pd.DataFrame) -> None:
-    """Print the mean scores of each method."""
-    labels = [name for name in ("method", "realizations") if name in summary]
-    table = summary.pivot_table("value", labels, "metric", sort=False)
-    show_table(title, table.reset_index().to_dict("records"), SCORES)
+def show_study(
+    tables: Iterable[tuple[str, pd.DataFrame]],
+    written: Written,
+    results: xr.Dataset,
+    out: Path,
+    need: str,
+) -> int:
+    """Print what was written of a study, and return the exit code: 1 if a method failed.
 
+    Parameters
+    ----------
+    tables
+        Title and summary of each table of scores.
+    need
+        What the claims that were not studied need.
+    """
+    from tvsysid.report import problems
 
-def show_claims(claims: pd.DataFrame, about: str, need: str) -> None:
-    """Print the verdicts on published claims, if any; ``need`` says what other claims need."""
-    studied = claims[claims.verdict != "not studied"].to_dict("records")
-    missing = len(claims) - len(studied)
+    for title, summary in tables:
+        labels = [name for name in ("method", "realizations") if name in summary]
+        scores = summary.pivot_table("value", labels, "metric", sort=False).reset_index()
+        show_table(title, scores.to_dict("records"), SCORES)
+    say(UNITS)
+    studied = written.claims[written.claims.verdict != "not studied"]
+    missing = len(written.claims) - len(studied)
     more = f"; {missing} more need {need}" if missing else ""
-    if studied:
-        columns = {"claim": "claim", "verdict": "verdict"}
-        show_table(f"published claims about {about}{more}", studied, columns)
+    columns = {"claim": "claim", "verdict": "verdict"}
+    show_table(f"published claims{more}", studied.to_dict("records"), columns)
+    for label, diagnosis in written.diagnoses.items():
+        if names := ", ".join(finding.name for finding in diagnosis.findings):
+            remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
+    if written.alignment:
+        remark("warning", written.alignment)
+    return show_end(out, written.files, problems(results))
 
 
 def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> int:

@@ -6,10 +6,10 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
-from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -37,84 +37,74 @@ def held_out_vaf(
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
     at_least(2).check("held_out_vaf", "folds", folds)
     vafs = {label: np.full(len(ensemble), np.nan) for label in models}
-    if len(ensemble) < (3 if ensemble.mean_subtracted else 2):
+    if len(ensemble) < 2 + ensemble.mean_subtracted:
         return vafs  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
+    pairs = [(label, part) for part in parts for label in models]
     tasks = [
-        Fold(label, ensemble, part, methods[label], model)
-        for part in parts
-        for label, model in models.items()
+        partial(_held_out, ensemble, part, methods[label], models[label]) for label, part in pairs
     ]
     failed: dict[str, str] = {}
     with single_thread():
         for number, result in enumerate(_results(tasks, jobs)):
             progress(number, len(tasks))
-            task = tasks[number]
+            label, part = pairs[number]
             if isinstance(result, str):
-                failed.setdefault(task.label, result)
+                failed.setdefault(label, result)
             else:
-                vafs[task.label][task.held_out] = result
+                vafs[label][part] = result
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
     return vafs
 
 
-class Fold(NamedTuple):
-    """Realizations to hold out, and a method with its model of all realizations."""
+def _held_out(
+    ensemble: Ensemble, held_out: NDArray[np.int64], method: Method, model: Model
+) -> Array | str:
+    """Return the VAF of realizations by a fit to the others, or why there is none.
 
-    label: str
-    ensemble: Ensemble
-    held_out: NDArray[np.int64]
-    method: Method
-    model: Model
+    ``model`` is the method's model of all realizations.
+    """
+    kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
-    def result(self) -> Array | str:
-        """Return the VAF of the held-out realizations, or why there is none."""
-        try:
-            with warnings.catch_warnings():
-                # The fit to all realizations has warned already.
-                warnings.simplefilter("ignore", DataQualityWarning)
-                return self._vaf()
-        except Exception as error:  # a user's method may raise anything; the others go on
-            return describe_error(error)
+    def deviation(values: Array) -> Array:
+        return values - mean_known(values[kept]) if ensemble.mean_subtracted else values
 
-    def _vaf(self) -> Array:
-        ensemble, held_out = self.ensemble, self.held_out
-        kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
-
-        def deviation(values: Array) -> Array:
-            return values - mean_known(values[kept]) if ensemble.mean_subtracted else values
-
-        torque = deviation(ensemble.torque)
-        blanked = torque.copy()
-        blanked[held_out] = 0.0  # hide it from a method that reads the torque to predict it
-        channels = dict(ensemble.channels)
-        for name in centered_channels([self.method]):
-            channels[name] = deviation(channels[name])
-        angle = deviation(ensemble.angle)
-        given = attrs.evolve(ensemble, angle=angle, torque=blanked, channels=channels)
-        model = self.method.refit(given.select(kept), self.model)
-        predicted = deviation(model.predict(given))
-        return vaf(torque[held_out, ensemble.core], predicted[held_out])
+    torque = deviation(ensemble.torque)
+    blanked = torque.copy()
+    blanked[held_out] = 0.0  # hide it from a method that reads the torque to predict it
+    channels = dict(ensemble.channels)
+    for name in centered_channels([method]):
+        channels[name] = deviation(channels[name])
+    angle = deviation(ensemble.angle)
+    given = attrs.evolve(ensemble, angle=angle, torque=blanked, channels=channels)
+    try:
+        with warnings.catch_warnings():
+            # The fit to all realizations has warned already.
+            warnings.simplefilter("ignore", DataQualityWarning)
+            predicted = deviation(method.refit(given.select(kept), model).predict(given))
+    except Exception as error:  # a user's method may raise anything; the others go on
+        return describe_error(error)
+    return vaf(torque[held_out, ensemble.core], predicted[held_out])
 
 
-_folds: list[Fold] = []  # forked workers inherit it without pickling, which fails for some methods
+Task = Callable[[], Array | str]
+_tasks: list[Task] = []  # forked workers inherit them without pickling, which some methods prevent
 
 
-def _results(folds: Sequence[Fold], jobs: int) -> Iterator[Array | str]:
-    """Compute the results, on Linux in forked workers. Other systems cannot fork safely."""
+def _results(tasks: Sequence[Task], jobs: int) -> Iterator[Array | str]:
+    """Run the tasks, on Linux in forked workers. Other systems cannot fork safely."""
     if jobs == 1 or sys.platform != "linux":
-        yield from map(Fold.result, folds)
+        yield from (task() for task in tasks)
         return
-    _folds[:] = folds
-    workers = min(len(folds), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
+    _tasks[:] = tasks
+    workers = min(len(tasks), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
     # Ctrl-C ends the parent, which ends its workers.
     ignored = (signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(workers, get_context("fork"), signal.signal, ignored) as pool:
-        yield from pool.map(_result_of, range(len(folds)))
-    _folds.clear()
+        yield from pool.map(_run, range(len(tasks)))
 
 
-def _result_of(number: int) -> Array | str:
-    return _folds[number].result()
+def _run(number: int) -> Array | str:
+    return _tasks[number]()

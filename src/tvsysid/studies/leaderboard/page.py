@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tvsysid.figures import Illustration, draw_all, leaderboard
-from tvsysid.figures.results import traits_of
 from tvsysid.figures.words import count
-from tvsysid.recordings import whole_file
 from tvsysid.report import page, problems, sections
-from tvsysid.report.study import TRAIT_COLUMNS
 from tvsysid.simulate import CompliantActuator, Joint, ReflexJoint, ScheduledJoint
-from tvsysid.studies.leaderboard.standing import SCORE, SURE, answered, standings
+from tvsysid.studies.leaderboard.standing import SCORE, standings
 from tvsysid.studies.leaderboard.version import DIGEST, SEED, VERSION, commitment, digest
+from tvsysid.studies.published_study import write_tables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,10 +29,10 @@ KINDS = {
 }
 FILES = ("leaderboard.html", "leaderboard.csv")
 COLUMNS = (
-    "Score ± standard error, and how far it is behind the one that leads its rank or, if it leads "
-    "one, the rank before; the share of times at which the entry’s own 95 % band holds the truth, "
-    "which the score does not count; scenarios with an estimate; and the score in the scenarios of "
-    "each kind. Click a heading to sort."
+    "Score ± standard error, and gap to the leader of the rank or, for a leader, to the next "
+    "better rank; the share of times at which the entry’s own 95 % band holds the truth, which the "
+    "score does not count; scenarios with an estimate; and the score in the scenarios of each "
+    "kind, in %. Click a heading to sort."
 )
 PICTURE = (
     "Left: rank, and score with two standard errors to either side. Right: error in each scenario, "
@@ -51,6 +49,18 @@ ENTER = (
 )
 
 
+ERRORS = (
+    "Error in per cent of the mean stiffness, by the numbers of the scenarios; without an estimate "
+    "it is 100 %."
+)
+CHANGED = f"Not leaderboard {VERSION}: its scenarios or trials were changed."
+ERRORS_TITLE = "Error in each scenario"
+SIMULATED = "What is simulated; all entries see the same trials."
+COMMAND = "tvsysid leaderboard --method module:Class"
+SECRET_SEED = f"secret; the SHA-256 of “tvsysid leaderboard {VERSION} seed ” followed by it is"
+PUBLIC = "which is public: whoever enters can try these very trials, so this table is for practice"
+
+
 def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.DataFrame:
     """Write ``FILES`` to a folder, and return the table of standings.
 
@@ -59,171 +69,85 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     study, results, folder
         As of :func:`study_of`, of this study by :func:`tvsysid.study.run`, and where to write.
     """
-    groups = _groups(study)
+    scenarios = _scenarios(study)
+    groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
     table = standings(results, groups)
-    with whole_file(folder / FILES[1]) as file:
-        table.to_csv(file, index=False, float_format="%.6g")
-    page.write_page(folder / FILES[0], _page(study, results, table, groups))
+    write_tables(folder, {FILES[1]: table})
+    errors = table[["entry", *scenarios.index]]
+    errors = errors.set_axis(["entry", *map(str, scenarios.number)], axis=1)
+    drawing = partial(leaderboard, table, groups)
+    picture = Illustration(drawing, "Scores and errors", PICTURE, ("svg",))
+    found, seed = digest(study), study.seed
+    first = ", ".join(table.entry[table["rank"] == 1])
+    lines = [
+        f"First: {first}. The score is the error of the stiffness in per cent: less is better.",
+        f"Seed: {f'{seed}, {PUBLIC}' if seed == SEED else f'{SECRET_SEED} {commitment(seed)}'}.",
+    ]
+    versions = sections.settings_of(results, "versions")
+    facts = (
+        f"Digest of the scenarios: {found}. The same settings and software give the same page: "
+        f"{', '.join(f'{name} {each}' for name, each in versions.items())}."
+    )
+    parts = [
+        page.Section(
+            "standings",
+            "Standings",
+            [
+                page.Box(lines),
+                _table("Standings", COLUMNS, table.drop(columns=list(scenarios.index))),
+                page.Figure("figure-scores", draw_all({"scores": picture})["scores"]),
+            ],
+        ),
+        page.Section("score", "What the score is", [SCORE]),
+        page.Section("errors", ERRORS_TITLE, [_table("Errors", ERRORS, errors)], wide=True),
+        page.Section("scenarios", "Scenarios", [_table("Scenarios", SIMULATED, scenarios), facts]),
+        sections.problems_section(problems(results), "entry", COUNTED),
+        page.Section("enter", "How to enter", [ENTER, page.Code("Command", COMMAND)]),
+    ]
+    methods, trials = count(len(table), "method"), count(study.trials, "trial")
+    whole = page.Page(
+        f"Leaderboard {VERSION} of time-varying joint identification",
+        f"How well {methods} found the stiffness of simulated joints: "
+        f"{count(len(scenarios), 'scenario')} of {trials} each.",
+        parts,
+        sections.version_of(results),
+        "" if found == DIGEST else CHANGED,
+    )
+    page.write_page(folder / FILES[0], whole)
     return table
 
 
-def _groups(study: Study) -> dict[str, list[str]]:
-    """Return labels of scenarios by their kind."""
-    found: dict[str, list[str]] = {}
-    for scenario in study.scenarios:
-        system, _ = study.simulated(scenario)
-        kind = next((kind for of, kind in KINDS.items() if isinstance(system, of)), "other")
-        found.setdefault(kind, []).append(scenario.label)
-    return found
+def _scenarios(study: Study) -> pd.DataFrame:
+    """Return kind and settings of each scenario, by label, those of a kind together."""
+    import pandas as pd  # noqa: PLC0415  # heavy
 
-
-def _page(
-    study: Study, results: xr.Dataset, table: pd.DataFrame, groups: dict[str, list[str]]
-) -> page.Page:
-    own = digest(study)
-    changed = (
-        "" if own == DIGEST else f"Not leaderboard {VERSION}: its scenarios or trials were changed."
-    )
-    versions = sections.settings_of(results, "versions")
-    software = ", ".join(f"{name} {each}" for name, each in versions.items())
-    lines = [*_told(table, groups), f"Seed: {_seed_in_words(study.seed)}."]
-    facts = (
-        f"Digest of the scenarios: {own}. The same settings and software give the same page: "
-        f"{software}."
-    )
-    drawing = Illustration(
-        partial(leaderboard, table, groups), "Scores and errors", PICTURE, ("svg",)
-    )
-    figure = page.Figure("figure-scores", draw_all({"scores": drawing})["scores"])
-    command = page.Code("Command", "tvsysid leaderboard --method module:Class")
-    parts = [
-        page.Section(
-            "standings", "Standings", [page.Box(lines), _standings(table, groups), figure]
-        ),
-        page.Section("score", "What the score is", [SCORE]),
-        page.Section(
-            "errors", "Error in each scenario", [_errors(results, table, groups)], wide=True
-        ),
-        page.Section("scenarios", "Scenarios", [_scenarios(results, groups), facts]),
-        sections.problems_section(problems(results), "entry", COUNTED),
-        page.Section("enter", "How to enter", [ENTER, command]),
+    systems = (study.simulated(scenario)[0] for scenario in study.scenarios)
+    kinds = [
+        next((kind for of, kind in KINDS.items() if isinstance(system, of)), "other")
+        for system in systems
     ]
-    title = f"Leaderboard {VERSION} of time-varying joint identification"
-    trials = (
-        f"{count(results.sizes['scenario'], 'scenario')} of {count(study.trials, 'trial')} each"
-    )
-    subtitle = (
-        f"How well {count(len(table), 'method')} found the stiffness of simulated joints: {trials}."
-    )
-    return page.Page(title, subtitle, parts, sections.version_of(results), changed)
+    table = pd.DataFrame(study.scenarios, index=[each.label for each in study.scenarios])
+    table.insert(0, "kind", kinds)
+    table = pd.concat([rows for _, rows in table.groupby("kind", sort=False)])
+    table.insert(0, "number", range(1, len(table) + 1))
+    return table.rename(columns={"duration_s": "data (s)", "snr_db": "SNR (dB)"})
 
 
-def _seed_in_words(seed: int) -> str:
-    if seed == SEED:
-        return (
-            f"{seed}, which is public: whoever enters can try these very trials, so this table is "
-            "for practice"
-        )
-    return (
-        f"secret; the SHA-256 of “tvsysid leaderboard {VERSION} seed ” followed by it is "
-        f"{commitment(seed)}"
-    )
+def _table(label: str, caption: str, frame: pd.DataFrame) -> page.Table:
+    """Return a data frame as a table: texts, whole numbers, and others ± their ``_error``."""
 
+    def cell(row: dict[str, Any], name: str) -> page.Cell | str:
+        value, error = row[name], row.get(f"{name}_error")
+        if isinstance(value, str):
+            return value
+        decimals = 0 if isinstance(value, int) else 1 if error is None else 2
+        return page.number(value, math.nan if error is None else error, decimals)
 
-def _told(table: pd.DataFrame, kinds: Iterable[str]) -> list[str]:
-    """Describe who leads, overall and by kind of scenario, and which ranks are shared."""
-    ranks = {
-        each: list(table.entry[table["rank"] == each]) for each in table["rank"].unique().tolist()
-    }
-    shared = "; ".join(
-        f"{rank}: {', '.join(entries)}" for rank, entries in ranks.items() if len(entries) > 1
-    )
-    first = (
-        f"First: {', '.join(ranks[1])}. The score is the error of the stiffness in per cent: less "
-        "is better."
-    )
-    words = (
-        f"Shared, because they differ by no more than {SURE:g} standard errors, are the ranks "
-        f"{shared}."
-    )
-    if table.score_error.isna().all():
-        words = "One trial has no standard error: nothing can be told apart, and all share a rank."
-    best = "; ".join(
-        f"{kind}: {table.sort_values(kind, kind='stable').entry.iloc[0]} ({table[kind].min():.1f} "
-        "%)"
-        for kind in kinds
-    )
-    return [
-        first,
-        f"Lowest in the scenarios of each kind – {best}.",
-        words if shared else "No rank is shared.",
+    names = [str(name) for name in frame if not str(name).endswith("_error")]
+    rows = [[cell(row, name) for name in names] for row in frame.to_dict("records")]
+    columns = [
+        page.Column(name, kind="label" if isinstance(each, str) else "number")
+        for name, each in zip(names, rows[0], strict=True)
     ]
-
-
-def _standings(table: pd.DataFrame, groups: dict[str, list[str]]) -> page.Table:
-    units = {
-        "score": "%",
-        "behind": "%",
-        "in 95 % band": "%",
-        "answered": "scenarios",
-        **dict.fromkeys(groups, "%"),
-    }
-    headings = [page.Column("rank", kind="number"), page.Column("entry", kind="label")]
-    headings += [
-        *(page.Column(name, unit, "number") for name, unit in units.items()),
-        page.Column("from", kind="label"),
-    ]
-    rows = []
-    for each in table.to_dict("records"):
-        cells = [page.number(each[name], each[f"{name}_error"], 2) for name in ("score", "behind")]
-        cells += [
-            page.number(each["coverage"], decimals=1),
-            page.number(each["answered"], decimals=0),
-        ]
-        cells += [page.number(each[kind], decimals=1) for kind in groups]
-        rows.append(
-            page.Row((page.number(each["rank"], decimals=0), each["entry"], *cells, each["origin"]))
-        )
-    return page.Table(
-        "Standings", COLUMNS, headings, rows, "standings-table", sortable=True, narrow=True
-    )
-
-
-def _errors(results: xr.Dataset, table: pd.DataFrame, groups: dict[str, list[str]]) -> page.Table:
-    names, found, rows = (
-        [name for group in groups.values() for name in group],
-        answered(results),
-        [],
-    )
-    for each in table.to_dict("records"):
-        here = found.sel(method_key=each["entry"])
-        cells = [
-            page.number(each[name], decimals=1) if here.sel(scenario=name) else page.Cell("–", 100)
-            for name in names
-        ]
-        rows.append(page.Row((each["entry"], *cells)))
-    caption = (
-        "Error in per cent of the mean stiffness, by the numbers of the scenarios; without an "
-        "estimate it is 100 %."
-    )
-    headings = [page.Column("entry", kind="label")]
-    headings += [page.Column(str(number), kind="number") for number, _ in enumerate(names, start=1)]
-    return page.Table("Errors", caption, headings, rows, "errors-table", sortable=True)
-
-
-def _scenarios(results: xr.Dataset, groups: dict[str, list[str]]) -> page.Table:
-    traits = traits_of(results)
-    rows: list[page.Row] = []
-    for kind, name in ((kind, name) for kind, names in groups.items() for name in names):
-        cells = [
-            page.number(each, decimals=0) if isinstance(each, float) else each
-            for each in traits[name].values()
-        ]
-        rows.append(page.Row((str(len(rows) + 1), kind, *cells)))
-    headings = [page.Column("number"), page.Column("kind")]
-    headings += [
-        page.Column(each.heading, kind=each.kind or "label") for each in TRAIT_COLUMNS.values()
-    ]
-    return page.Table(
-        "Scenarios", "What is simulated; all entries see the same trials.", headings, rows
-    )
+    anchor = f"{label.lower()}-table"
+    return page.Table(label, caption, columns, list(map(page.Row, rows)), anchor, True, True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DRAWS = 2000  # bootstrap draws
-SURE = 2.0  # standard errors of a difference up to which it is a tie
+MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
 SCORE = (
     "In each trial an entry’s error is the root mean square over time of its stiffness minus the "
     "true one, divided by the mean true stiffness, and 100 % at most; a trial that it skips or in "
@@ -31,87 +31,77 @@ SCORE = (
 
 def errors_of(results: xr.Dataset) -> xr.DataArray:
     """Return the relative error of stiffness, at most 1, (scenario, trial, method_key)."""
-    truth = (results.trial_truth if "trial_truth" in results else results.truth).sel(quantity=MAIN)
-    off = results.estimate.sel(quantity=MAIN).fillna(0.0) - truth
-    found: xr.DataArray = np.sqrt((off**2).mean("time")) / truth.mean("time")
-    return found.clip(max=1.0).transpose("scenario", "trial", "method_key")
+    own = results.sel(quantity=MAIN)
+    truth = own.trial_truth if "trial_truth" in own else own.truth
+    off = own.estimate.fillna(0.0) - truth
+    errors: xr.DataArray = np.sqrt((off**2).mean("time")) / truth.mean("time")
+    return errors.clip(max=1.0).transpose("scenario", "trial", "method_key")
 
 
 def scores_of(errors: Array, counts: Array | None = None) -> Array:
-    r"""Score of each entry in per cent, a row for each draw.
+    r"""Return the score of each entry in per cent, a row for each draw.
 
     .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t c_{dst}\, e_{ste}^2 / T}
 
-    Errors have shape (scenario, trial, entry); how often a draw has each trial, (draw, scenario,
-    trial), is once if nothing is said.
+    Errors have shape (scenario, trial, entry); ``counts``, how often a draw has each trial, has
+    shape (draw, scenario, trial). None has each once.
     """
     counts = np.ones((1, *errors.shape[:2])) if counts is None else counts
-    squares = np.einsum("dst,ste->dse", counts, np.square(errors)) / errors.shape[1]
+    squares = np.einsum("dst,ste->dse", counts, errors**2) / errors.shape[1]
     return np.asarray(100 * np.exp(0.5 * np.log(squares).mean(axis=1)))
 
 
 def replicates_of(errors: Array) -> Array:
     """Return scores of resampled trials, (draw, entry), with the spread of new trials."""
-    scenarios, trials = errors.shape[:2]
+    scenarios, trials, entries = errors.shape
     if trials < 2:
-        return np.full((2, errors.shape[2]), np.nan)
-    random = np.random.default_rng(0)
-    drawn = scores_of(
-        errors,
-        random.multinomial(trials, np.full(trials, 1 / trials), (DRAWS, scenarios)).astype(float),
-    )
-    usual = drawn.mean(axis=0)
+        return np.full((DRAWS, entries), np.nan)
+    random, share = np.random.default_rng(0), np.full(trials, 1 / trials)
+    counts = random.multinomial(trials, share, (DRAWS, scenarios)).astype(float)
+    drawn = scores_of(errors, counts)
     # A bootstrap draw varies less than a sample does
-    return np.asarray(usual + (drawn - usual) * np.sqrt(trials / (trials - 1)))
+    wider = np.sqrt(trials / (trials - 1))
+    return np.asarray(drawn * wider + drawn.mean(axis=0) * (1 - wider))
 
 
 def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
     """Rank the entries, with the gap ``behind`` the best remaining one and ``behind_error``."""
-    order = np.argsort(scores, kind="stable").tolist()
-    rank, leader = np.ones(len(scores), dtype=np.int64), order[0]
+    leader, *others = np.argsort(scores, kind="stable").tolist()
+    rank = np.ones(len(scores), dtype=np.int64)
     behind, error = np.full((2, len(scores)), np.nan)
-    for place, entry in enumerate(order[1:], start=2):
+    for place, entry in enumerate(others, start=2):
         behind[entry] = scores[entry] - scores[leader]
         error[entry] = np.std(replicates[:, entry] - replicates[:, leader])
-        clearly = behind[entry] > SURE * error[entry]
-        rank[entry] = place if clearly else rank[leader]
-        leader = entry if clearly else leader
+        rank[entry] = rank[leader]
+        if behind[entry] > MAX_TIE * error[entry]:
+            rank[entry], leader = place, entry
     return {"rank": rank, "behind": behind, "behind_error": error}
 
 
-def answered(results: xr.Dataset) -> xr.DataArray:
-    """Whether there is an estimate in any trial, over (scenario, method_key)."""
-    found: xr.DataArray = results.estimate.sel(quantity=MAIN).notnull().any(["trial", "time"])
-    return found
-
-
-def standings(results: xr.Dataset, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFrame:
     """Return a row for each entry, in order of score.
 
-    Columns rank, entry, origin, score, score_error (standard), behind (who led when it was its
-    turn), behind_error, coverage (mean over scenarios with a band), answered (scenarios with an
-    estimate), the score in each group of scenarios, and the error in each scenario; in %.
+    Columns rank, entry, origin, score, score_error (standard), behind (gap to the leader of its
+    rank, or of the next better one), behind_error, coverage (mean over scenarios with a band),
+    answered (scenarios with an estimate), the score in each group of scenarios, and the error in
+    each scenario; in %.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    errors, entries = errors_of(results), [str(name) for name in results.method_key.values]
-    every = {"": list(map(str, results.scenario.values)), **groups}
-    every |= {name: [name] for name in every[""]}
-    scores = {
-        name: scores_of(errors.sel(scenario=list(part)).values)[0] for name, part in every.items()
-    }
-    score, replicates = scores.pop(""), replicates_of(errors.values)
-    covered = results.covered.sel(quantity=MAIN).mean(["trial", "time"]).mean("scenario")
-    found = ranks_of(score, replicates)
-    columns: dict[str, object] = {
-        "rank": found.pop("rank"),
+    errors, own = errors_of(results), results.sel(quantity=MAIN)
+    entries, labels = (results[dim].values.tolist() for dim in ("method_key", "scenario"))
+    score, replicates = scores_of(errors.values)[0], replicates_of(errors.values)
+    ranks = ranks_of(score, replicates)
+    parts = {**groups, **{label: [label] for label in labels}}
+    columns = {
+        "rank": ranks.pop("rank"),
         "entry": entries,
-        "origin": list(map(origin_of, entries)),
-    }
-    columns |= {"score": score, "score_error": np.std(replicates, axis=0), **found}
-    columns |= {
-        "coverage": 100 * covered.values,
-        "answered": answered(results).sum("scenario").values,
-        **scores,
+        "origin": [origin_of(entry) for entry in entries],
+        "score": score,
+        "score_error": replicates.std(axis=0),
+        **ranks,
+        "coverage": 100 * own.covered.mean(["trial", "time"]).mean("scenario"),
+        "answered": own.estimate.notnull().any(["trial", "time"]).sum("scenario"),
+        **{name: scores_of(errors.sel(scenario=part).values)[0] for name, part in parts.items()},
     }
     return pd.DataFrame(columns).sort_values("score", kind="stable", ignore_index=True)

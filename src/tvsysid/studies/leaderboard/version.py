@@ -7,18 +7,18 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+import attrs
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import CLOSED_LOOP, names, parse
-from tvsysid.study.scenarios import Scenario, Study
-from tvsysid.study.settings import replace_settings
+from tvsysid.study.scenarios import Scenario, Study, preset_study
 
 VERSION = 1
 SEED = 1  # of the public trials; those of an official table are kept secret
 DIGEST = "aea0ef10ed2fb7ec"  # of the scenarios below
 TRIALS = 10
-SIMULATED = 8.0  # s of each scenario that its digest counts
+SIMULATED_S = 8.0  # s of each scenario that its digest counts
 SECRET = 2**64  # a smaller seed could be found from its hash by trying
 
 OTHER_SINE = "sine:mean=80,amplitude=60,offset=0.3"
@@ -62,19 +62,10 @@ def study_of(
     first, *others = (
         {name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS
     )
-    fixed: dict[str, object] = {
-        "rate": 100.0,
-        "period": 2.0,
-        "subtract_mean": True,
-        "trials": TRIALS,
-        "seed": SEED,
-    }
-    fixed |= {
-        "methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))),
-        "also": others,
-    }
-    settings = replace_settings(first | fixed, changes)
-    return Study(**settings | {"also": (*settings.get("also", ()), *scenarios)})
+    methods = dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))
+    fixed = {"subtract_mean": True, "trials": TRIALS, "seed": SEED, "methods": tuple(methods)}
+    study = preset_study({**first, **fixed, "also": others}, **changes)
+    return attrs.evolve(study, also=(*study.also, *scenarios))
 
 
 def _usable(name: str) -> bool:
@@ -91,20 +82,16 @@ def digest(study: Study) -> str:
 
     The sizes show a change of a default or of a simulation, which no setting shows.
     """
-    lines = [
-        f"{study.trials} trials at {study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
-    ]
+    settings = f"{study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
+    lines = [f"{study.trials} trials at {settings}"]
     for scenario in study.scenarios:
         system, perturbation = study.simulated(scenario)
-        made = system.simulate(
-            SIMULATED,
-            perturbation=perturbation,
-            snr_db=scenario.snr_db,
-            seed=np.random.SeedSequence(0),
-            rate=1000.0,
+        seed, snr_db = np.random.SeedSequence(0), scenario.snr_db
+        simulation = system.simulate(
+            SIMULATED_S, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=1000.0
         )
-        sizes = [f"{np.std(each):.3e}" for each in (made.recording.angle, made.recording.torque)]
-        lines.append(" ".join(map(str, (*scenario, *sizes))))
+        signals = simulation.recording.angle, simulation.recording.torque
+        lines.append(" ".join([*map(str, scenario), *(f"{np.std(each):.3e}" for each in signals)]))
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 

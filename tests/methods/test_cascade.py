@@ -19,7 +19,8 @@ from tvsysid.methods.cascade.columns import (
     second_order_fit,
     unresolved,
 )
-from tvsysid.methods.cascade.fit import Data, Fit, log_evidence, ridge
+from tvsysid.methods.cascade.evidence import log_evidence, ridge
+from tvsysid.methods.cascade.fit import Data, Fit
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.gaussian import Moments

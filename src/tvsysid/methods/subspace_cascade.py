@@ -17,8 +17,12 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.cascade.drives import of_unit_slope, velocity_terms
-from tvsysid.methods.cascade.pathways import Drive, TwoPathwayModel
+from tvsysid.methods.cascade.pathways import (
+    Drive,
+    TwoPathwayModel,
+    of_unit_slope,
+    velocity_terms,
+)
 from tvsysid.methods.shared.estimates import impedance_estimates
 from tvsysid.methods.subspace_windows import Line, grid, lasting
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError

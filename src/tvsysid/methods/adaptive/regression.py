@@ -19,7 +19,7 @@ from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.posterior import Mixture
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.signals import Signals
-from tvsysid.methods.cascade.fit import nearest_inside
+from tvsysid.methods.cascade.evidence import nearest_inside
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.gaussian import Moments, solve

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Self
 
 import attrs
 import numpy as np
@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method, whole_samples
-from tvsysid.methods.cascade.drives import Candidate, velocity_terms
 from tvsysid.methods.cascade.pathways import (
     DIRECTIONS,
     PATHWAYS,
+    Drive,
     Measured,
     Stretch,
     TwoPathwayModel,
     history,
+    of_unit_slope,
+    velocity_terms,
 )
 from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.hammerstein import Rows, Turn, alternate, lagged_moments, parallel_cascade
@@ -31,6 +34,7 @@ from tvsysid.signals import Array, Ensemble
 
 Nonlinearity = Literal["rectifier", "polynomial"]
 
+NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 DEGREE = 5  # of the polynomial
 MAX_TURNS = 30  # of either pathway
 MIN_GAIN = 1e-5  # share of the torque's power by which a turn must improve the fit
@@ -135,6 +139,35 @@ class AlternatingCascade(Method):
         return two_pathways(ensemble, intrinsic, candidate, best, first, details, unit)
 
 
+class Candidate(NamedTuple):
+    """Signals (signal, realization, context + time + context) whose weighted sum drives a reflex.
+
+    ``start`` are the initial weights. The single signal of a ``drive`` needs no weights; others
+    are the terms of a polynomial of the velocity.
+    """
+
+    signals: Array
+    start: Array
+    drive: Drive | None = None
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, drive: Drive) -> Self:
+        """Return the candidate of a drive."""
+        return cls(drive(ensemble)[None], np.ones(1), drive)
+
+    def as_polynomial(self, terms: Array) -> Candidate:
+        """Return a polynomial of the velocity that begins as the least-squares fit to a drive."""
+        columns = terms.reshape(len(terms), -1).T
+        start = np.linalg.lstsq(columns, self.signals.ravel(), rcond=None)[0]
+        return Candidate(terms, np.asarray(start))
+
+    def scaled(self, ensemble: Ensemble, weights: Array) -> tuple[Drive, float, int]:
+        """Return the drive of unit slope, its slope before, and its direction (0 of EMG)."""
+        if self.drive is None:
+            return of_unit_slope(ensemble, weights)
+        return self.drive, 1.0, getattr(self.drive, "direction", 0)
+
+
 def two_pathways(
     ensemble: Ensemble,
     intrinsic: ImpulseResponseModel,
@@ -144,12 +177,28 @@ def two_pathways(
     details: dict[str, float],
     unit: str = UNITS["reflex_gain"],
 ) -> TwoPathwayModel:
-    """Return the model of a turn, whose reflex begins with the lag ``first``."""
+    """Return the model of an intrinsic pathway and of a turn's reflex, without bands.
+
+    The reflex's response begins with the lag ``first``. The gain is the area under it.
+    """
     drive, slope, direction = candidate.scaled(ensemble, turn.coefficients)
-    details["direction"] = float(direction)
-    return TwoPathwayModel.beside(
-        intrinsic, ensemble, turn.reflex * slope, drive, first, details, unit
+    reflex, rate = turn.reflex * slope, ensemble.sampling_rate
+    estimates = {**intrinsic.estimates, "reflex_gain": Estimate(reflex.sum(axis=1), unit)}
+    none = StandardError.none(ensemble.samples, NO_BAND)
+    details = {**intrinsic.diagnostics.details, **details, "direction": float(direction)}
+    model = TwoPathwayModel(
+        method=intrinsic.method,
+        sampling_rate=rate,
+        time=intrinsic.time,
+        estimates={name: attrs.evolve(each, error=none) for name, each in estimates.items()},
+        impulse_response=intrinsic.impulse_response,
+        lags=intrinsic.lags,
+        reflex_response=reflex * rate,
+        reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
+        drive=drive,
+        diagnostics=attrs.evolve(intrinsic.diagnostics, details=details),
     )
+    return model.with_shares(ensemble)
 
 
 def after_delay(method: Any, attribute: attrs.Attribute[Any], memory: float) -> None:

@@ -98,15 +98,14 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
     """
     ratio = recorded.shape[-1]
     out = np.zeros((2, *recorded.shape[:2]))
-    reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
-    inside = slice(reach, max(reach, recorded.shape[1] - reach))
     if ratio > 1:
         angle = recorded.reshape(len(recorded), -1)
-        slow = intrinsic_signals(decimated(angle, ratio), lags, rate)
-        weights = derivative_weights(RECORDED_HALF_WIDTH, BAND)[:, ::-1]
-        for order in (1, 2):
-            fast = correlate1d(angle, weights[order] * (rate * ratio) ** order)
-            out[order - 1, :, inside] = (decimated(fast, ratio) - slow[order])[:, inside]
+        slow = intrinsic_signals(decimated(angle, ratio), lags, rate)[1:3]
+        weights = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:, ::-1]
+        weights = weights * (rate * ratio) ** np.array([[1], [2]])
+        fast = np.stack([decimated(correlate1d(angle, each), ratio) for each in weights])
+        reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
+        out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out
 
 

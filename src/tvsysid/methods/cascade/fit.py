@@ -1,4 +1,4 @@
-"""Fit both pathways in one regression: moments of its columns, evidence, posterior and steps."""
+"""Fit both pathways in one regression. Gauss-Newton steps find the shape of the reflex."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import attrs
 import numpy as np
-import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, toeplitz
+from scipy.linalg import toeplitz
 
 from tvsysid.methods.cascade.columns import Columns, convolved, deviations, muscle, products
+from tvsysid.methods.cascade.evidence import (
+    USUAL_PARAMETERS,
+    Prior,
+    decays_off,
+    log_evidence,
+    ridge,
+)
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
@@ -40,14 +46,6 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
 ).T
 MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
-
-FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relative to the noise
-DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
-# Of the parameters of five families: stiffness, viscosity, inertia, differences, reflex gain
-IS_DECAY = np.tile([False, False, True], FLAT_FAMILIES + 2)
-BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
-USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0)
-MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 
 @attrs.frozen(eq=False)
@@ -145,99 +143,6 @@ class Data:
 
 def _matrix(correlation: Array, times: int) -> Array:
     return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
-
-
-def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
-    """Return the posterior of coefficients whose prior ``spread`` is relative to the noise.
-
-    The noise variance is the most probable one. The mean has the greatest posterior density of all
-    coefficients whose products with each row of ``positive`` (row, coefficient) are not negative.
-    """
-    found = solve(moments, spread**-2)
-    mean, left = found.mean, found.left
-    if positive is not None and (positive @ mean < 0).any():
-        free = found.inverse_factor @ moments.cross
-        inside = nearest_inside(free, found.inverse_factor @ positive.T)
-        mean, left = inside @ found.inverse_factor, left + float(free @ free - inside @ inside)
-    left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
-    noise = left / moments.number
-    precision = found.precision / noise
-    return attrs.evolve(found, mean=mean, left=left, noise_variance=noise, precision=precision)
-
-
-def log_evidence(found: Posterior, square: float) -> float:
-    r"""Return the evidence relative to that of a torque that is all noise.
-
-    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
-              - \tfrac12 \log|S \Phi^T\Phi S + 1|
-    """
-    return -0.5 * (found.number * math.log(found.left / square) + found.log_determinant)
-
-
-def nearest_inside(point: Array, normals: Array) -> Array:
-    """Return the nearest point whose products with no column of ``normals`` are negative."""
-    if not (point @ normals < 0).any():
-        return point
-    size, sizes = np.linalg.norm(point), np.linalg.norm(normals, axis=0)
-    unit = normals / np.maximum(sizes, np.finfo(float).tiny)
-    return np.asarray(point + size * (unit @ scipy.optimize.nnls(unit, -point / size)[0]))
-
-
-class Prior(NamedTuple):
-    r"""Prior of the coefficients: their log standard deviations relative to the noise.
-
-    These are ``offset + design @ parameters`` for columns of unit RMS. Each family of columns has
-    three parameters: the size of its constant, and :math:`\log\gamma` and :math:`\nu`, which give
-    :math:`\log\gamma - \nu \log h` for its h-th harmonic. ``first`` (column,) is the column of each
-    family that is not modulated.
-    """
-
-    offset: Array
-    design: Array
-    first: NDArray[np.int64]
-
-    @staticmethod
-    @lru_cache(maxsize=4)
-    def of(sizes: tuple[int, ...], gain: int) -> Prior:
-        """Return the prior of the coefficients of signals, and of a reflex's gain.
-
-        There are ``sizes`` of the signals and ``gain`` of the gain: a constant, and two for each
-        harmonic. Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond
-        the acceleration share one size.
-        """
-        families = [np.arange(1, size + 1) // 2 for size in (*sizes[:FLAT_FAMILIES], gain)]
-        families.insert(FLAT_FAMILIES, np.zeros(len(sizes) - FLAT_FAMILIES, dtype=int))
-        is_free = np.repeat(np.arange(len(families)) >= FLAT_FAMILIES, [*map(len, families)])
-        order = np.concatenate(families)
-        rows = [np.stack([each == 0, each > 0, -np.log(each.clip(1))], axis=1) for each in families]
-        first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        design = block_diag(*rows) * ((order > 0) | is_free)[:, None]
-        return Prior(np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE), design, first)
-
-    def spread(self, moments: Moments, parameters: Array) -> Array:
-        """Return the standard deviations of the coefficients relative to the noise."""
-        power = np.maximum(np.diag(moments.gram), 0.0)[self.first] / moments.number
-        scale = np.sqrt(np.where(power > 0, power, 1.0))
-        return np.asarray(np.exp(self.offset + self.design @ parameters) / scale)
-
-    def tuned(self, moments: Moments, start: Array) -> Array:
-        """Return the parameters of greatest evidence near a start."""
-
-        def cost(parameters: Array) -> tuple[float, Array]:
-            found, off = ridge(moments, self.spread(moments, parameters)), decays_off(parameters)
-            slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
-
-        options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
-        found = scipy.optimize.minimize(
-            cost, start, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
-        )
-        return np.asarray(found.x)
-
-
-def decays_off(parameters: Array) -> Array:
-    """Return the distance of each decay from its mean, in standard deviations."""
-    return np.where(IS_DECAY, (parameters - DECAY_MEAN) / DECAY_SPREAD, 0.0)
 
 
 @attrs.frozen(eq=False)

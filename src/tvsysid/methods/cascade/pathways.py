@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
-from typing import Protocol, Self
+from collections.abc import Mapping
+from typing import Self
 
 import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.dataset_layout import UNITS, Labelled
+from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.stretch import recorded_velocity, stretch
+from tvsysid.numerics.stretch import decimated, recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
 
-NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 DIRECTIONS = (1, -1)  # of stretch
 PATHWAYS = ("intrinsic", "reflex")
-
-
-class Drive(Hashable, Protocol):
-    """Signal that drives the dynamics of a reflex: a small object that can be pickled."""
-
-    def __call__(self, ensemble: Ensemble) -> Array:
-        """Return the drive (realization, context + time + context), such as a velocity in rad/s."""
-        ...  # pragma: no cover
-
-    def curve(self) -> tuple[Array, Array] | None:
-        """Return velocities in rad/s and the drive at each; it is linear between them.
-
-        None if the drive is not a function of the velocity.
-        """
-        ...  # pragma: no cover
+CURVE_POINTS = 101  # velocities at which the curve of a polynomial is given
 
 
 @attrs.frozen
@@ -52,7 +37,7 @@ class Stretch:
         return stretch(*velocity_of(ensemble), self.threshold, self.direction)
 
     def curve(self) -> tuple[Array, Array]:
-        """See :meth:`Drive.curve`; as straight beyond it."""
+        """Return velocities in rad/s and the drive at each; it is linear between and beyond."""
         velocity = np.array([-1.0, self.threshold, self.threshold + 1.0])
         order = slice(None, None, self.direction)
         return self.direction * velocity[order], np.array([0.0, 0.0, self.direction])[order]
@@ -69,7 +54,46 @@ class Measured:
         return ensemble.signal(self.name)
 
     def curve(self) -> None:
-        """See :meth:`Drive.curve`."""
+        """Return None: the drive is no function of the velocity."""
+
+
+@attrs.frozen
+class VelocityPolynomial:
+    """Polynomial of the total angle's velocity, which is 0 where the velocity is.
+
+    ``coefficients`` are those of Chebyshev polynomials from degree 1 on. ``limits`` in rad/s are
+    mapped to -1 and 1; beyond them the polynomial keeps its value.
+    """
+
+    coefficients: tuple[float, ...]
+    limits: tuple[float, float]
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, coefficients: Array) -> Self:
+        """Return a polynomial whose limits are those of an ensemble's velocity."""
+        velocity, _ = velocity_of(ensemble)
+        return cls(tuple(coefficients.tolist()), (float(velocity.min()), float(velocity.max())))
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Return the polynomial at the recorded rate, decimated as the torque was."""
+        velocity, ratio = velocity_of(ensemble)
+        return decimated(self.value(velocity), ratio)
+
+    def value(self, velocity: Array) -> Array:
+        """Return the polynomial at a velocity in rad/s, of any shape."""
+        count = len(self.coefficients) + 1
+        at_rest = chebyshev_of(np.zeros(1), self.limits, count)
+        terms = chebyshev_of(velocity, self.limits, count) - at_rest
+        return np.asarray(terms[..., 1:] @ np.array(self.coefficients))
+
+    def curve(self) -> tuple[Array, Array]:
+        """Return velocities in rad/s within the limits, and the polynomial at each."""
+        velocity = np.linspace(*self.limits, CURVE_POINTS)
+        return velocity, self.value(velocity)
+
+
+# A drive returns the signal (realization, context + time + context) that drives a reflex.
+Drive = Stretch | VelocityPolynomial | Measured
 
 
 def rectified_velocities(ensemble: Ensemble) -> Array:
@@ -87,6 +111,27 @@ def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     """
     recorded = ensemble.angle_as_recorded
     return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
+
+
+def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
+    """Return the terms (degree, realization, time) of a polynomial of the velocity, decimated."""
+    return np.stack([VelocityPolynomial.of(ensemble, unit)(ensemble) for unit in np.eye(degree)])
+
+
+def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float, int]:
+    """Return a polynomial of these weights divided by its slope for stretch.
+
+    Return also the slope, and the direction of stretch, which is the steeper one. The slopes are
+    those of a least-squares fit with an offset and a slope for either direction, as a polynomial
+    rounds the corner of a rectifier.
+    """
+    target = VelocityPolynomial.of(ensemble, weights)(ensemble).ravel()
+    columns = rectified_velocities(ensemble).reshape(2, -1).T
+    centred = columns - columns.mean(axis=0)
+    slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
+    steeper = int(np.argmax(np.abs(slopes)))
+    slope = float(slopes[steeper])
+    return VelocityPolynomial.of(ensemble, weights / slope), slope, DIRECTIONS[steeper]
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
@@ -123,33 +168,6 @@ class TwoPathwayModel(ImpulseResponseModel):
     reflex_response: Array
     reflex_lags: Array
     drive: Drive
-
-    @classmethod
-    def beside(
-        cls,
-        intrinsic: ImpulseResponseModel,
-        ensemble: Ensemble,
-        reflex: Array,
-        drive: Drive,
-        first: int,
-        details: Mapping[str, float],
-        unit: str = UNITS["reflex_gain"],
-    ) -> Self:
-        """Return a model of an intrinsic pathway with a reflex of weights (time, lag) beside it.
-
-        The lags begin with ``first``. The gain is the area under the reflex's response. No
-        estimate has a band.
-        """
-        rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
-        gain = Estimate(reflex.sum(axis=1), unit)
-        estimates = {**intrinsic.estimates, "reflex_gain": gain}
-        diagnostics = intrinsic.diagnostics
-        known = {item.name: getattr(intrinsic, item.name) for item in attrs.fields(type(intrinsic))}
-        known["estimates"] = {n: attrs.evolve(each, error=none) for n, each in estimates.items()}
-        known["diagnostics"] = attrs.evolve(diagnostics, details={**diagnostics.details, **details})
-        lags = (first + np.arange(reflex.shape[1])) / rate
-        model = cls(**known, reflex_response=reflex * rate, reflex_lags=lags, drive=drive)
-        return model.with_shares(ensemble)
 
     def with_shares(self, ensemble: Ensemble) -> Self:
         """Return the model with the shares of the torque that it and its pathways explain, in %."""

@@ -16,13 +16,13 @@ from scipy.linalg import block_diag
 from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags, missing_edge
 from tvsysid.methods.cascade.columns import deviations, intrinsic_signals, readout, unresolved
+from tvsysid.methods.cascade.evidence import USUAL_PARAMETERS
 from tvsysid.methods.cascade.fit import (
     DAMPING,
     DEFAULT,
     DELAY,
     FREQUENCY,
     THRESHOLD,
-    USUAL_PARAMETERS,
     Data,
     Fit,
 )

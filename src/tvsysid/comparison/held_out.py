@@ -90,7 +90,7 @@ def _held_out(
 
 
 Task = Callable[[], Array | str]
-_tasks: list[Task] = []  # forked workers inherit them without pickling, which some methods prevent
+_tasks: list[Task] = []  # a forked worker inherits them without pickling
 
 
 def _results(tasks: Sequence[Task], jobs: int) -> Iterator[Array | str]:
@@ -98,12 +98,14 @@ def _results(tasks: Sequence[Task], jobs: int) -> Iterator[Array | str]:
     if jobs == 1 or sys.platform != "linux":
         yield from (task() for task in tasks)
         return
-    _tasks[:] = tasks
     workers = min(len(tasks), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
-    # Ctrl-C ends the parent, which ends its workers.
-    ignored = (signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(workers, get_context("fork"), signal.signal, ignored) as pool:
+    with ProcessPoolExecutor(workers, get_context("fork"), _start_worker, (tasks,)) as pool:
         yield from pool.map(_run, range(len(tasks)))
+
+
+def _start_worker(tasks: Sequence[Task]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its workers
+    _tasks[:] = tasks
 
 
 def _run(number: int) -> Array | str:

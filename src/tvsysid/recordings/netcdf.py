@@ -18,18 +18,15 @@ def read_netcdf(file: Path) -> Iterator[tuple[str, Channel]]:
 
     A dimension called time comes first. Units and sampling rates are those of the attributes.
     """
-    groups = open_groups(file)
+    options: dict[str, Any] = {"decode_times": False, "decode_coords": False}
+    groups: Mapping[str, xr.Dataset]
+    if h5py.is_hdf5(file):
+        check_whole(file)  # xarray follows every link
+        groups = xr.open_groups(file, engine="h5netcdf", phony_dims="sort", **options)
+    else:
+        groups = {"/": xr.open_dataset(file, engine="scipy", **options)}
     for path, group in groups.items():
         for name in map(str, group.variables):
             variable = group.variables[name].transpose("time", ..., missing_dims="ignore")
             about = stated(variable.attrs, group.attrs, groups["/"].attrs)
             yield f"{path}/{name}".lstrip("/"), channel_of(variable, *about)
-
-
-def open_groups(file: Path) -> Mapping[str, xr.Dataset]:
-    """Open the groups of a file by path, after a check that nothing leads out of it."""
-    options: dict[str, Any] = {"decode_times": False, "decode_coords": False}
-    if not h5py.is_hdf5(file):
-        return {"/": xr.open_dataset(file, engine="scipy", **options)}
-    check_whole(file)  # xarray follows every link
-    return xr.open_groups(file, engine="h5netcdf", phony_dims="sort", **options)

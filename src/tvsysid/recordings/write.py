@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-MAX_NAME_LENGTH = 31  # of a variable in a MAT file
+VARIABLE = re.compile(r"[a-z](\w{,29}[^\W_])?", re.ASCII | re.IGNORECASE)  # of a MAT file
 UNITS = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
 RESERVED = {"time", "realization", "trial", "sample", "tvsysid"}
 RESERVED |= {name for kind in (Recording, Ensemble) for name in attrs.fields_dict(kind)}
@@ -268,17 +268,16 @@ def checked(path: str | Path, *endings: str) -> Path:
 
 
 def _variables(names: Iterable[str]) -> dict[str, str]:
-    """Return a name of a variable for each channel: its own, or a similar one that MATLAB allows.
+    """Return the name of each channel's variable: its own where MATLAB allows it, or a number.
 
     Examples
     --------
     >>> _variables(["emg", "sv.Ankle (rad)", "angle"])
-    {'emg': 'emg', 'sv.Ankle (rad)': 'sv_Ankle_rad', 'angle': 'channel_3_'}
+    {'emg': 'emg', 'sv.Ankle (rad)': 'channel_2_', 'angle': 'channel_3_'}
     """
     taken, variables = set(RESERVED), {}
     for number, name in enumerate(names, start=1):
-        plain = re.sub(r"\W+", "_", name, flags=re.ASCII)[:MAX_NAME_LENGTH].strip("_")
-        is_free = plain[:1].isalpha() and plain.lower() not in taken
-        variables[name] = plain if is_free else f"channel_{number}_"
-        taken.add(plain.lower())
+        is_free = VARIABLE.fullmatch(name) and name.lower() not in taken
+        variables[name] = name if is_free else f"channel_{number}_"
+        taken.add(name.lower())
     return variables

@@ -35,10 +35,8 @@ def test_it_gives_the_same_as_each_method_by_itself():
     torque = ensemble.torque[:, ensemble.core]
     np.testing.assert_array_equal(found.vaf["sds"], tv.metrics.vaf(torque, alone.predict(ensemble)))
     table = found.over_time()
-    assert len(table) == 2 * ensemble.samples
     upper = table[table.method == "sds"].viscosity_upper
     np.testing.assert_array_equal(upper, found.bands["sds"]["viscosity"][1])
-    assert found.summary().iloc[0]["lowest (N·m/rad)"] == alone.stiffness.min()
     assert pickle.loads(pickle.dumps(found)).over_time().equals(table)
 
 
@@ -117,7 +115,6 @@ def test_a_method_sees_nothing_of_the_torque_that_is_held_out():
         means = [kept.angle.mean(axis=0), kept.torque.mean(axis=0)]
         np.testing.assert_allclose(means, 0, atol=1e-13)
         assert not every.torque[part].any()
-        assert len(every) == 40
 
 
 @pytest.mark.slow
@@ -129,8 +126,5 @@ def test_a_method_that_cannot_identify_without_a_fold_has_no_held_out_vaf():
         held_out = found.held_out_vaf()
     assert np.isnan(held_out["adaptive"]).all()
     assert np.isfinite(held_out["kbr"]).all()
-    with pytest.raises(tv.InputError, match="folds must be a whole number of 2 or more, got 1"):
-        found.held_out_vaf(1)
-    for count in (1, 2):
-        few = attrs.evolve(found, ensemble=ensemble.select(range(count)))
-        assert np.isnan(few.held_out_vaf()["kbr"]).all()
+    two = attrs.evolve(found, ensemble=ensemble.select([0, 1]))
+    assert np.isnan(two.held_out_vaf()["kbr"]).all()

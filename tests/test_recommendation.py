@@ -1,14 +1,10 @@
 """Recommendation of a method: the table of rules, and the properties that it holds against data."""
 
-import math
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.recommendation.recommendation import shape_over_level
 from tvsysid.recommendation.rules import RULES, rule_of
 
 SOUND = {"realizations": 20, "information": 200, "slow noise": 0, "switches": 0}
@@ -21,10 +17,9 @@ WEIGHTED_BY_REFERENCE = "kbr:reference={reference},weighting=residual"
 FEW_HARMONICS = {"evidence of few harmonics": 9}
 CASES = [
     ({}, "adaptive"),
-    ({"switches": 2, "slow noise": 14} | FEW_HARMONICS, "adaptive"),
+    ({"switches": 2} | FEW_HARMONICS, "adaptive"),
     (BY_VARIABLE | {"reflex held out": 0.2}, LPVKBI),
     (BY_VARIABLE | {"reflex held out": 0.05}, f"{LPVKBI},reflex=false"),
-    (BY_VARIABLE | {"reflex held out": math.nan}, LPVKBI),
     ({"wrong period": 47} | FEW_HARMONICS, None),
     ({"information": 1}, None),
     ({"feedback": 30}, None),
@@ -32,7 +27,6 @@ CASES = [
     ({"mean stiffness": -60}, None),
     ({"slow noise": 14, "noise bias": 45}, None),
     ({"slow noise": 14, "noise bias": 17, "switches": 2}, WEIGHTED),
-    ({"noise bias": 17}, "adaptive"),
     ({"loop bias": 24, "mean stiffness": -60, "feedback": 30}, BY_REFERENCE),
     ({"loop bias": 24, "slow noise": 14}, f"{WEIGHTED_BY_REFERENCE},tuned=true"),
     ({"loop bias": 9, "switches": 2, "shape over level": 0.5}, BY_REFERENCE),
@@ -40,9 +34,7 @@ CASES = [
     # A reflex, too, answers at some frequencies only.
     ({"reflex": 3, "slow noise": 17, "noise bias": 12}, "adaptive"),
     ({"slow noise": 14} | FEW_HARMONICS, f"{WEIGHTED},tuned=true"),
-    ({"slow noise": 14, "realizations": 3}, "cascade"),
     (FEW_HARMONICS, "birf:tuned=true"),
-    (FEW_HARMONICS | {"switches": 2, "realizations": 4}, "birf:tuned=true"),
     ({"constant": 90}, "birf:tuned=true"),
     ({"realizations": 3}, "cascade"),
 ]
@@ -70,7 +62,6 @@ def test_few_realizations_and_the_method_that_leads_then():
     found = tv.recommend(ensemble)
     assert found.suited == ("birf:tuned=true", "kbr")  # adaptive does not apply
     assert any("at least 4 realizations" in each for each in found.objections)
-    assert any("are worth only " in each for each in found.objections)
     assert "at most 3 harmonics of the period: their evidence" in repr(found)
     assert tv.compare(ensemble, ["eirf", "birf", "kbr"]).leading == "kbr"
 
@@ -81,9 +72,6 @@ def test_slow_changes_are_seen_by_the_evidence():
     assert found.measured["evidence of few harmonics"][0] > 10
     assert any(each.startswith("not adaptive: It does not use") for each in found.objections)
     assert abs(found.measured["noise bias"][0]) < 2
-    assert found.measured["angle RMS"][1] == "rad"
-    names = {"switches", "constant", "slow noise", "information"}
-    assert names <= set(found.measured)
 
 
 @pytest.mark.parametrize(("gain", "suited"), [(0.0, ",reflex=false"), (8.0, "")])
@@ -111,22 +99,12 @@ def closed_loop():
     return identifiable(joint, 40, tv.simulate.FilteredNoise(20.0), 5, ["disturbance"])
 
 
-def test_how_stiffness_by_a_reference_differs_in_shape_and_on_average(closed_loop):
-    found = tv.BasisIRF(reference="disturbance").tuned(closed_loop).method.identify(closed_loop)
-    waves = 5 + 10 * np.sin(2 * np.pi * found.time / 2.0)  # whole periods of unit power 1/2
-    other = SimpleNamespace(time=found.time, stiffness=found.stiffness - waves)
-    shape = shape_over_level(closed_loop, "disturbance", other)
-    assert shape == pytest.approx(np.sqrt(50) / 5, rel=0.02)
-
-
 @pytest.mark.slow
 def test_a_loop_with_a_named_reference(closed_loop):
     found = tv.recommend(closed_loop, "disturbance")
     assert found.suited[0] == "kbr:reference=disturbance,weighting=residual,tuned=true"
     assert found.measured["loop bias"][0] == pytest.approx(25, abs=10)
     assert not found.possible_loop
-    (objection,) = (each for each in found.objections if "It takes the angle as imposed" in each)
-    assert ", sds, " in objection  # methods that share an objection share its line
     # A method leads whatever its settings that are chosen from data; another reference is another.
     by = {
         name: tv.KernelRegression(reference=name, weighting="residual")

@@ -54,7 +54,6 @@ def test_a_fault_that_makes_every_method_wrong_withdraws_the_stiffness(judged, n
     level, (reason,) = judged(name, suited=False)
     assert level == "none"
     assert "--" in reason or f"{name} was seen" in reason
-    assert reason.count(". ") <= 2
 
 
 @pytest.mark.parametrize("name", DOUBTFUL)
@@ -67,10 +66,8 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
 @pytest.mark.parametrize(
     ("faults", "words", "level", "start"),
     [
-        (["angle-unit"], {"method": BY_REFERENCE}, "none", "The movement is too large"),
         (["torque-unit", "feedback"], {}, "none", "No joint is so stiff or so soft: torque-unit "),
         ([], {"sign": -1}, "none", "No joint has a negative stiffness."),
-        (["reversed-torque"], {"sign": -1}, "none", "No joint has a negative stiffness."),
         # A reference that was not named is the remedy for a loop. With a wrong period, any channel
         # seems to move the joint.
         (["feedback"], {"suited": False, "unnamed": ("'cmd' moves.",)}, "none", "'cmd' moves."),
@@ -96,8 +93,6 @@ def test_levels_and_their_reason(judged, faults, words, level, start):
     ("faults", "words"),
     [
         ([], {}),
-        ([], {"held_out_vaf": math.nan}),
-        (["few-realizations", "coarse-angle"], {}),
         (["delay"], {"size": 2.3}),
         (["reflex"], {"method": tv.JointCascade()}),
         ([], {"known": SLOW, "method": BY_REFERENCE}),

@@ -96,20 +96,6 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     assert (tmp_path / "found" / "exclusions.csv").read_bytes() == kept
 
 
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
-        ("bootstraps", "no recording can be used; correct the errors above"),
-        ("bootstrap", "study.toml: bootstrap: unknown key; did you mean bootstraps?"),
-    ],
-)
-def test_studies_that_cannot_be_run(tvsysid, tmp_path, key, message):
-    (tmp_path / "study.toml").write_text(FILES.replace("bootstraps", key))
-    code, _, err = tvsysid("experiment study.toml")
-    assert code == 2
-    assert message in err
-
-
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate P3-prbs.mat --participant 3 --perturbation prbs")
     assert code == 0

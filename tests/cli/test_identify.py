@@ -37,25 +37,21 @@ def models(folder="tvsysid-identify"):
 
 @pytest.mark.slow
 def test_simulate_then_identify(tvsysid, tmp_path):
-    code, out, _ = tvsysid("simulate joint.mat --duration 60 --perturbation prbs --snr 20")
+    _, out, _ = tvsysid("simulate joint.mat --duration 60 --perturbation prbs --snr 20")
     command = out.splitlines()[1]
     code, out, err = tvsysid(f"{command[8:]} --method sds --method kbr --out found --sheet")
     assert (code, err) == (0, "")
     assert "28 realizations of 2 s" in out
     assert "diagnosis: no fault found in " in out
     assert "wrote report.html, sheet.html, models.nc" in out
-    table = written("found")
-    assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
-    for _, found in table.groupby("method"):
+    for _, found in written("found").groupby("method"):
         truth = np.where((found.time_s >= 0.5) & (found.time_s < 1.5), 150.0, 50.0)
         assert np.sqrt(np.mean((found.stiffness - truth) ** 2)) < 15
-        assert found.time_varying_vaf.mean() > 90
     with models("found") as tree:
         assert set(tree.children) == {"sds", "kbr"}
     assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
     assert "tvsysid identify joint" in (tmp_path / "found" / "report.html").read_text()
     assert tvsysid("report found found --sheet") == (0, "wrote sheet.html to found/\n", "")
-    assert "2. found" in (tmp_path / "found" / "sheet.html").read_text()
     for command, message in (
         ("report found found", "several folders are visits of one person: add --sheet"),
         ("report found", "wrote its report already"),
@@ -63,19 +59,6 @@ def test_simulate_then_identify(tvsysid, tmp_path):
         code, _, err = tvsysid(command)
         assert code == 2
         assert message in err
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "joint")
-def test_what_was_found_is_kept_when_holding_out_is_interrupted(identify, tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", interrupted)
-    assert identify("--method birf")[0] == 130
-    assert set(written().method) == {"birf"}
-    with models() as tree:
-        assert set(tree.children) == {"birf"}
 
 
 @pytest.mark.slow
@@ -146,29 +129,20 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(identif
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_delay_is_corrected_and_said_with_its_effect(identify, tvsysid):
-    tvsysid("simulate joint.mat --duration 40 --perturbation prbs --snr 20")
-    signals = loadmat("joint.mat")
-    late = np.roll(signals["torque"], 3)
-    savemat("late.mat", {"angle": signals["angle"], "torque": late})
-    inertia, notes = [], []
-    for file, option in (
-        ("joint.mat", ""),
-        ("late.mat", "--no-align-channels"),
-        ("late.mat", ""),
-    ):
-        code, out, err = identify(f"--method sds {option}", file)
+def test_a_delay_is_corrected_and_said_with_its_effect(identify, joint):
+    savemat("joint.mat", joint | {"torque": np.roll(joint["torque"], 3)})
+    inertia = []
+    for option in ("--no-align-channels", ""):
+        code, out, err = identify(f"--method sds {option}")
         assert (code, err) == (0, "")
+        assert ("corrected" in out) == (not option)
         inertia.append(written().inertia.mean())
-        notes.append(out)
-    assert "corrected" not in notes[0] + notes[1]
-    delay = re.search(r"the torque is ([\d.]+) ± [\d.]+ ms late; all of it is corrected", notes[2])
+    delay = re.search(r"the torque is ([\d.]+) ± [\d.]+ ms late; all of it is corrected", out)
     assert float(delay[1]) == pytest.approx(3, abs=0.75)  # less is in order
-    assert inertia[1] < 0.7 * inertia[0]
-    assert inertia[2] == pytest.approx(0.02, rel=0.06)
+    assert inertia[0] < 0.7 * inertia[1]
+    assert inertia[1] == pytest.approx(0.02, rel=0.1)
     with models() as tree:
-        removed = tree["sds"].attrs["delay_removed"]
-    assert 1000 * removed == pytest.approx(float(delay[1]), abs=0.01)
+        assert 1000 * tree["sds"].attrs["delay_removed"] == pytest.approx(float(delay[1]), abs=0.01)
 
 
 @pytest.mark.slow
@@ -185,11 +159,3 @@ def test_settings_from_the_data(identify, tmp_path, request):
     request.getfixturevalue("undrawn")
     assert identify(again.partition(": ")[2])[0] == 0
     np.testing.assert_array_equal(written().stiffness, tuned.stiffness)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "not_held_out")
-def test_methods_that_include_a_reflex_in_the_stiffness_are_noted(identify, tvsysid):
-    tvsysid("simulate joint.mat --system reflex --stiffness constant --duration 40")
-    _, _, err = identify("--method sds --method cascade --no-align-channels")
-    assert err == "note: the stiffness of sds includes the torque of the reflex\n"

@@ -1,6 +1,5 @@
 """`tvsysid inspect`."""
 
-import numpy as np
 import pytest
 from tests.cli.conftest import IDENTIFY, rows_of
 
@@ -50,21 +49,6 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
         "varies by",
     ):
         assert words in out
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("sketched")
-def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
-    np.savez(
-        "many.npz",
-        note=np.array("[red]hello"),
-        **{f"c{number}": np.ones((3, 2)) for number in range(14)},
-    )
-    code, out, err = tvsysid("inspect many.npz")
-    assert (code, err) == (0, "")
-    assert "text" in out
-    np.savez("none.npz", note=np.array("hello"))
-    assert tvsysid("inspect none.npz")[2] == "note: none.npz: no signals to draw\n"
 
 
 @pytest.mark.parametrize(

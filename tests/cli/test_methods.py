@@ -2,8 +2,6 @@
 
 import pytest
 
-from tvsysid.methods import CLOSED_LOOP, METHODS, describe
-
 
 def test_methods_are_listed_with_what_they_assume(tvsysid):
     code, out, _ = tvsysid("methods")
@@ -23,12 +21,6 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         "reports: stiffness, viscosity, inertia",
     ):
         assert words in out
-
-
-def test_every_method_that_takes_a_reference_is_listed_for_closed_loops():
-    told = {text.partition(":")[0]: describe(text) for text in CLOSED_LOOP}
-    assert set(told) == {key for key in METHODS if "reference = None" in describe(key).settings}
-    assert {each.purpose for each in told.values()} == {"closed loops"}
 
 
 def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_path, monkeypatch):

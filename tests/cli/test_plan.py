@@ -65,8 +65,6 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
             "--rate 100 --context 1",
             "options that describe a recording (such as --angle and --rate) need --pilot FILE",
         ),
-        ("--precision 0", "precision must be a positive number"),
-        ("--stiffness squared", "unknown profile 'squared'"),
     ],
 )
 def test_mistakes(tvsysid, options, message):

@@ -110,8 +110,6 @@ def test_ones_own_profile_perturbation_and_system(simulate, options, name, value
     [
         ("--system arm", "unknown system 'arm'; expected one of joint, reflex, reflex-sine,"),
         ("--stiffness step", "unknown profile 'step'; expected one of square, sine, constant, or"),
-        ("--perturbation pink", "unknown perturbation 'pink'; expected one of noise, prbs, pulses"),
-        ("--system own_systems:Hum", "Hum has no simulate"),
         ("--system own_systems:Empty", "must return a tvsysid.simulate.Simulation, got int"),
         ("--system own_systems:Rigid --stiffness sine", "has no setting stiffness; set it there"),
         (

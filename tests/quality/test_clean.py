@@ -4,7 +4,7 @@ import attrs
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
-from tests.faults import changed, cut, simulated
+from tests.faults import changed, coarse, cut, simulated
 from tests.virtual import prepared
 
 import tvsysid as tv
@@ -135,6 +135,11 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
             lambda: tv.Ensemble(cut(simulated()).angle, cut(simulated()).torque, 100.0, context=50),
             ["wrong-period"],
             "each realization is a trial of its own",
+        ),
+        (
+            lambda: cut(coarse(tv.preprocess.decimate(simulated(80.0), 100))),
+            ["feedback"],
+            "in such coarse steps",
         ),
     ],
 )

@@ -4,7 +4,7 @@ import warnings
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests import faults
 from tests.faults import cut, simulated
@@ -18,36 +18,18 @@ def spoilt():
     return tv.diagnose(faults.mixed(cut(faults.late(simulated()))))
 
 
-def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
+def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt, diagnosis):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
-    assert re.match(
-        r"the torque is (29|30).* ms late; that makes inertia .* kg·m² .*and viscosity", delay.what
-    )
-    assert (delay.value, delay.fault.unit, delay.fault.limit, delay.fault.wrong) == (
-        pytest.approx(30, abs=0.5),
-        "ms",
-        0.75,
-        "above",
-    )
-    assert "lowers the inertia by viscosity times d" in delay.fault.effect
-    assert "align_channels" in delay.fault.remedy
+    assert delay.value == pytest.approx(30, abs=0.5)
     assert unlike.strength == "11 realizations, at most 0 is in order"
-
-
-def test_it_prints(spoilt, diagnosis):
-    text = repr(spoilt)
-    assert text.startswith(
-        "Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 of 34 checks"
-    )
-    for line in (
-        "- delay: the torque is",
-        "    effect: a torque that is late by d",
-        "    remedy: find what delays a channel",
-    ):
-        assert f"\n{line}" in text
-    assert text.endswith(
-        "\nnot judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"
+    assert re.search(
+        r"^Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 of 34 checks.*\n"
+        r"- delay: the torque is (29|30).* ms late; that makes inertia .* kg·m² and viscosity .*\n"
+        r"    effect: a torque that is late by d .*\n"
+        r"    remedy: find what delays a channel .* tv.preprocess.align_channels.*\n"
+        r"(.|\n)*not judged: mean-torque, mean-angle \(the mean over realizations has been subtr",
+        repr(spoilt),
     )
     assert repr(diagnosis).count("\n") == 1
     assert "no fault found" in repr(diagnosis)
@@ -55,18 +37,10 @@ def test_it_prints(spoilt, diagnosis):
 
 def test_its_table_has_a_row_for_everything(spoilt):
     table = spoilt.table.set_index("name")
-    # These three need other data
-    assert list(table.index) == [
-        name for name in FAULTS if name not in ("loop-bias", "gaps", "mains")
-    ]
+    of_other_data = {"loop-bias", "gaps", "mains"}
+    assert list(table.index) == [name for name in FAULTS if name not in of_other_data]
     assert set(table.index[table.found]) == {"delay", "unlike-realizations"}
-    assert set(table.state) <= {"found", "in order", "uncertain", "not judged"}
     assert table.limit["drift"] == FAULTS["drift"].limit
-
-
-def test_it_is_frozen(spoilt):
-    with pytest.raises(attrs.exceptions.FrozenInstanceError):
-        spoilt.checks = ()
 
 
 def test_clean_means_no_findings_and_nothing_uncertain(spoilt, diagnosis):
@@ -83,7 +57,6 @@ def test_clean_means_no_findings_and_nothing_uncertain(spoilt, diagnosis):
 
 def test_measures_and_curves_are_those_of_the_joint(diagnosis):
     measures = {name: value for name, (value, _) in diagnosis.measures.items()}
-    assert diagnosis.measures["inertia"][1] == "kg·m²"
     expected = {"mean stiffness": 100, "inertia": 0.02, "natural frequency": 11.25}
     assert {name: measures[name] for name in expected} == pytest.approx(expected, rel=0.03)
     assert measures["coherence within the bandwidth"] > 0.85
@@ -95,21 +68,8 @@ def test_measures_and_curves_are_those_of_the_joint(diagnosis):
     assert power == pytest.approx(measures["angle RMS"] ** 2, rel=0.15)
     truth = 100 + 50 * np.sin(np.pi * curves.time)
     np.testing.assert_allclose(curves.stiffness_halves, np.stack([truth, truth]), atol=25)
-    assert np.median([curves.stiffness, curves.noise], axis=1) == pytest.approx([1, 1])
-    assert ((curves.coherence >= 0) & (curves.coherence <= 1 + 1e-9)).all()
-    low = curves.coherence[:, (curves.coherence_frequency > 1) & (curves.coherence_frequency < 4)]
-    assert low.min() > 0.8
     # A joint of second order that is moved from outside leaves noise alone.
     assert np.mean(np.abs(curves.correlation) < curves.chance) > 0.85
-
-
-@pytest.mark.slow
-def test_the_comb_shows_reflex_and_feedback():
-    late = tv.diagnose(faults.reflexive(8.0)).curves
-    speed = late.correlation[1]
-    assert 0.04 < late.lag[np.argmax(speed)] < 0.25
-    early = tv.diagnose(cut(faults.giving_way())).curves
-    assert -0.05 < early.lag[np.argmax(np.abs(early.correlation[0]))] < 0
 
 
 @pytest.mark.parametrize(
@@ -134,18 +94,6 @@ def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
         tv.diagnose(ensemble)
 
 
-@given(factor=st.floats(0.2, 5))
-@settings(max_examples=5)
-@pytest.mark.slow
-def test_the_size_of_the_torque_changes_only_what_has_its_unit(factor, clean, diagnosis):
-    scaled = tv.diagnose(attrs.evolve(clean, torque=factor * clean.torque))
-    for before, after in zip(diagnosis.checks, scaled.checks, strict=True):
-        own = before.fault.unit == "N·m/rad" or before.name == "sampling-rate"
-        if not own:
-            assert after.found == before.found
-            assert after.value == pytest.approx(before.value, rel=1e-4, abs=1e-6, nan_ok=True)
-
-
 def test_the_order_of_rows_does_not_matter(clean, diagnosis):
     shuffled = tv.diagnose(clean.select(np.random.default_rng(1).permutation(len(clean))))
     for before, after in zip(diagnosis.checks, shuffled.checks, strict=True):
@@ -162,19 +110,10 @@ def test_the_order_of_rows_does_not_matter(clean, diagnosis):
 )  # fmt: skip
 def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, context, rate, kind):
     random = np.random.default_rng(seed)
-    angle = random.normal(size=(realizations, samples + 2 * context)) * 10.0 ** random.uniform(
-        -6, 2
-    )
-    angle = [
-        angle,
-        np.cumsum(angle, axis=1),
-        np.sign(angle),
-        np.tile(angle[:1], (realizations, 1)),
-        angle,
-    ][kind]
-    torque = random.normal(size=angle.shape) if kind % 2 else 3 * angle
-    if kind == 4:
-        torque = np.tile(torque[:1], (realizations, 1))
+    noise = random.normal(size=(2, realizations, samples + 2 * context))
+    angle = 10.0 ** random.uniform(-6, 2) * noise[0]
+    angle = (angle, np.cumsum(angle, axis=1), np.sign(angle), 0 * angle + angle[0], angle)[kind]
+    torque = noise[1] if kind % 2 else 3 * angle + (kind == 4) * (angle[0] - angle)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         diagnosis = tv.diagnose(tv.Ensemble(angle, torque, rate, context=context))
@@ -182,7 +121,6 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
         assert type(check.value) is float
         assert check.judged or check.what
         assert not check.judged or np.isfinite(check.value)
-        assert not check.found or check.beyond
     assert repr(diagnosis)
 
 

@@ -50,28 +50,3 @@ def test_a_fault_changes_the_mean_impedance(ensemble, quantity, low, high):
 def test_a_late_torque_lowers_the_viscosity_by_stiffness_times_delay():
     late = tv.BasisIRF().identify(cut(faults.late(simulated(), 0.03)))
     assert np.mean(late.viscosity) == pytest.approx(2.2 - 0.03 * 100, abs=0.5)
-
-
-def test_changes_of_stiffness_are_smeared_or_mixed():
-    recording = simulated()
-    clean = stiffness(cut(recording))
-    clipped = stiffness(cut(faults.clipped(recording, "torque"))) / clean
-    assert clipped[np.argmax(clean)] < clipped[np.argmin(clean)] < 1
-    moved = stiffness(faults.shifted(recording))
-    assert np.max(moved) < np.max(clean) - 3
-    assert np.std(moved) < 0.95 * np.std(clean)
-    assert np.std(stiffness(cut(recording, 1.9))) < 0.3 * np.std(clean)
-    drifting = cut(faults.softening(recording, 0.5))
-    first, second = (stiffness(drifting.select(half)).mean() for half in np.split(np.arange(74), 2))
-    assert second + 10 < stiffness(drifting).mean() < first - 10
-
-
-@pytest.mark.slow
-def test_feedback_and_reflexes_bias_all_three():
-    stiff, soft = (
-        impedance(cut(faults.giving_way(actuator=actuator))) for actuator in (10_000.0, 100.0)
-    )
-    assert np.all(soft < 0.92 * stiff)
-    without, there = impedance(faults.reflexive(0.0)), impedance(faults.reflexive(8.0))
-    assert there[0] > 1.1 * without[0]
-    assert there[1] < 0.8 * without[1]

@@ -82,55 +82,39 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
     monkeypatch.setattr(reflex_testing, "BLOCKS", 3)
     monkeypatch.setattr(reflex_testing, "HARMONICS", 1)
     signals = random.normal(size=(4, 12, 120))
-    angle, torque, positive, negative = signals - signals.mean(axis=1, keepdims=True)
-    found = reflex_test(angle, torque, np.stack([positive, negative]), slice(10, 110), 100.0)
-    drives = [positive, negative]
-    times = np.arange(33, 110)
-    turns = 2 * np.pi * (times - 10) / 100
-    places = np.linspace(4, 33, 8)
-    usual = np.exp(-0.8 * 16 * (places - 4) / 100) * np.sin(0.6 * 16 * (places - 4) / 100)
-    response = [np.interp(lag, places, usual) for lag in range(4, 34)]
+    angle, torque, *drives = signals - signals.mean(axis=1, keepdims=True)
+    found = reflex_test(angle, torque, np.stack(drives), slice(10, 110), 100.0)
+    times, lags = np.arange(33, 110), np.arange(4, 34)
+    turns, late = 2 * np.pi * (times - 10) / 100, np.linspace(4, 33, 8)
+    usual = np.exp(-0.8 * 16 * (late - 4) / 100) * np.sin(0.6 * 16 * (late - 4) / 100)
+    response = np.interp(lags, late, usual)
+    answers = [np.einsum("l,rtl->rt", response, each[:, times[:, None] - lags]) for each in drives]
+    joint = [angle[:, times - lag] for lag in range(-4, 5)]
+    joint += [
+        each[:, times] * wave(turns) for each in (angle, sum(drives)) for wave in (np.cos, np.sin)
+    ]
 
-    def rows(number, late):
-        motion = [angle[number, times - lag] for lag in range(-4, 5)]
-        varying = [
-            each[number, times] * wave
-            for each in (angle, sum(drives))
-            for wave in (np.cos(turns), np.sin(turns))
-        ]
-        answers = [
-            sum(response[lag - 4] * drive[number, times - lag] for lag in range(4, 34))
-            for drive in late
-        ]
-        return np.stack([*motion, *varying, *answers], axis=1)
+    def predicted(*further):
+        columns, out = np.stack([*joint, *further], axis=2), np.empty((12, len(times)))
+        for block in np.split(np.arange(12), 3):
+            others = np.setdiff1d(np.arange(12), block)
+            design = columns[others].reshape(-1, columns.shape[2])
+            target = torque[others][:, times].ravel()
+            out[block] = columns[block] @ np.linalg.lstsq(design, target, rcond=None)[0]
+        return out
 
-    def predicted(*late):
-        answers = []
-        for number in range(12):
-            others = [other for other in range(12) if other // 4 != number // 4]
-            design = np.concatenate([rows(other, late) for other in others])
-            weights = np.linalg.lstsq(
-                design, np.concatenate([torque[other, times] for other in others]), rcond=None
-            )[0]
-            answers.append(rows(number, late) @ weights)
-        return np.array(answers)
-
-    none, linear, both, *directed = (
-        predicted(*late) for late in ((), (sum(drives),), drives, drives[:1], drives[1:])
-    )
-    measured = torque[:, times]
-    ratio = [np.sum((measured - each) ** 2, axis=1) for each in directed]
-    assert found.direction == np.sign(np.sum(np.log(ratio[1] / ratio[0])))
+    none, linear, both = predicted(), predicted(sum(answers)), predicted(*answers)
+    directed = [predicted(each) for each in answers]
+    errors = [np.sum((torque[:, times] - each) ** 2, axis=1) for each in directed]
+    assert found.direction == np.sign(np.sum(np.log(errors[1] / errors[0])))
 
     def added(simple, further):
-        left = measured - simple
+        left = torque[:, times] - simple
         scores = np.sum(left * (further - simple), axis=1) / np.sum(left**2, axis=1)
         return scores.mean(), scores.std(ddof=1) / np.sqrt(12)
 
-    (over_none, error), (over_linear, other_error) = (
-        added(none, directed[found.direction < 0]),
-        added(linear, both),
-    )
+    over_none, error = added(none, directed[found.direction < 0])
+    over_linear, other_error = added(linear, both)
     assert found.over_none == pytest.approx(min(1, 2 * stdtr(11, -over_none / error)), rel=1e-5)
     assert found.over_linear == pytest.approx(stdtr(11, -over_linear / other_error), rel=1e-5)
     least = min(over_none - 1.79588 * error, over_linear - 1.79588 * other_error)

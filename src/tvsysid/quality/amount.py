@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.moments import sliding_sum
-from tvsysid.numerics.pseudoinverse import RIDGE
+from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
 from tvsysid.quality.fit import constant_impedance
@@ -225,8 +225,5 @@ def angle_inflation(motion: Array, rate: float) -> Array:
     half = max(0, min(round(reach * rate), (motion.shape[2] - 1) // 2))
     middles = slice(half, motion.shape[2] - half, max(1, half))
     moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[middles]
-    scale = np.sqrt(np.einsum("taa->ta", moments))
-    scale[scale == 0] = np.inf
-    correlation = moments / (scale[:, :, None] * scale[:, None, :])
-    correlation[:, range(3), range(3)] = 1 + RIDGE
-    return np.asarray(np.linalg.inv(correlation)[:, 0, 0])
+    inverse = second_order_fit(moments, moments[:, 0]).inverse
+    return np.nan_to_num(inverse[:, 0, 0] * moments[:, 0, 0], nan=np.inf)

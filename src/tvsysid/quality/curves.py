@@ -6,10 +6,10 @@ import math
 
 import attrs
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.fft import rfft, rfftfreq
 
-from tvsysid.numerics.spectra import hann, short_time_spectra
+from tvsysid.numerics.spectra import short_time_spectra
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.signals import Array
 
@@ -65,19 +65,13 @@ class Curves:
 
 def curves(data: FittedEnsemble) -> Curves:
     """Return what the figures show."""
-    rate, fit = data.rate, data.fit
-    length = min(fit.torque.shape[1], round(SPECTRUM_S * rate))
-    window = hann(length)
-
-    def power(values: Array) -> Array:
-        squares = np.abs(rfft(values[:, :length] * window, axis=1)) ** 2
-        return np.asarray(2 * np.mean(squares, axis=0) / (rate * np.sum(window**2)))
-
+    fit = data.fit
+    length = min(fit.torque.shape[1], round(SPECTRUM_S * data.rate))
+    signals = np.stack([fit.motion[0], fit.torque, fit.residual])[..., :length]
+    frequency, power = scipy.signal.periodogram(signals, data.rate, "hann", detrend=False)
     return Curves(
-        rfftfreq(length, 1 / rate),
-        power(fit.motion[0]),
-        power(fit.torque),
-        power(fit.residual),
+        frequency,
+        *power.mean(axis=1),
         *_coherence(data),
         data.time,
         np.stack([fit.of(half).impedance[0] for half in data.halves]),
@@ -95,7 +89,7 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
     time = (np.arange(len(coherence)) + length // 2 - data.ensemble.context) / data.rate
     inside = (time >= 0) & (time < data.ensemble.duration)
-    return coherence[inside], time[inside], rfftfreq(length, 1 / data.rate)
+    return coherence[inside], time[inside], np.fft.rfftfreq(length, 1 / data.rate)
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:

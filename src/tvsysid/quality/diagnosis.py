@@ -10,7 +10,6 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.numerics.moments import window_moments
 from tvsysid.numerics.threads import single_thread
 
 # Importing these modules registers their checks, in the order of the report.
@@ -49,7 +48,6 @@ OF_REPETITION = (
 # Faults with which a shorter period cannot be recommended.
 MISLEADING = ("same-channel", "same-perturbation", "wrong-period")
 BANDWIDTH_POWER = 0.95  # share of the angle's power within its bandwidth
-MAX_LAG_S = 0.12  # on either side, in the matrix that impulse-response methods invert
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -287,7 +285,6 @@ def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str
         "natural frequency": (natural, "Hz"),
         "angle RMS": (float(angle.std()), "rad"),
         "bandwidth of the angle": (bandwidth, "Hz"),
-        "condition of lagged angles": (_condition(data), "1"),
         "coherence within the bandwidth": (
             float(np.median(coherence)) if coherence.size else math.nan,
             "1",
@@ -295,15 +292,3 @@ def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str
         "explained torque": (100 * explained, "%"),
         "signal-to-noise ratio": (snr_db, "dB"),
     }
-
-
-def _condition(data: FittedEnsemble) -> float:
-    """Return the condition number of the mean correlation matrix of lagged angles.
-
-    Impulse-response methods invert this matrix.
-    """
-    lags = min(round(MAX_LAG_S * data.rate), (data.angle.shape[1] - 1) // 2)
-    spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
-    # An eigenvalue below the rounding error is not known. The rounding error replaces it.
-    least = max(spread[0], np.finfo(float).eps * spread[-1])
-    return float(spread[-1] / least) if least > 0 else math.inf

@@ -149,12 +149,11 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
     windows = (_torque_windows if which == "torque" else _angle_windows)(data.fit, samples)
     # A spike in the other signal moves much, and nothing responds to it.
     other = "angle" if which == "torque" else "torque"
-    is_spike = _spike_heights(data)[other] > FAULTS[f"{other}-spikes"].limit
-    is_spike &= _distance_from_median(data, other) > MIN_FAR
+    is_spike = _distance_from_median(data, other) > MIN_FAR
     is_spike = maximum_filter1d(is_spike, SPREAD_SAMPLES, axis=1)
-    windows &= ~_blocks(is_spike, samples).any(axis=2)
+    windows &= ~_blocks(is_spike, samples).any(axis=-1)
     times = np.repeat(windows & (windows.sum() > 1), samples, axis=1)
-    if which == "torque":
+    if which == "torque" and BRIEF_S * data.given.sampling_rate >= MIN_BRIEF_SAMPLES:
         times |= _held_torque(data)[:, : times.shape[1]]
     if not times.any():
         return Measured(0.0, f"the {which} is there throughout")
@@ -169,21 +168,19 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
 
 def _torque_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
     """Return windows in which only the angle moves, shape (realization, window)."""
-    expected, there, left = _window_powers(fit, samples)
+    expected, there, left = _white_powers(fit, samples)
     is_lost = expected > np.maximum(np.median(expected), LOUD_RATIO * np.median(left))
     is_lost &= there < STILL_SHARE * expected
     # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss when
     # whitened.
-    slow, slow_expected = (
-        _blocks(np.gradient(each, axis=1)[:, fit.whitening :], samples).var(axis=2)
-        for each in (fit.torque, fit.parts.sum(axis=0))
-    )
-    return np.asarray(is_lost & (slow < 2 * STILL_SHARE * slow_expected))
+    changes = np.gradient([fit.parts.sum(axis=0), fit.torque], axis=2)[:, :, fit.whitening :]
+    expected, there = _blocks(changes, samples).var(axis=3)
+    return np.asarray(is_lost & (there < 2 * STILL_SHARE * expected))
 
 
 def _angle_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
     """Return windows in which only the torque moves, shape (realization, window)."""
-    expected, there, left = _window_powers(fit, samples)
+    expected, there, left = _white_powers(fit, samples)
     # What is loud at this time in most realizations, or at most times in this one, is noise.
     noise = np.maximum(np.median(left), np.quantile(left, QUIET_WINDOWS, axis=1))[:, None]
     noise = np.maximum(np.median(left, axis=0), noise)
@@ -192,57 +189,43 @@ def _angle_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
     return np.asarray(is_lost & (common < STILL_SHARE * there))
 
 
-def _window_powers(fit: SecondOrderFit, samples: int) -> tuple[Array, ...]:
-    """Return the variance of response, torque and residual, whitened, (realization, window)."""
-    response, left = fit.white_parts.sum(axis=0), fit.white_residual
-    signals = (response, response + left, left)
-    return tuple(_blocks(each, samples).var(axis=2) for each in signals)
+def _white_powers(fit: SecondOrderFit, samples: int) -> Array:
+    """Return the variance in windows of response, torque and residual, all whitened."""
+    response, residual = fit.white_parts.sum(axis=0), fit.white_residual
+    signals = np.stack([response, response + residual, residual])
+    return np.asarray(_blocks(signals, samples).var(axis=3))
 
 
 def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
-    """Find brief times at which the torque is held, shape (realization, time - w).
+    """Find brief times at which the torque is held at a high rate, shape (realization, time - w).
 
-    It keeps one value, or should move and has no noise of its own either. A torque that is held or
-    zero has only what the subtracted mean left. The noise is what the torque's past does not
-    predict at the given rate. At some 100 Hz, so short a time has too few samples.
+    It keeps one value. If a mean has been subtracted, it does not follow the angle and has no noise
+    of its own either, which is what the torque's past does not predict at the given rate. At some
+    100 Hz, so short a time has too few samples.
     """
-    given, fit, rate = data.given, data.fit, data.given.sampling_rate
-    is_fast = BRIEF_S * rate >= MIN_BRIEF_SAMPLES
-    count = round((BRIEF_S if is_fast else WINDOW_S) * rate)
-    place = np.round(data.time[fit.whitening :] * rate).astype(np.int64) + given.context
+    torque, fit, rate = data.given.torque, data.fit, data.given.sampling_rate
+    count, slow_count = (round(BRIEF_S * each) for each in (rate, data.rate))
+    place = np.round(data.time * rate).astype(np.int64) + data.given.context
 
     def about(is_there: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return what is there about the fit's samples, from samples of the given rate."""
         spread = maximum_filter1d(is_there, count, axis=1)
         return np.asarray(spread[:, np.clip(place, 0, spread.shape[1] - 1)])
 
-    is_same = np.abs(np.diff(given.torque, axis=1)) <= SAME_TORQUE * given.torque.std()
-    held = about(uniform_filter1d(is_same.astype(float), count, axis=1) > 1 - 0.5 / count)
-    if not is_fast:
-        return held
-    noise = innovations(given.torque - given.torque.mean(axis=0), NOISE_PAST_SAMPLES)
-    power = uniform_filter1d(noise**2, count, axis=1, mode="nearest")
-    is_silent = power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE)
-    measured, expected, left = (
-        _change_power(each, round(BRIEF_S * data.rate))
-        for each in (fit.torque, fit.parts.sum(axis=0), fit.residual)
-    )
-    is_still = (measured < STILL_SHARE * expected) & (expected > LOUD_RATIO * np.median(left))
-    is_still = maximum_filter1d(is_still, round(BRIEF_S * data.rate), axis=1)[:, fit.whitening :]
-    return np.asarray(held | (is_still & about(is_silent)))
-
-
-def _change_power(values: Array, samples: int) -> Array:
-    """Return the variance of a signal's changes over so many samples about each."""
-    change = np.gradient(values, axis=1)
-    mean, square = (uniform_filter1d(each, samples, axis=1) for each in (change, change**2))
-    return np.asarray(square - mean**2)
+    change = maximum_filter1d(np.abs(np.diff(torque, axis=1)), count, axis=1)
+    noise = innovations(torque - torque.mean(axis=0), NOISE_PAST_SAMPLES)
+    power = uniform_filter1d(noise**2, count, axis=1)
+    is_silent = about(power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE))
+    residual = uniform_filter1d(np.gradient(fit.residual, axis=1) ** 2, slow_count, axis=1)
+    is_loud = maximum_filter1d(residual > LOUD_RATIO * np.median(residual), slow_count, axis=1)
+    is_held = about(change <= SAME_TORQUE * torque.std()) | (is_silent & is_loud)
+    return np.asarray(is_held[:, fit.whitening :])
 
 
 def _blocks(values: NDArray[Any], samples: int) -> NDArray[Any]:
-    """Return blocks of samples side by side, shape (realization, block, sample)."""
-    count = values.shape[1] // samples
-    return values[:, : count * samples].reshape(len(values), count, samples)
+    """Return blocks of samples side by side, shape (..., block, sample)."""
+    count = values.shape[-1] // samples
+    return values[..., : count * samples].reshape(*values.shape[:-1], count, samples)
 
 
 @check(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import attrs
 import numpy as np
-import scipy
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import rfft, rfftfreq
 
-from tvsysid.numerics.spectra import short_time_spectra
+from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.signals import Array
 
@@ -68,10 +66,13 @@ def curves(data: FittedEnsemble) -> Curves:
     fit = data.fit
     length = min(fit.torque.shape[1], round(SPECTRUM_S * data.rate))
     signals = np.stack([fit.motion[0], fit.torque, fit.residual])[..., :length]
-    frequency, power = scipy.signal.periodogram(signals, data.rate, "hann", detrend=False)
+    squares = np.abs(rfft(signals * hann(length))) ** 2
+    power = 2 * np.mean(squares, axis=1) / (data.rate * np.sum(hann(length) ** 2))
     return Curves(
-        frequency,
-        *power.mean(axis=1),
+        rfftfreq(length, 1 / data.rate),
+        power[0],
+        power[1],
+        power[2],
         *_coherence(data),
         data.time,
         np.stack([fit.of(half).impedance[0] for half in data.halves]),
@@ -89,7 +90,7 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
     time = (np.arange(len(coherence)) + length // 2 - data.ensemble.context) / data.rate
     inside = (time >= 0) & (time < data.ensemble.duration)
-    return coherence[inside], time[inside], np.fft.rfftfreq(length, 1 / data.rate)
+    return coherence[inside], time[inside], rfftfreq(length, 1 / data.rate)
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
@@ -107,4 +108,4 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     products = np.einsum("crt,rlt->cl", causes, later) / causes[0].size
     correlation = products / np.where(scale > 0, scale, np.inf)[:, None]
     lags = np.arange(-reach, reach + 1) / data.rate
-    return lags, correlation, 1.96 / math.sqrt(causes[0].size)
+    return lags, correlation, float(1.96 / np.sqrt(causes[0].size))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from functools import partial
+from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
-from tvsysid.methods.responses import ImpulseResponseModel, SecondOrderModel
+from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
@@ -98,218 +100,178 @@ class BasisIRF(shared.ByReference):
                 "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
             )
 
-    def fit(self, ensemble: Ensemble) -> Model:
-        """Return the model of an ensemble."""
-        functions = evaluate(self.basis, ensemble.samples)
-        return (
-            self._parametric(ensemble, functions)
-            if self.model == "parametric"
-            else self._irf(ensemble, functions)
-        )
-
-    def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        instrument = self.instrument(ensemble)
-        moved = ensemble if instrument is None else instrument.moved
-        products = shared.colour_products(moved)  # which the bands need too
-        moments = self._derivative_moments(moved, products)
-        missing = (len(functions) - len(moments.square)) // 2
-        expansions = _expansions(functions[missing : len(functions) - missing])
-        sums, scale = _parametric_moments(moments, expansions)
-        posterior = self._posterior(sums, ensemble)
-        if instrument is not None:
-            posterior = _instrumental(posterior, expansions, scale, ensemble, moved)
-        coefficients = posterior.mean * scale
-        covariance = posterior.covariance * np.outer(scale, scale)
-        count = functions.shape[1]
-        places = np.split(np.arange(len(coefficients)), (count, 2 * count))
-        impedance = np.stack(
-            [e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1
-        )
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-        left = shared.residual(ensemble, impedance @ filters)
-        if instrument is None:
-            agreement = moments.second_order_agreement(impedance, len(ensemble))
-        else:
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
+        rate, products = ensemble.sampling_rate, shared.colour_products(moved)
+        signals = self._signals(moved, products)
+        columns = self._columns(signals, self.basis, ensemble)
+        posterior = self._posterior(signals, columns, ensemble)
+        if self.reference is not None:
+            posterior = _instrumental(posterior, columns, ensemble, moved)
+        weights = columns.weights(posterior.mean)
+        missing = (ensemble.samples - len(weights)) // 2
+        filters = shared.derivative_filters(shared.HALF_WIDTH, rate)
+        if self.model == "parametric":
+            readout, impedance = np.eye(3), weights
+            left = shared.residual(ensemble, weights @ filters)
             agreement = shared.residual_agreement(ensemble, moved, left, missing)
-        covariances = tuple(covariance[np.ix_(at, at)] for at in places)
-        coloured = products if instrument is None else None
-        errors = self._errors(
-            ensemble, coloured, expansions, covariances, left, posterior.effective
-        )
-        diagnostics = _diagnostics(posterior, agreement)
-        banded: shared.PosteriorErrors | shared.WhereStrong = errors
-        if instrument is not None:
-            banded, diagnostics = instrument.banded(errors), instrument.annotate(diagnostics)
-        stiffness, viscosity, inertia = base.padded(impedance, missing).T
-        names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
-        return SecondOrderModel(
-            method=repr(self),
-            sampling_rate=ensemble.sampling_rate,
-            time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, banded),
-            posterior=posterior._replace(mean=coefficients, covariance=covariance),
-            labels=(*names, "inertia"),
-            diagnostics=diagnostics,
-        )
-
-    def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
-        lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
-        missing = base.missing_edge(lags, ensemble)
-        inner = functions[missing : len(functions) - missing]
-        sums, scale, moments = _irf_moments(ensemble, inner, lags)
-        posterior = self._posterior(sums, ensemble)
-        unknowns, count = 2 * lags + 1, inner.shape[1]
-        weights = inner @ posterior.mean.reshape(unknowns, count).T * scale
-        covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) * scale**2
-        # A second-order fit, weighted by the angle's mean correlations.
-        derivative = shared.derivative_filters(lags, ensemble.sampling_rate)
-        projected = derivative @ moments
-        fit = (
-            shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0]
-            @ projected
-        )
-        beyond = moments - projected.T @ fit
-        uncertain = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
-        found = shared.agreement(
-            np.einsum("ta,ab,tb->t", weights, moments - beyond, weights, optimize=True),
-            np.einsum("ta,ab,tb->t", weights, beyond, weights, optimize=True),
-            np.full(len(weights), np.sum(beyond * uncertain)),
-        )
-        readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
-        covariances = tuple(
-            np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
-        )
-        left, products = shared.residual(ensemble, weights), shared.colour_products(ensemble)
-        errors = self._errors(
-            ensemble, products, (inner,) * 3, covariances, left, posterior.effective
-        )
-        diagnostics = _diagnostics(posterior, found)
-        return shared.impulse_response_model(
-            repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors
-        )
-
-    def _posterior(
-        self, moments: shared.Moments, ensemble: Ensemble, share: float = 1.0
-    ) -> shared.Regression:
-        """Return the posterior from moments that are means over realizations.
-
-        Samples count only as a ``share`` of independent ones.
-        """
-        return shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
-
-    def _derivative_moments(self, ensemble: Ensemble, products: Array) -> shared.DerivativeMoments:
-        base.check_window(
-            "BasisIRF: the derivatives of the angle", 2 * shared.HALF_WIDTH + 1, ensemble
-        )
-        first = max(0, ensemble.context - shared.HALF_WIDTH)
-        angle, torque = (
-            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
-        )
-        return shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
-
-    def _errors(
-        self,
-        ensemble: Ensemble,
-        products: Array | None,
-        expansions: tuple[Array, ...],
-        covariances: tuple[Array, ...],
-        left: Array,
-        effective: float,
-    ) -> shared.PosteriorErrors:
-        """Return the standard errors of sums of coefficients times expansions (time, function).
-
-        Without ``products`` of the angle, the covariances count the noise's colour already.
-        """
-        filters, colour = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate), None
-        if products is not None:
+        else:  # a second-order fit, weighted by the angle's mean correlations
+            derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
+            projected = derivative @ signals.gram.mean(axis=0)
+            inverse = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
+            readout = inverse.inverse[0] @ projected
+            impedance, left = weights @ readout.T, shared.residual(ensemble, weights)
+            readout[0] = 1.0  # stiffness is the area under the response
+            over_time = base.padded(impedance, missing)
+            agreement = shared.second_order_agreement(ensemble, ensemble, over_time)
+        table = columns.covariance(posterior.covariance)
+        covariances = np.einsum("ma,ajbk,mb->mjk", readout, table, readout, optimize=True)
+        effective, colour = posterior.effective, None
+        # With a reference, the covariances count the noise's colour already.
+        if self.reference is None:
             colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
         # The posterior counts all samples; where their mean was subtracted, there is less noise in
         # them.
         freedom = left.size * shared.independent_realizations(ensemble) / len(ensemble) - effective
-        return shared.PosteriorErrors(
-            expansions,
+        errors = partial(
+            shared.posterior_errors,
+            [columns.functions] * 3,
             covariances,
-            colour,
-            band=(0.0, 0.5),
+            freedom,
+            ensemble.samples,
+            colour=colour,
             stronger=(left.size - effective) / max(freedom, 1.0),
-            freedom=freedom,
-            times=ensemble.samples,
-            missing=0,
         )
+        details = {
+            "noise_variance": posterior.noise_variance,
+            "log_evidence": posterior.log_evidence,
+            "iterations": posterior.iterations,
+            "converged": float(posterior.converged),
+            "second_order_agreement": agreement,
+        }
+        diagnostics = Diagnostics(effective, details=details)
+        if self.model == "irf":
+            return shared.impulse_response_model(ensemble, weights, impedance, diagnostics, errors)
+        count, scale = columns.functions.shape[1] - 1, columns.scale
+        names = [f"{name} {j}" for name in shared.IMPEDANCE[:2] for j in range(count)]
+        return SecondOrderModel(
+            sampling_rate=rate,
+            time=ensemble.time,
+            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
+            posterior=posterior._replace(
+                mean=scale * posterior.mean,
+                covariance=posterior.covariance * np.outer(scale, scale),
+            ),
+            labels=(*names, "inertia"),
+            diagnostics=diagnostics,
+        )
+
+    def _signals(self, ensemble: Ensemble, products: Array) -> Signals:
+        """Return the moments of angle, velocity and acceleration, or of lagged angles."""
+        lags = shared.HALF_WIDTH
+        if self.model == "irf":
+            lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
+        base.check_window("BasisIRF: the derivatives of the angle", 2 * lags + 1, ensemble)
+        first = max(0, ensemble.context - lags)
+        reach = slice(first, ensemble.angle.shape[1] - first)
+        angle, torque = ensemble.angle[:, reach], ensemble.torque[:, reach]
+        if self.model == "irf":
+            gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
+            power = np.full(2 * lags + 1, np.trace(gram.mean(axis=0)) / (2 * lags + 1))
+        else:
+            rate = ensemble.sampling_rate
+            gram, cross, square = shared.derivative_moments(products, angle, torque, rate)
+            power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
+        rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+        return Signals(gram, cross, square, rms)
+
+    def _columns(self, signals: Signals, basis: Basis, ensemble: Ensemble) -> Columns:
+        """Return the columns of a basis. The inertia of the parametric model is constant."""
+        functions = evaluate(basis, ensemble.samples)
+        missing = (len(functions) - len(signals.square)) // 2
+        functions = functions[missing : len(functions) - missing]
+        if self.model == "irf":
+            chosen = np.ones((len(signals.rms), functions.shape[1]), dtype=bool)
+        else:
+            functions = np.column_stack([functions, np.ones(len(functions))])
+            is_constant = np.arange(functions.shape[1]) == functions.shape[1] - 1
+            chosen = np.stack([~is_constant, ~is_constant, is_constant])
+        return Columns(functions, chosen, signals.rms)
+
+    def _posterior(
+        self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
+    ) -> shared.Regression:
+        """Return the posterior. Samples count only as a ``share`` of independent ones."""
+        cross = ((signals.cross / columns.rms).T @ columns.functions)[columns.chosen]
+        square, times = float(signals.square.sum()), len(signals.square)
+        moments = shared.Moments(columns.gram(signals.gram), cross, square, times)
+        return shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Return the log evidence of bases. The ``seed`` is not used: nothing is random."""
-        parametric = self.model == "parametric"
-        per_function = (
-            2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
-        )
         predicted = self.fit(ensemble).predict(ensemble)
         share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
-        moments = (
-            self._derivative_moments(ensemble, shared.colour_products(ensemble))
-            if parametric
-            else None
-        )
+        signals = self._signals(ensemble, shared.colour_products(ensemble))
 
         def log_evidence(basis: Basis) -> float:
-            functions = evaluate(basis, ensemble.samples)
-            if moments is None:
-                lags = per_function // 2
-                missing = base.missing_edge(lags, ensemble)
-                inner = functions[missing : len(functions) - missing]
-                sums, _, _ = _irf_moments(ensemble, inner, lags)
-            else:
-                missing = (len(functions) - len(moments.square)) // 2
-                expansions = _expansions(functions[missing : len(functions) - missing])
-                sums, _ = _parametric_moments(moments, expansions)
-            return self._posterior(sums, ensemble, share).log_evidence
+            columns = self._columns(signals, basis, ensemble)
+            return self._posterior(signals, columns, ensemble, share).log_evidence
 
+        per_function = 2 if self.model == "parametric" else len(signals.rms)
         return tuning.evidence_of_bases(
             self.basis, self.prior, ensemble.samples, log_evidence, per_function
         )
 
 
-def _expansions(functions: Array) -> tuple[Array, Array, Array]:
-    """Return the functions (time, function) of stiffness, viscosity and constant inertia."""
-    return functions, functions, np.ones((len(functions), 1))
+class Signals(NamedTuple):
+    """Means over realizations at each time: moments of signals, and those with the torque.
 
-
-def _parametric_moments(
-    moments: shared.DerivativeMoments, expansions: tuple[Array, ...]
-) -> tuple[shared.Moments, Array]:
-    """Return the moments of columns of unit RMS, and the scale of their coefficients.
-
-    Coefficients times the scale are those of the columns in their own units.
+    ``gram`` (time, signal, signal), ``cross`` (time, signal), ``square`` (time,) of the torque, and
+    the ``rms`` (signal,) of each signal over time.
     """
-    power = np.mean(np.diagonal(moments.regressors, axis1=1, axis2=2), axis=0)
-    rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
-    gram = _expanded(moments.regressors / np.outer(rms, rms), expansions)
-    parts = zip(expansions, (moments.cross / rms).T, strict=True)
-    cross = np.concatenate([expansion.T @ own for expansion, own in parts])
-    scale = 1 / np.repeat(rms, [expansion.shape[1] for expansion in expansions])
-    square, times = float(moments.square.sum()), len(moments.cross)
-    return shared.Moments(gram, cross, square, times), scale
+
+    gram: Array
+    cross: Array
+    square: Array
+    rms: Array
 
 
-def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
-    """Return the products of signals times functions of time, summed over time.
+class Columns(NamedTuple):
+    """Columns of the regression: signals of unit RMS times functions of time.
 
-    ``moments`` (time, 3, 3) are those of the signals.
+    ``functions`` has shape (time, function), ``chosen`` (signal, function) says which signal is
+    multiplied by which function. ``rms`` (signal,) is what the signals are divided by.
     """
-    return np.block(
-        [
-            [(left * moments[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
-            for a, left in enumerate(expansions)
-        ]
-    )
+
+    functions: Array
+    chosen: NDArray[np.bool_]
+    rms: Array
+
+    @property
+    def scale(self) -> Array:
+        """Return what gives coefficients (column,) the units of the signals."""
+        return np.asarray(1 / np.repeat(self.rms, self.chosen.sum(axis=1)))
+
+    def gram(self, products: Array) -> Array:
+        """Return the Gram matrix from products of signals at each time (time, signal, signal)."""
+        gram = expanded(products / np.outer(self.rms, self.rms), self.functions)
+        return gram[np.ix_(self.chosen.ravel(), self.chosen.ravel())]
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the weight of each signal over time, shape (time, signal)."""
+        table = np.zeros(self.chosen.shape)
+        table[self.chosen] = self.scale * coefficients
+        return self.functions @ table.T
+
+    def covariance(self, covariance: Array) -> Array:
+        """Return a covariance of coefficients, shape (signal, function, signal, function)."""
+        table = np.zeros((self.chosen.size, self.chosen.size))
+        chosen = self.chosen.ravel()
+        table[np.ix_(chosen, chosen)] = covariance * np.outer(self.scale, self.scale)
+        return table.reshape(*self.chosen.shape, *self.chosen.shape)
 
 
 def _instrumental(
-    posterior: shared.Regression,
-    expansions: tuple[Array, ...],
-    scale: Array,
-    ensemble: Ensemble,
-    moved: Ensemble,
+    posterior: shared.Regression, columns: Columns, ensemble: Ensemble, moved: Ensemble
 ) -> shared.Regression:
     r"""Return the coefficients with instruments Z in the left factor.
 
@@ -322,77 +284,40 @@ def _instrumental(
     / \sigma^2`. R is the covariance of the noise, of any colour, from the residual of the measured
     angle. Coefficients that the prior pruned stay 0.
     """
-    missing = (ensemble.samples - len(expansions[0])) // 2
+    missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
     at = slice(missing, ensemble.samples - missing)
     z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
-    surplus = _expanded(np.einsum("irt,jrt->tij", z, x - z), expansions) * np.outer(scale, scale)
-    transform = np.linalg.inv(
-        np.eye(len(scale)) + posterior.covariance @ surplus / posterior.noise_variance
-    )
+    gain = posterior.covariance / posterior.noise_variance
+    surplus = columns.gram(np.einsum("irt,jrt->tij", z, x - z))
+    transform = np.linalg.inv(np.eye(len(gain)) + gain @ surplus)
     mean = transform @ posterior.mean
-    places = np.cumsum([each.shape[1] for each in expansions])[:-1]
-    parts = zip(expansions, np.split(mean * scale, places), x, strict=True)
-    fit = sum(expansion @ part * signal for expansion, part, signal in parts)
-    left = ensemble.torque[:, ensemble.core][:, at] - fit
+    left = ensemble.torque[:, ensemble.core][:, at]
+    left = left - np.einsum("ti,irt->rt", columns.weights(mean), x)
     freedom = max(left.size - posterior.effective, 1.0)
-    spread = _noise_through(expansions, scale, z, left, round(COLOUR * ensemble.sampling_rate)) * (
-        left.size / freedom
-    )
-    inverse = transform @ posterior.covariance / posterior.noise_variance
-    noise = float(np.vdot(left, left)) / freedom
-    return posterior._replace(
-        mean=mean, covariance=inverse @ spread @ inverse.T, noise_variance=noise
-    )
+    spread = _noise_through(columns, z, left, round(COLOUR * ensemble.sampling_rate))
+    inverse, noise = transform @ gain, float(np.vdot(left, left)) / freedom
+    covariance = inverse @ spread @ inverse.T * (left.size / freedom)
+    return posterior._replace(mean=mean, covariance=covariance, noise_variance=noise)
 
 
-def _noise_through(
-    expansions: tuple[Array, ...], scale: Array, signals: Array, left: Array, lags: int
-) -> Array:
-    r"""Return the variance (coefficient, coefficient) of :math:`Z^T e` for the noise e.
+def _noise_through(columns: Columns, signals: Array, left: Array, lags: int) -> Array:
+    r"""Return the variance (column, column) of :math:`Z^T e` for the noise e.
 
     The noise has the autocorrelation of the residual ``left`` within each realization, up to
-    ``lags`` samples apart, under half a Hann window.
+    ``lags`` samples apart, under half a Hann window. ``signals`` has shape (signal, realization,
+    time).
     """
     samples = left.shape[1]
     lags = min(lags, samples - 1)
-    covariance = shared.autocovariance(left, lags) * (
-        0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1))
-    )
+    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1))
+    covariance = shared.autocovariance(left, lags) * taper
     size = next_fast_len(samples + lags, real=True)
     power = np.maximum(2 * rfft(covariance, size).real - covariance[0], 0.0) / size
     power[1 : (size + 1) // 2] *= 2  # of both signs of frequency
-    found = np.zeros((len(scale), len(scale)))
+    signal, function = np.nonzero(columns.chosen)
+    functions = columns.functions.T[function] * columns.scale[:, None]
+    found = np.zeros((len(signal), len(signal)))
     for each in signals.transpose(1, 0, 2):
-        spectra = rfft(
-            np.concatenate([e.T * own for e, own in zip(expansions, each, strict=True)]), size
-        )
+        spectra = rfft(functions * each[signal], size)
         found += ((spectra * power) @ spectra.conj().T).real
-    return found * np.outer(scale, scale)
-
-
-def _irf_moments(
-    ensemble: Ensemble, functions: Array, lags: int
-) -> tuple[shared.Moments, float, Array]:
-    """Return the moments of the impulse response's columns, scaled to unit RMS, and the scale.
-
-    The third value is the mean correlation of lagged angles (lag, lag).
-    """
-    first = max(0, ensemble.context - lags)
-    angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
-    phi_uu, phi_uy, square, _ = shared.lagged_moments(angle, torque, lags)
-    mean = phi_uu.mean(axis=0)
-    rms = np.sqrt(np.trace(mean) / len(mean))
-    gram, cross = expanded(phi_uu, functions) / rms**2, (phi_uy.T @ functions).ravel() / rms
-    moments = shared.Moments(gram, cross, float(square.sum()), len(functions))
-    return moments, 1 / float(rms), mean
-
-
-def _diagnostics(posterior: shared.Regression, agreement: float) -> Diagnostics:
-    details = {
-        "noise_variance": posterior.noise_variance,
-        "log_evidence": posterior.log_evidence,
-        "iterations": posterior.iterations,
-        "converged": float(posterior.converged),
-        "second_order_agreement": agreement,
-    }
-    return Diagnostics(posterior.effective, details=details)
+    return found

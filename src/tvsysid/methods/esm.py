@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import Literal, NamedTuple
 
 import attrs
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.responses import FrequencyResponseModel
-from tvsysid.models import Diagnostics
+from tvsysid.methods.shared.estimates import Errors
+from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import ShortTimeSpectra
 from tvsysid.signals import Array, Ensemble
@@ -104,13 +106,12 @@ class EnsembleSpectral(shared.ByReference):
                 "angle answers to what came before the window"
             )
 
-    def fit(self, ensemble: Ensemble) -> FrequencyResponseModel:
-        """Return the model of an ensemble."""
-        length = base.whole_samples(self.window, ensemble)
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> FrequencyResponseModel:
+        length, rate = base.whole_samples(self.window, ensemble), ensemble.sampling_rate
         if length < 4:
             raise InputError(
                 f"EnsembleSpectral: a window of {self.window:g} s has {length} samples at "
-                f"{ensemble.sampling_rate:g} Hz; give at least {4 / ensemble.sampling_rate:g} s"
+                f"{rate:g} Hz; give at least {4 / rate:g} s"
             )
         base.check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
         before, after = length // 2, (length - 1) // 2
@@ -118,35 +119,31 @@ class EnsembleSpectral(shared.ByReference):
         begin = ensemble.context + missing[0] - before
         end = ensemble.context + ensemble.samples - missing[1] + after
         segments = shared.Segments(ensemble, shared.hann(length) ** 2, begin, end)
-        instrument = self.instrument(ensemble)
-        found = (
-            self._by_angle(segments, missing)
-            if instrument is None
-            else _by_reference(segments, missing, instrument)
-        )
-        spectra, response, excited = found.spectra, found.response, found.excited
+        find = self._by_angle if self.reference is None else self._by_reference
+        found = find(segments, moved, missing)
+        spectra = found.spectra
+        excited = spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)
+        excited &= np.isfinite(found.response)
         powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
-        stiffness, viscosity, inertia = base.padded(found.impedance, *missing).T
-        diagnostics = Diagnostics(
-            float(length),
-            warnings=found.warnings,
-            details={"second_order_agreement": found.agreement},
-        )
-        return (FrequencyResponseModel if instrument is None else InstrumentalResponseModel)(
-            method=repr(self),
-            sampling_rate=ensemble.sampling_rate,
+        details = {"second_order_agreement": found.agreement}
+        diagnostics = Diagnostics(float(length), warnings=found.warnings, details=details)
+        impedance = base.padded(found.impedance, *missing)
+        return (FrequencyResponseModel if self.reference is None else InstrumentalResponseModel)(
+            sampling_rate=rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, found.errors),
-            frequency_response=base.padded(response, *missing),
-            frequencies=np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate)),
+            estimates=shared.impedance_estimates(impedance, found.errors),
+            frequency_response=base.padded(found.response, *missing),
+            frequencies=np.asarray(np.fft.rfftfreq(length, 1 / rate)),
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
-            diagnostics=diagnostics if instrument is None else instrument.annotate(diagnostics),
+            diagnostics=diagnostics,
         )
 
-    def _by_angle(self, segments: shared.Segments, missing: tuple[int, int]) -> Estimated:
+    def _by_angle(
+        self, segments: shared.Segments, moved: Ensemble, missing: tuple[int, int]
+    ) -> Estimated:
         """Estimate where the angle is imposed."""
         ensemble, power, begin, end = segments
         products = shared.colour_products(ensemble)
@@ -156,16 +153,32 @@ class EnsembleSpectral(shared.ByReference):
         spectra = shared.short_time_spectra(angle, torque, len(power), along)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
         fit = shared.SegmentFit.of(segments, products)
-        impedance, at_rest = fit.impedance, None
-        warned: tuple[str, ...] = ()
+        impedance, at_rest, warned = fit.impedance, None, ()
         if self.stiffness == "dc":
             warned = _leaking(response[:, 0].real, impedance[:, 0])
             impedance[:, 0] = response[:, 0].real
             at_rest = _variance_at_rest(angle, torque, impedance[:, 0], fit.realizations)
-        errors = SegmentErrors(fit, at_rest, missing, shared.counted(ensemble))
-        return Estimated(
-            spectra, response, _excited(spectra), impedance, errors, fit.agreement, warned
+        errors = partial(segment_errors, fit, at_rest, missing, shared.counted(ensemble))
+        return Estimated(spectra, response, impedance, errors, fit.agreement, warned)
+
+    def _by_reference(
+        self, segments: shared.Segments, moved: Ensemble, missing: tuple[int, int]
+    ) -> Estimated:
+        """Estimate by the angle that a reference moves."""
+        ensemble, power, begin, end = segments
+        z, angle, torque = (
+            each[:, begin:end] for each in (moved.angle, ensemble.angle, ensemble.torque)
         )
+        spectra = shared.short_time_spectra(z, torque, len(power))
+        independent = shared.independent_realizations(ensemble)
+        ratio = _angle_ratio(shared.short_time_spectra(z, angle, len(power)), independent)
+        response = ratio * spectra.yu / np.maximum(spectra.uu, TINY)
+        fit = shared.instrumental_fit(segments, moved)
+        values = base.padded(np.sqrt(fit.variances), *missing)
+        errors = shared.standard_errors(values, max(1.0, independent - 3.0))
+        impedance = base.padded(fit.impedance, *missing)
+        agreement = shared.second_order_agreement(ensemble, moved, impedance)
+        return Estimated(spectra, response, fit.impedance, errors, agreement)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
@@ -187,59 +200,24 @@ class EnsembleSpectral(shared.ByReference):
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
 
-@attrs.frozen(eq=False, repr=False, kw_only=True)
 class InstrumentalResponseModel(FrequencyResponseModel):
     """Frequency response by a reference: NaN where the reference does not move the angle.
 
     The model therefore predicts the torque by the second-order fit.
     """
 
-    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        impedance = self.stiffness, self.viscosity, self.inertia
-        return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, ensemble.derivatives())))}
+    _pathways = Model._pathways
 
 
 class Estimated(NamedTuple):
-    """Spectra of segments, response and impedance at the times of whole windows, and errors.
-
-    ``excited`` (time, frequency) says where the angle moves.
-    """
+    """Spectra of segments, response and impedance at the times of whole windows, and errors."""
 
     spectra: ShortTimeSpectra
     response: NDArray[np.complex128]
-    excited: NDArray[np.bool_]
     impedance: Array
-    errors: SegmentErrors | shared.WhereStrong
+    errors: Errors
     agreement: float
     warnings: tuple[str, ...] = ()
-
-
-def _by_reference(
-    segments: shared.Segments, missing: tuple[int, int], instrument: shared.Instrument
-) -> Estimated:
-    """Estimate by the angle that a reference predicts."""
-    ensemble, power, begin, end = segments
-    angle, torque, moved = (
-        each[:, begin:end] for each in (ensemble.angle, ensemble.torque, instrument.moved.angle)
-    )
-    spectra = shared.short_time_spectra(moved, torque, len(power))
-    independent = shared.independent_realizations(ensemble)
-    ratio = _angle_ratio(shared.short_time_spectra(moved, angle, len(power)), independent)
-    response = ratio * spectra.yu / np.maximum(spectra.uu, TINY)
-    fit = shared.instrumental_fit(segments, instrument.moved)
-    values = base.padded(np.sqrt(fit.variances), *missing)
-    errors = shared.standard_errors(values, np.full(values.shape, max(1.0, independent - 3.0)))
-    impedance = base.padded(fit.impedance, *missing)
-    agreement = shared.second_order_agreement(ensemble, instrument.moved, impedance)
-    excited = _excited(spectra) & np.isfinite(ratio)
-    return Estimated(
-        spectra, response, excited, fit.impedance, instrument.banded(errors), agreement
-    )
-
-
-def _excited(spectra: ShortTimeSpectra) -> NDArray[np.bool_]:
-    """Return at which times and frequencies the angle moves."""
-    return np.asarray(spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True))
 
 
 def _angle_ratio(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
@@ -293,32 +271,24 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     return np.where(np.isfinite(variance), variance, np.nan)
 
 
-@attrs.frozen(eq=False)
-class SegmentErrors:
-    """Standard errors of the second-order fit to segments, and at 0 Hz.
+def segment_errors(
+    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int], counted: str
+) -> dict[str, shared.StandardError]:
+    """Return the standard errors of the second-order fit to segments, and at 0 Hz.
 
     ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it.
     ``missing`` is the number of times at either end without a segment. ``counted`` describes the
     number of realizations in words.
     """
-
-    fit: shared.SegmentFit
-    at_rest: Array | None
-    missing: tuple[int, int]
-    counted: str
-
-    def standard_errors(self) -> dict[str, shared.StandardError]:
-        """Return the standard errors by quantity."""
-        variances, realizations = self.fit.variances(), self.fit.realizations
-        freedom, absent = np.full(variances.shape, self.fit.freedom), ""
-        if self.at_rest is not None:
-            variances[:, 0], freedom[:, 0] = self.at_rest, max(realizations - 1, 1)
-            if realizations < MIN_REALIZATIONS_AT_REST:
-                absent = (
-                    f"{self.counted} tell nothing of the noise at 0 Hz: there is one number of "
-                    "each; record more, or set stiffness to 'fit'"
-                )
-                variances[:, 0] = np.nan
-        values = base.padded(np.sqrt(variances), *self.missing)
-        freedom = base.padded(freedom, *self.missing)
-        return shared.standard_errors(values, freedom, absent=absent)
+    variances, realizations = fit.variances(), fit.realizations
+    freedom, absent = np.full(variances.shape, fit.freedom), ""
+    if at_rest is not None:
+        variances[:, 0], freedom[:, 0] = at_rest, max(realizations - 1, 1)
+        if realizations < MIN_REALIZATIONS_AT_REST:
+            absent = (
+                f"{counted} tell nothing of the noise at 0 Hz: there is one number of each; record "
+                "more, or set stiffness to 'fit'"
+            )
+            variances[:, 0] = np.nan
+    values, freedom = (base.padded(each, *missing) for each in (np.sqrt(variances), freedom))
+    return shared.standard_errors(values, freedom, absent=absent)

@@ -135,13 +135,13 @@ class ModalDecomposition(base.Method):
         mean, error, count = _over_impulses(tracks or [np.full((samples, 2), np.nan)])
         constant = np.where(np.isnan(mean[:, 0]), np.nan, inertia)
         errors = np.column_stack([np.hypot(error, inertia_error * mean), np.full(samples, np.nan)])
-        freedom = np.tile(np.maximum(count - 1.0, 1.0)[:, None], 3)
+        freedom = np.maximum(count - 1.0, 1.0)[:, None]
         return ModalModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(
-                mean[:, 0], mean[:, 1], constant, shared.standard_errors(errors, freedom)
+                np.column_stack([mean, constant]), shared.standard_errors(errors, freedom)
             ),
             diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
         )

@@ -122,8 +122,6 @@ class ParallelCascade(base.Method):
         constants = intrinsic.weights, readout[0] @ cross / number
         weights, impedance = (np.tile(each, (times, 1)) for each in constants)
         diagnostics = Diagnostics(float(rank + max(0, degree - 1)))
-        plain = shared.impulse_response_model(
-            repr(self), ensemble, weights, impedance, diagnostics, {}
-        )
+        plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})
         turn = turn._replace(reflex=np.tile(turn.reflex, (ensemble.samples, 1)))
         return two_pathways(ensemble, plain, candidate, turn, 0, details)

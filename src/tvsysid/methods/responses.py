@@ -107,14 +107,6 @@ class SecondOrderModel(Model):
         """Return the posterior covariance of the coefficients, shape (coefficient, coefficient)."""
         return read_only(self.posterior.covariance)
 
-    def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
-        """Return stiffness, viscosity, inertia in an ensemble, (time,) or (realization, time)."""
-        return self.stiffness, self.viscosity, self.inertia
-
-    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        parts = map(np.multiply, self.impedance(ensemble), ensemble.derivatives())
-        return {"intrinsic": np.asarray(sum(parts))}
-
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
             "coefficients": (("coefficient",), self.coefficients),

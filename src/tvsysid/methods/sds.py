@@ -78,8 +78,7 @@ class ShortDataSegments(shared.ByReference):
     )
     cites = ("ludvig2012", "vanderuit2021")
 
-    def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
-        """Return the model of an ensemble."""
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:
@@ -87,13 +86,11 @@ class ShortDataSegments(shared.ByReference):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        instrument = self.instrument(ensemble)
-        if instrument is not None:
-            lagged = shared.lagged_reference(ensemble, instrument.reference, lags, half)
+        if self.reference is not None:
+            lagged = shared.lagged_reference(ensemble, self.reference, lags, half)
             windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
-            banded = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
-            model = shared.window_model(repr(self), ensemble, windows, banded)
-            return attrs.evolve(model, diagnostics=instrument.annotate(model.diagnostics))
+            errors = lagged.standard_errors(windows, ensemble.samples)
+            return shared.window_model(ensemble, windows, errors)
         windows, unknowns = shared.solve_windows(ensemble, lags, half), 2 * lags + 1
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
         enough &= windows.realizations >= MIN_REALIZATIONS
@@ -103,8 +100,7 @@ class ShortDataSegments(shared.ByReference):
             f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
             "shorten max_lag, or lengthen window"
         )
-        errors = shared.WindowErrors.of(ensemble, windows, enough, why)
-        return shared.window_model(repr(self), ensemble, windows, errors)
+        return shared.window_model(ensemble, windows, enough=enough, reason=why)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import attrs
@@ -145,26 +146,21 @@ class SkirtDecomposition(base.Method):
         count = features.shape[1]
         expansions = (features, features, np.ones((ensemble.samples, 1)))
         ends = (slice(count), slice(count, 2 * count), slice(2 * count, None))
-        errors = shared.PosteriorErrors(
+        errors = partial(
+            shared.posterior_errors,
             expansions,
-            tuple(posterior.covariance[part, part] for part in ends),
-            colour=None,
-            band=(0.0, 0.5),
-            stronger=1.0,
-            freedom=skirts.freedom,
-            times=ensemble.samples,
-            missing=0,
+            [posterior.covariance[part, part] for part in ends],
+            skirts.freedom,
+            ensemble.samples,
         )
-        stiffness, viscosity, inertia = (
-            functions @ posterior.mean[part]
-            for functions, part in zip(expansions, ends, strict=True)
-        )
+        parts = zip(expansions, ends, strict=True)
+        impedance = np.stack([own @ posterior.mean[part] for own, part in parts], axis=1)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(impedance, errors),
             posterior=posterior,
             labels=(*names, "inertia"),
             diagnostics=Diagnostics(

@@ -296,7 +296,7 @@ class SubspaceCascade(Method):
             name: StandardError(values, freedom, arc)
             for name, values in zip(IMPEDANCE, errors.T, strict=True)
         }
-        stiffness, viscosity, inertia = over_time([fit.impedance for fit in known], edge).T
+        impedance = over_time([fit.impedance for fit in known], edge)
         gain = over_time([np.array([fit.reflex.static_gain * slope]) for fit in known])[:, 0]
         order = known[0].reflex.order
         agrees = agreement(*np.stack([fit.shares for fit in known], axis=1))
@@ -305,7 +305,7 @@ class SubspaceCascade(Method):
             sampling_rate=rate,
             time=ensemble.time,
             estimates={
-                **impedance_estimates(stiffness, viscosity, inertia, bands),
+                **impedance_estimates(impedance, bands),
                 "reflex_gain": Estimate(
                     gain, UNITS["reflex_gain"], error=StandardError.none(len(gain), NO_BAND)
                 ),

@@ -71,60 +71,25 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
     return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
 
 
-class DerivativeMoments(NamedTuple):
-    """Second moments over realizations of angle, velocity, acceleration and torque at each time.
-
-    ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the
-    torque, ``square`` (time,) of the torque; those of the angles from :data:`HALF_WIDTH` samples
-    before to as many after, of which the three are sums: ``mixed`` (time, sample, 3) with the
-    three, ``answers`` (time, sample) with the torque, and ``around`` (sample, sample) with each
-    other, averaged over time.
-    """
-
-    regressors: Array
-    cross: Array
-    square: Array
-    mixed: Array
-    answers: Array
-    around: Array
-
-    def second_order_agreement(self, impedance: Array, realizations: int) -> float:
-        """Agreement of an impedance (time, 3) with the moments.
-
-        See :func:`agreement_of_moments`.
-        """
-        times = len(impedance)
-        explained = float(np.sum(self.cross * impedance))
-        fitted = float(np.einsum("tm,tmk,tk->", impedance, self.regressors, impedance))
-        unexplained = self.answers.sum(axis=0) - np.einsum("tjm,tm->j", self.mixed, impedance)
-        left = (float(self.square.sum()) - 2 * explained + fitted) / times
-        return agreement_of_moments(
-            fitted / times, unexplained / times, self.around, left, realizations * times
-        )
-
-
 def derivative_moments(
     products: Array, angle: Array, torque: Array, sampling_rate: float
-) -> DerivativeMoments:
-    """Moments of angle, velocity and acceleration, which are sums of the angles about.
+) -> tuple[Array, Array, Array]:
+    """Return moments over realizations of angle, velocity, acceleration and torque at each time.
 
-    No derivative is formed.
+    The shapes are (time, 3, 3) for those of the three with each other, (time, 3) with the torque,
+    and (time,) for the torque. No derivative is formed: the three are sums of the angles about.
 
-    They are those of the times :data:`HALF_WIDTH` from both ends of angle and torque
-    (realization, time). ``products`` are the angle's moments along the diagonals
-    (:func:`diagonal_moments`), of as many more samples before as after.
+    The times are those :data:`HALF_WIDTH` from both ends of angle and torque (realization, time).
+    ``products`` are the angle's moments along the diagonals (:func:`diagonal_moments`), of as many
+    more samples before as after.
     """
     filters = derivative_filters(HALF_WIDTH, sampling_rate)[:, ::-1]
     first = (len(products) - angle.shape[1] + 1) // 2
     along = products[first : first + angle.shape[1], : 2 * HALF_WIDTH + 1]
-    windows = window_matrices(along, along)
-    mixed = windows @ filters.T
     inner = torque[:, HALF_WIDTH : torque.shape[1] - HALF_WIDTH]
-    answers = diagonal_moments(inner, angle, 2 * HALF_WIDTH)
+    cross = diagonal_moments(inner, angle, 2 * HALF_WIDTH) @ filters.T
     square = np.einsum("rt,rt->t", inner, inner) / len(inner)
-    return DerivativeMoments(
-        filters @ mixed, answers @ filters.T, square, mixed, answers, windows.mean(axis=0)
-    )
+    return filters @ (window_matrices(along, along) @ filters.T), cross, square
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:

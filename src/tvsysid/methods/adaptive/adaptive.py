@@ -224,7 +224,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
     inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
     errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
     impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
-    estimates = shared.impedance_estimates(impedance[0], impedance[1], impedance[2], errors)
+    estimates = shared.impedance_estimates(np.stack(impedance, axis=1), errors)
     details = {
         f"constant_{quantity}": posterior.probability(Candidate.is_constant)
         for quantity, posterior in found.items()

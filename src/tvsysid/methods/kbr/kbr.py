@@ -10,12 +10,12 @@ from typing import Any, Literal, Self
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.methods import base, responses, shared, tuning
-from tvsysid.methods.kbr import fitting, search
+from tvsysid.methods.kbr import search
+from tvsysid.methods.kbr.fit import KernelPosterior, fit, fit_coefficients
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
-from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.models import Diagnostics
+from tvsysid.methods.kbr.record import Record, clocks_of, lagged
+from tvsysid.models import Diagnostics, StandardError
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, not_negative, one_of, optional, positive
 
@@ -34,26 +34,20 @@ USUAL_MODULUS = 100.0
 REWEIGHTED = 2
 
 
-def _one_or_three(method: object, field: attrs.Attribute[Any], gamma: Any) -> None:
-    """Raise for anything but one positive number, or three."""
-    several = gamma if isinstance(gamma, tuple) else (gamma,) * 3
-    if len(several) != 3:
-        raise InputError(
-            "KernelRegression: gamma must be one number, or three: of stiffness, viscosity and "
-            f"inertia; got {gamma!r}"
-        )
-    for each in several:
-        positive(method, field, each)
-
-
-def _is_band(band: Any) -> bool:
-    """Return whether a band consists of two rising frequencies, the first at least 0."""
-    numbers = isinstance(band, tuple) and len(band) == 2 and all(map(is_number, band))
-    return numbers and 0 <= band[0] < band[1]
+def _numbers(value: Any, count: int) -> bool:
+    """Return whether a value is a tuple of this count of numbers."""
+    return isinstance(value, tuple) and len(value) == count and all(map(is_number, value))
 
 
 USUAL = PRESETS["simulation"]
-BAND = Validator("two frequencies in Hz, which rise from 0 or more", _is_band)
+GAMMA = Validator(
+    "a positive number, or three: of stiffness, viscosity and inertia",
+    lambda gamma: positive.is_valid(gamma) or (_numbers(gamma, 3) and min(gamma) > 0),
+)
+BAND = Validator(
+    "two frequencies in Hz, which rise from 0 or more",
+    lambda band: _numbers(band, 2) and 0 <= band[0] < band[1],
+)
 ORDER = Validator(
     "0 (a spring), 1 (with viscosity) or 2 (with inertia too)",
     lambda order: type(order) is int and 0 <= order <= 2,
@@ -151,9 +145,7 @@ class KernelRegression(shared.ByReference):
     period: float | None = attrs.field(default=None, validator=optional(positive))
     length_periodic: float = attrs.field(default=USUAL["length_periodic"], validator=positive)
     length_decay: float = attrs.field(default=USUAL["length_decay"], validator=positive)
-    gamma: float | tuple[float, float, float] = attrs.field(
-        default=USUAL["gamma"], validator=_one_or_three
-    )
+    gamma: float | tuple[float, float, float] = attrs.field(default=USUAL["gamma"], validator=GAMMA)
     band: tuple[float, float] = attrs.field(default=(0.0, 20.0), validator=BAND)
     order: int = attrs.field(default=2, validator=ORDER)
     lag: float = attrs.field(default=0.0, validator=not_negative)
@@ -176,6 +168,7 @@ class KernelRegression(shared.ByReference):
         "smooth, with ripples beside it."
     )
     cites = ("lataire2017", "cavallo2020", "vanderuit2021")
+    bands_need_strength = False
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
@@ -184,72 +177,74 @@ class KernelRegression(shared.ByReference):
         ``"simulation"`` has the settings of the paper's simulated study, and the method's default
         values. ``"experiment"`` has those of the experimental study.
         """
-        if name not in PRESETS:
-            listed = ", ".join(map(repr, PRESETS))
-            raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
+        one_of(Preset).check("KernelRegression", "preset", name)
         return cls(**(PRESETS[name] | settings))
 
-    def fit(self, ensemble: Ensemble) -> KernelModel:
-        """Return the model of an ensemble."""
-        instrument = self.instrument(ensemble)
-        moved = ensemble if instrument is None else instrument.moved
+    @property
+    def least_share(self) -> float:
+        """Return the least share that the reference must explain; residual weights need less."""
+        return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
+
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
         record = Record.of(moved, self.band)
         variances = self._variances(self._scale(record))[: self.order + 1]
         if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
             ensemble, moved = (lagged(each, self.lag) for each in (ensemble, moved))
             record = Record.of(moved, self.band)
-        if instrument is not None:
+        if self.reference is not None:
             record = Record.of(ensemble, self.band).with_instrument(record)
         kernel = record.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
-        posterior = fitting.fit_coefficients(
-            record, kernel, variances, REWEIGHTED * (self.weighting == "residual")
-        )
-        each = fitting.impedance_over(ensemble, kernel, posterior.mean)
-        impedance = each.mean(axis=0)
+        reweighted = REWEIGHTED * (self.weighting == "residual")
+        posterior = fit_coefficients(record, kernel, variances, reweighted)
+        each = impedance_over(ensemble, kernel, posterior.mean)
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        stiffness, viscosity, inertia = base.padded(
-            impedance[missing : len(impedance) - missing], missing
-        ).T
-        # What the impedance leaves of the torque, and what its mean over realizations leaves.
+        impedance = each.mean(axis=0)
+        known = impedance[missing : len(impedance) - missing]
+        inner = slice(edge, ensemble.samples - edge)
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
         filters = filters[: self.order + 1]
-        inner = slice(edge, ensemble.samples - edge)
+        # What the impedance leaves of the torque, and what its mean over realizations leaves.
         mean_left = left = shared.residual(ensemble, impedance[inner, : self.order + 1] @ filters)
         if len(each) > 1:
-            fit = shared.second_order_torque(ensemble, each)
-            left = (ensemble.torque[:, ensemble.core] - fit)[:, inner]
+            torque = ensemble.torque[:, ensemble.core]
+            left = (torque - shared.second_order_torque(ensemble, each))[:, inner]
         found = posterior.fit
         details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
             details["second_order_agreement"] = shared.residual_agreement(
                 ensemble, moved, left, edge
             )
-        diagnostics = Diagnostics(found.effective, details=details)
-        if instrument is not None:
-            diagnostics = instrument.annotate(diagnostics, banded=False)
-        errors = fitting.KernelErrors(
+        low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
+        colour = None
+        # The posterior assumes that the noise is as strong as its mean over the fitted band.
+        if self.weighting == "white":
+            share = found.effective / left.size
+            colour = shared.Colour.of(moved, mean_left, share, _in_band(filters, low, high))
+        errors = partial(
+            standard_errors,
             posterior,
-            fitting.times_of(ensemble, kernel),
-            self._noise_of(moved, mean_left, filters, found.effective, missing),
+            times_of(ensemble, kernel),
+            colour=colour,
+            band=(low, high),
+            # The posterior does not know that a mean over realizations was subtracted.
+            stronger=len(ensemble) / shared.independent_realizations(ensemble),
+            freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
+            times=ensemble.samples,
+            missing=missing,
         )
         names = shared.IMPEDANCE[: self.order + 1]
         return KernelModel(
-            method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(base.padded(known, missing), errors),
             posterior=posterior,
             labels=tuple(f"{name} {j}" for name in names for j in range(kernel.columns)),
             kernel=kernel,
             lag=self.lag,
-            diagnostics=diagnostics,
+            diagnostics=Diagnostics(found.effective, details=details),
         )
-
-    def _least_share(self) -> float:
-        """Return the least share that the reference must explain; residual weights need less."""
-        return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _scale(self, record: Record) -> float:
         """Return the stiffness in N·m/rad that corresponds to a gamma of 1, without a lag.
@@ -260,8 +255,7 @@ class KernelRegression(shared.ByReference):
         if self.scale is not None:
             return self.scale
         constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
-        sums = record.sums(constant, np.ones((3, 1), dtype=bool))
-        found = fitting.fit(sums, np.zeros(3))
+        found = fit(record.sums(constant, np.ones((3, 1), dtype=bool)), np.zeros(3))
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
         # of a torque that does not answer at all
         least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[0])
@@ -274,39 +268,17 @@ class KernelRegression(shared.ByReference):
     def _period(self, ensemble: Ensemble) -> float:
         return ensemble.duration if self.period is None else self.period
 
-    def _noise_of(
-        self, ensemble: Ensemble, left: Array, filters: Array, effective: float, missing: int
-    ) -> partial[shared.PosteriorErrors]:
-        """Return standard errors that lack only the features and covariance of the coefficients.
-
-        The posterior assumes that the noise is as strong as its mean over the fitted band.
-        """
-        low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
-        colour = None
-        if self.weighting == "white":
-            filters = _in_band(filters, low, high) if high - low < 0.5 else filters
-            products = shared.colour_products(ensemble, filters.shape[1])
-            colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
-        return partial(
-            shared.PosteriorErrors,
-            colour=colour,
-            band=(low, high),
-            # The posterior does not know that a mean over realizations was subtracted.
-            stronger=len(ensemble) / shared.independent_realizations(ensemble),
-            freedom=max(1.0, 2 * left.size * (high - low) - effective),
-            times=ensemble.samples,
-            missing=missing,
-        )
-
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Compare settings by marginal likelihood: l1, gammas, decays, then orders and lags.
+        """Compare settings by marginal likelihood: l1 and gammas, orders and lags, then decays.
 
         The search is deterministic. Noise that is not white in the band lowers the number of
         independent samples. The residual of the given settings, without decay, shows by how much.
         """
         if self.weighting != "white":
             return attrs.evolve(self, weighting="white")._evidence(ensemble, seed)
-        noise, share = self._noise(ensemble)
+        endless = attrs.evolve(self, length_decay=ENDLESS).fit(ensemble)
+        noise = endless.diagnostics.details["noise_variance"]
+        share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         scale = self._scale(Record.of(ensemble, self.band))
         theta = np.log([self.length_periodic, *self._variances(scale), noise])
         given = search.Candidate(self.order, self.lag, self.length_decay, theta, "as given")
@@ -317,19 +289,14 @@ class KernelRegression(shared.ByReference):
             tuning.warn_if_worse(self, chosen, ensemble)
         return evidence
 
-    def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
-        """Return the noise variance without decay, and its share of independent samples."""
-        endless = attrs.evolve(self, length_decay=ENDLESS).fit(ensemble)
-        share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
-        return endless.diagnostics.details["noise_variance"], share
-
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        periods = ensemble.duration / self._period(ensemble)
+        period = self._period(ensemble)
+        periods = ensemble.duration / period
         if abs(periods - round(periods)) > 1e-6:
             yield (
                 f"a realization of {ensemble.duration:g} s is not a whole number of periods of "
-                f"{self._period(ensemble):g} s: the stiffness over a realization is a mean over "
-                "different phases of the behaviour"
+                f"{period:g} s: the stiffness over a realization is a mean over different phases "
+                "of the behaviour"
             )
 
 
@@ -348,16 +315,61 @@ class KernelModel(responses.SecondOrderModel):
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         """Return stiffness, viscosity, inertia in an ensemble, (time,) or (realization, time)."""
-        each = fitting.impedance_over(ensemble, self.kernel, self.coefficients)
+        each = impedance_over(ensemble, self.kernel, self.coefficients)
         stiffness, viscosity, inertia = np.moveaxis(each if len(each) > 1 else each[0], -1, 0)
         return stiffness, viscosity, inertia
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        return super()._pathways(lagged(ensemble, self.lag))
+        derivatives = lagged(ensemble, self.lag).derivatives()
+        parts = map(np.multiply, self.impedance(ensemble), derivatives)
+        return {"intrinsic": np.asarray(sum(parts))}
+
+
+def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
+    """Return the times in s of each realization, shape (realization, 2, time).
+
+    The first row counts from the trial's time 0, the second is the record's clock. Where all
+    realizations have the same impedance, only the first is returned.
+    """
+    phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
+    starts = np.stack([ensemble.onsets, clocks_of(ensemble)], axis=1)
+    some = starts[:1] if not kernel.slow.any() and np.ptp(phases) < 1e-9 else starts
+    return np.asarray(some[..., None] + ensemble.time)
+
+
+def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
+    """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
+
+    A model of an order below 2 has zeros for its missing quantities.
+    """
+    phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
+    periodic, slow = kernel.periodic_features(phase), kernel.slow_features(clock)
+    weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
+    for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
+        weights[kernel.slow, kernel.place, signal] = of_signal
+    return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
+
+
+def standard_errors(
+    posterior: KernelPosterior, times: Array, /, **noise: Any
+) -> dict[str, StandardError]:
+    """Return the standard errors of impedances averaged over realizations.
+
+    ``times`` are those of :func:`times_of`, ``noise`` the settings of
+    :func:`tvsysid.methods.shared.residuals.posterior_errors`.
+    """
+    kernel, covariance = posterior.kernel, posterior.covariance
+    features = sum(kernel(*each) for each in times) / len(times)
+    count, columns = len(posterior.variances), kernel.columns
+    blocks = covariance.reshape(count, columns, count, columns)
+    covariances = [blocks[number, :, number] for number in range(count)]
+    return shared.posterior_errors([features] * count, covariances, **noise)
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:
     """Return filters followed by a band-pass filter; the band is in cycles per sample."""
+    if high - low >= 0.5:
+        return filters
     lags = np.arange(-shared.HALF_WIDTH, shared.HALF_WIDTH + 1)
     passing = np.hamming(len(lags)) * (
         2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags)

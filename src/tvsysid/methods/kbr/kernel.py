@@ -7,7 +7,7 @@ r"""Low-rank form of the locally periodic kernel, the prior of how stiffness cha
 features with independent coefficients, so that no matrix of the record's length is ever built.
 
 Another periodic kernel needs other :func:`log_harmonic_variances`; another decay needs another
-covariance in :class:`DecayFeatures`.
+:func:`decay_features`.
 """
 
 from __future__ import annotations
@@ -32,20 +32,25 @@ TOLERANCE = 1e-13
 MAX_FEATURES = 5400
 # quadrature nodes above which any decay would need more features than that
 MAX_NODES = 1024
+# share of the noise that the torque of a feature must be able to reach for it to be fitted
+VISIBLE = 0.03
 
 
 @attrs.frozen(eq=False)
 class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
-    ``decay`` gives the slow functions beside the constant. It is None where the kernel is strictly
-    periodic. ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow
-    function, define each column. ``precision`` is its prior precision for gamma = 1. All have shape
-    (column,). The first column is the constant, whose prior precision is 0.
+    ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow function,
+    define each column. ``precision`` is its prior precision for gamma = 1. All have shape
+    (column,). The first column is the constant, whose prior precision is 0. The slow functions are
+    a constant and those of the decay ``l2``: the covariance with the ``nodes`` times a matrix
+    ``projection`` (node, function). A strictly periodic kernel has no nodes.
     """
 
     period: float
-    decay: DecayFeatures | None
+    l2: float
+    nodes: Array
+    projection: Array
     harmonic: NDArray[np.int64]
     sine: NDArray[np.int64]
     slow: NDArray[np.int64]
@@ -56,27 +61,31 @@ class Kernel:
         cls, period: float, l1: float, l2: float, first: float, last: float, rate: float
     ) -> Kernel:
         """Choose the features that matter over the record, from its first to its last time in s."""
+        span = max(last - first, 1e-9)
+        refusal = InputError(
+            f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a "
+            f"record of {span:g} s need more than {MAX_FEATURES} features of each coefficient; "
+            "give fewer realizations, a longer length_decay or a larger length_periodic"
+        )
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
-        decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
         # The constant, which comes first, is strictly periodic without prior; one column of it is
         # enough.
-        shares = np.ones(1) if decay is None else np.concatenate([[0.0], decay.variances])
+        nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
+        if l2 < STRICT * span:
+            if 16 + 5 * span / l2 > MAX_NODES:
+                raise refusal
+            nodes, projection, shares = decay_features(first, span, l2)
+            shares = np.insert(shares, 0, 0.0)
         matter = np.outer(variances, shares) > TOLERANCE
-        if (count := 2 * np.count_nonzero(matter)) > MAX_FEATURES:
-            raise InputError(
-                f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
-                f"over a record of {last - first:g} s need some {count} features of each "
-                f"coefficient, at most {MAX_FEATURES} can be solved for; give fewer realizations, "
-                "a longer length_decay or a larger length_periodic"
-            )
+        if 2 * np.count_nonzero(matter) > MAX_FEATURES:
+            raise refusal
         matter[0, 0] = True
         harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))
         columns = (harmonic > 0) | (sine == 0)
         harmonic, sine, slow = harmonic[columns], sine[columns], slow[columns]
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
-        precision.flags.writeable = False
-        return cls(period, decay, harmonic, sine, slow, precision)
+        return cls(period, l2, nodes, projection, harmonic, sine, slow, precision)
 
     @property
     def columns(self) -> int:
@@ -94,12 +103,12 @@ class Kernel:
         return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
 
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
-        """Return which features may exceed the noise in the torque, shape (signal, column).
+        """Return which features may exceed a share of the noise, shape (signal, column).
 
         ``noise`` is a sum of squares. ``power`` (signal,) is the prior variance of a signal's
         coefficient times its summed squares.
         """
-        return np.asarray(power[:, None] >= noise * self.precision)
+        return np.asarray(power[:, None] >= VISIBLE * noise * self.precision)
 
     def periodic_features(self, phase: Array) -> Array:
         """Return a constant, and cosine and sine of each harmonic, shape (*phase, function)."""
@@ -110,10 +119,8 @@ class Kernel:
 
     def slow_features(self, clock: Array) -> Array:
         """Return a constant and the slow functions at times in s, shape (*clock, function)."""
-        constant = np.ones((*clock.shape, 1))
-        if self.decay is None:
-            return constant
-        return np.concatenate([constant, self.decay(clock)], axis=-1)
+        decay = covariance(clock, self.nodes, self.l2) @ self.projection
+        return np.concatenate([np.ones((*clock.shape, 1)), decay], axis=-1)
 
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Return the features at times in s, shape (*time, column).
@@ -153,35 +160,21 @@ def harmonic_variances(l1: float) -> Array:
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 
 
-class DecayFeatures:
-    """Features whose products make :math:`e^{-(t - t')^2 / l_2^2}`.
+def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, Array]:
+    """Return nodes, projection and variances of functions that make the decay over a span in s.
 
-    They are the kernel's eigenfunctions over the interval from ``first`` to ``last``, in s. They
-    are calculated on Gauss-Legendre nodes and extended to any time by the kernel itself (Nyström):
-    ``features(t) @ features(s).T`` is the kernel.
+    The functions are the eigenfunctions of :func:`covariance`, largest first. They are calculated
+    on Gauss-Legendre nodes and extended to any time by the covariance itself (Nyström).
     """
+    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
+    nodes = first + span * (nodes + 1) / 2
+    root = np.sqrt(weights / 2)
+    values, vectors = np.linalg.eigh(root[:, None] * covariance(nodes, nodes, l2) * root)
+    kept = values > TOLERANCE * values.sum()
+    projection = root[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    return nodes, projection[:, ::-1], values[kept][::-1]
 
-    def __init__(self, first: float, last: float, l2: float) -> None:
-        self.l2 = l2
-        span = max(last - first, 1e-9)
-        if (count := 16 + 5 * span / l2) > MAX_NODES:
-            raise InputError(
-                f"KernelRegression: a length_decay of {l2:g} s over a record of {span:g} s is too "
-                f"short to solve for; give at least {5 * span / (MAX_NODES - 16):.3g} s, or a "
-                "shorter record"
-            )
-        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(count))
-        self.nodes = first + span * (nodes + 1) / 2
-        root = np.sqrt(weights / 2)
-        values, vectors = np.linalg.eigh(root[:, None] * self._covariance(self.nodes) * root)
-        kept = values > TOLERANCE * values.sum()
-        self.variances: Array = values[kept][::-1]
-        self.projection: Array = (root[:, None] * vectors[:, kept] / np.sqrt(values[kept]))[:, ::-1]
 
-    def _covariance(self, time: Array) -> Array:
-        """Return the covariance of times in s with the nodes."""
-        return np.asarray(np.exp(-(((time[..., None] - self.nodes) / self.l2) ** 2)))
-
-    def __call__(self, time: Array) -> Array:
-        """Return the values at times in s, shape (*time, feature)."""
-        return self._covariance(time) @ self.projection
+def covariance(time: Array, other: Array, l2: float) -> Array:
+    r"""Return the decay :math:`e^{-(t - t')^2 / l_2^2}`, shape (*time, other time)."""
+    return np.asarray(np.exp(-(((time[..., None] - other) / l2) ** 2)))

@@ -23,12 +23,11 @@ from tvsysid.signals import Array, Ensemble
 
 ComplexArray = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
-Blocks = Iterator[tuple[slice, ComplexArray]]
+Index = NDArray[np.int64]
 
 BLOCK = 512  # frequencies whose regressors are held at once
 # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
 EXTERNAL_TERMS = 5
-MAX_BYTES = 2**31  # of regressors
 
 
 class NoiseSpectrum(NamedTuple):
@@ -98,21 +97,18 @@ class Runs:
     clock: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, members: NDArray[np.int64], band: tuple[float, float]) -> Runs:
+    def of(cls, ensemble: Ensemble, members: Index, band: tuple[float, float]) -> Runs:
         """Join realizations (run, realization).
 
         The derivatives use the context at both ends, or lose samples.
         """
-        assert ensemble.onsets is not None
-        rate, first = ensemble.sampling_rate, members[:, 0]
-        lost = max(0, HALF_WIDTH - ensemble.context)
+        rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
         torque = ensemble.torque[members, ensemble.core].reshape(len(members), -1)
-        torque = torque[:, lost : torque.shape[1] - lost]
-        signals = differentiate(_joined(ensemble, members, min(ensemble.context, HALF_WIDTH)), rate)
-        phase, clock = (
-            each[first] + lost / rate for each in (ensemble.onsets, clocks_of(ensemble))
-        )
-        return cls(np.concatenate([signals, torque[None]]), rate, band, phase, clock)
+        angle = joined(ensemble, members, min(ensemble.context, HALF_WIDTH))
+        signals = [*differentiate(angle, rate), torque[:, lost : torque.shape[1] - lost]]
+        starts = ensemble.onsets, clocks_of(ensemble)
+        phase, clock = (each[members[:, 0]] + lost / rate for each in starts)
+        return cls(np.stack(signals), rate, band, phase, clock)
 
     @property
     def samples(self) -> int:
@@ -140,7 +136,7 @@ class Runs:
         """Return the spectra of the external term's half-cosines, shape (term, bin)."""
         return _half_cosines(self.samples)[:, self.bins]
 
-    def rows(self, kernel: Kernel, chosen: Mask) -> Blocks:
+    def rows(self, kernel: Kernel, chosen: Mask) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield slices of bins and their regressors, shape (row, run, bin).
 
         ``chosen`` (signal, column) selects the regressors. The last row is the torque. Blocks of
@@ -157,15 +153,15 @@ class Runs:
         return self._transformed(kernel, signal, column)
 
     def _shifted(
-        self, kernel: Kernel, signal: NDArray[np.intp], column: NDArray[np.intp], reach: int
-    ) -> Blocks:
+        self, kernel: Kernel, signal: Index, column: Index, reach: int
+    ) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield products with harmonics, as shifts in frequency of at most ``reach`` bins.
 
         These are exact where a run holds whole periods.
         """
         count = int(kernel.slow.max()) + 1
         pairs, source = np.unique(signal * count + kernel.slow[column], return_inverse=True)
-        if kernel.decay is None:
+        if count == 1:
             spectra = self.spectra[pairs]
         else:
             products = self.signals[pairs // count] * self._slow(kernel)[pairs % count]
@@ -182,39 +178,35 @@ class Runs:
         for low in range(start, self.bins.stop, length):
             high = min(low + length, self.bins.stop)
             windows = sliding_window_view(spectra, high - low, axis=-1)
-            up, down = (windows[source, :, low + reach + sign * shift] for sign in (-1, 1))
-            up *= turn
-            down *= turn.conj()
+            up = windows[source, :, low + reach - shift] * turn
+            down = windows[source, :, low + reach + shift] * turn.conj()
             out = np.empty((len(column), runs, high - low), dtype=np.complex128)
             out[cosine] = up + down
-            up -= down
-            up *= -1j
-            out[~cosine] = up[harmonic > 0]
+            out[~cosine] = (-1j * (up - down))[harmonic > 0]
             yield slice(low - start, high - start), out
 
     def _transformed(
-        self, kernel: Kernel, signal: NDArray[np.intp], column: NDArray[np.intp]
-    ) -> Blocks:
+        self, kernel: Kernel, signal: Index, column: Index
+    ) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield products with any features, each transformed."""
-        shape = len(column), self.signals.shape[1], self.bins.stop - self.bins.start
-        if (size := 16 * math.prod(shape)) > MAX_BYTES:
-            raise InputError(
-                f"KernelRegression: {len(column)} regressors over {shape[2]} frequencies would "
-                f"take {size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, "
-                "or a longer length_decay"
-            )
         slow, periodic = self._slow(kernel), kernel.periodic_features(self._times(self.phase))
-        out = np.empty(shape, dtype=np.complex128)
-        parts = zip(out, signal, kernel.place[column], kernel.slow[column], strict=True)
-        for row, m, place, n in parts:
-            product = self.signals[m] * periodic[..., place] * slow[n]
-            row[:] = rfft(product, norm="ortho")[:, self.bins]
-        yield slice(0, shape[2]), out
+        places = kernel.place[column], kernel.slow[column]
+        bins = slice(0, self.bins.stop - self.bins.start)
+        yield (
+            bins,
+            np.stack(
+                [
+                    rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[
+                        :, self.bins
+                    ]
+                    for m, place, n in zip(signal, *places, strict=True)
+                ]
+            ),
+        )
 
     def _slow(self, kernel: Kernel) -> Array:
         """Return the slow functions over each run, shape (function, run, time)."""
-        slow = kernel.slow_features(self._times(self.clock))
-        return np.ascontiguousarray(np.moveaxis(slow, -1, 0))
+        return np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0)
 
     def _times(self, start: Array) -> Array:
         return np.add.outer(start, np.arange(self.samples) / self.rate)
@@ -227,31 +219,6 @@ def _half_cosines(samples: int) -> ComplexArray:
     terms = rfft(np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place)), norm="ortho")
     terms.flags.writeable = False
     return np.asarray(terms)
-
-
-def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
-    """Return an ensemble whose angle passed a first-order lag (time constant in s) in each run.
-
-    Within an unbroken run the lag continues from one realization to the next. The first sample of a
-    run's context is taken as the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
-    """
-    if lag == 0:
-        return ensemble
-    angle = np.empty_like(ensemble.angle)
-    for realizations in ensemble.runs:
-        (joined,) = _joined(ensemble, realizations[None], ensemble.context)
-        passed = low_pass(joined, lag, ensemble.sampling_rate)
-        angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
-    return attrs.evolve(ensemble, angle=angle)
-
-
-def _joined(ensemble: Ensemble, members: NDArray[np.int64], context: int) -> Array:
-    """Return the angle (run, time) of consecutive realizations, with context at both ends."""
-    start, stop = ensemble.core.start, ensemble.core.stop
-    before = ensemble.angle[members[:, 0], start - context : start]
-    after = ensemble.angle[members[:, -1], stop : stop + context]
-    inside = ensemble.angle[members, start:stop].reshape(len(members), -1)
-    return np.concatenate([before, inside, after], axis=1)
 
 
 @attrs.frozen(eq=False)
@@ -287,10 +254,8 @@ class Record:
     def with_instrument(self, other: Record) -> Record:
         """Return the record with the angles of another record after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
-        stacks = (
-            attrs.evolve(own, signals=np.concatenate([own.signals[:3], another.signals]))
-            for own, another in pairs
-        )
+        signals = (np.concatenate([own.signals[:3], z.signals]) for own, z in pairs)
+        stacks = map(lambda own, each: attrs.evolve(own, signals=each), self.stacks, signals)
         return attrs.evolve(self, stacks=tuple(stacks))
 
     @cached_property
@@ -341,8 +306,31 @@ class Record:
 
 def clocks_of(ensemble: Ensemble) -> Array:
     """Return the onset in s of each realization on one clock, with trials one after another."""
-    assert ensemble.onsets is not None
-    assert ensemble.trials is not None
     span = float(np.ptp(ensemble.onsets)) + ensemble.duration
     _, number = np.unique(ensemble.trials, return_inverse=True)
-    return ensemble.onsets + number * span
+    return np.asarray(ensemble.onsets + number * span)
+
+
+def joined(ensemble: Ensemble, members: Index, context: int) -> Array:
+    """Return the angle (run, time) of consecutive realizations, with context at both ends."""
+    start, stop = ensemble.core.start, ensemble.core.stop
+    before = ensemble.angle[members[:, 0], start - context : start]
+    after = ensemble.angle[members[:, -1], stop : stop + context]
+    inside = ensemble.angle[members, start:stop].reshape(len(members), -1)
+    return np.concatenate([before, inside, after], axis=1)
+
+
+def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
+    """Return an ensemble whose angle passed a first-order lag (time constant in s) in each run.
+
+    Within an unbroken run the lag continues from one realization to the next. The first sample of a
+    run's context is taken as the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
+    """
+    if lag == 0:
+        return ensemble
+    angle = np.empty_like(ensemble.angle)
+    for realizations in ensemble.runs:
+        (whole,) = joined(ensemble, realizations[None], ensemble.context)
+        passed = low_pass(whole, lag, ensemble.sampling_rate)
+        angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
+    return attrs.evolve(ensemble, angle=angle)

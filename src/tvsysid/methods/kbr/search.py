@@ -2,8 +2,8 @@
 
 The kernel's l1 and l2 say how smooth and how periodic they are, gamma how far each may be from its
 mean. :class:`Likelihood` gives the marginal likelihood of these settings and its derivatives, and
-climbs to its maximum. :class:`Search` compares the maxima without and with a decay, of other orders
-and of other lags.
+climbs to its maximum. :class:`Search` finds l1 and the gammas without decay, compares other orders
+and lags, and then shorter and shorter decays.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.fitting import VISIBLE, posterior_at
+from tvsysid.methods.kbr.fit import posterior_at
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Mask, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
@@ -61,19 +61,13 @@ class Candidate:
     line: str
     value: float = math.nan
 
-    @property
-    def variances(self) -> Array:
-        """Return the prior variances of the coefficients that the model has."""
-        return np.asarray(np.exp(self.theta[1 : 2 + self.order]))
-
     def settings(self, scale: float) -> dict[str, Any]:
         """Return the settings as arguments of the method, rounded to four digits.
 
         Gammas are in units of the squared scale.
         """
-        length, *gammas = np.exp(self.theta[:4]) / [1.0, *[scale**2] * 3]
-        numbers = length, self.decay, self.lag, *gammas
-        length, decay, lag, *gammas = (float(f"{number:.4g}") for number in numbers)
+        numbers = [self.decay, self.lag, *(np.exp(self.theta[:4]) / [1.0, *[scale**2] * 3])]
+        decay, lag, length, *gammas = (float(f"{number:.4g}") for number in numbers)
         of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
         return of_kernel | {"order": self.order, "lag": lag}
 
@@ -153,8 +147,8 @@ class Likelihood:
 
         l1 stays at ``length`` if that is given. Log gammas rise by ``leeway`` at most.
         """
-        low = start.theta - np.array([0.0, 50.0, 50.0, 50.0, MAX_FALL])
-        high = start.theta + np.array([0.0, leeway, leeway, leeway, MAX_FALL])
+        low, high = start.theta + np.outer([-1, 1], [0.0, 50.0, 50.0, 50.0, MAX_FALL])
+        high[1:4] = start.theta[1:4] + leeway
         low[0], high[0] = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
         # Likelihood of white noise: subtracting it keeps the stopping rule independent of the
         # torque's unit.
@@ -223,8 +217,8 @@ class Search:
     def candidates(self, given: Candidate) -> tuple[list[Candidate], int]:
         """Return all settings that were tried, those given first, and the position of the best.
 
-        With the order and the lag given, l1 is searched without decay, then with shorter and
-        shorter decays. Then, without decay, other orders are tried, and other lags for each order.
+        With the order and the lag given, l1 is searched without decay. Then other orders are tried,
+        and other lags for each order; at last, shorter and shorter decays.
         """
         record = Record.of(lagged(self.ensemble, given.lag), self.band)
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
@@ -236,22 +230,20 @@ class Search:
         theta = np.array([0.0, *(math.log(START) + noise - np.log(record.powers[:3])), noise])
         loose = attrs.evolve(given, decay=ENDLESS, theta=theta, line="no decay")
 
-        strict = _lengths(whole.up_to(given.order), loose)
-        endless = max(strict, key=_value)
-        tried = [self._as_given(given), *strict, *self._decays(endless, record.stop - record.start)]
-        chosen = tried[int(np.nanargmax([each.value for each in tried]))]
-
+        try:
+            as_given = self._likelihood(given).at(given)
+        except InputError:  # too many coefficients
+            as_given = given
+        tried = [as_given, *_lengths(whole.up_to(given.order), loose)]
+        endless = max(tried[1:], key=_value)
         other = list(_orders(whole, endless, loose))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
         best = self._clearly_better(endless, other)
-        if best is not endless:
-            if chosen.decay < endless.decay:
-                other += self._decayed(best, chosen.decay)
-            kind = best.order, best.lag
-            top = max((each for each in other if (each.order, each.lag) == kind), key=_value)
-            chosen = top if top.value > chosen.value + CLEARLY else chosen
-        tried += other
+        decays = list(self._decays(best, record.stop - record.start))
+        tried += [*other, *decays]
+        compared = [as_given, best, *decays]
+        chosen = compared[int(np.nanargmax([each.value for each in compared]))]
         return tried, tried.index(chosen)
 
     def _clearly_better(self, endless: Candidate, other: list[Candidate]) -> Candidate:
@@ -277,8 +269,8 @@ class Search:
         """
         record = Record.of(lagged(self.ensemble, about.lag), self.band)
         kernel = record.kernel(self.period, math.exp(about.theta[0]), about.decay)
-        powers = leeway * about.variances * record.powers[: about.order + 1]
-        visible = kernel.visible(np.maximum(powers, least), VISIBLE * self.noise)
+        powers = leeway * np.exp(about.theta[1:4]) * record.powers[:3]
+        visible = kernel.visible(np.maximum(powers, least)[: about.order + 1], self.noise)
         if visible.sum() > MAX_COEFFICIENTS:
             raise InputError(
                 f"KernelRegression: more than {MAX_COEFFICIENTS} coefficients are too many to "
@@ -286,38 +278,28 @@ class Search:
             )
         return Likelihood.of(record, kernel, visible, self.noise, self.share)
 
-    def _as_given(self, given: Candidate) -> Candidate:
-        try:
-            return self._likelihood(given).at(given)
-        except InputError:  # too many coefficients
-            return given
-
     def _decays(self, best: Candidate, length: float) -> Iterator[Candidate]:
         """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
-        for share in DECAYS:
-            found = self._decayed(best, share * length) if share * length >= 2 * self.period else []
-            yield from found
-            if not found or found[0].value < best.value - CLEARLY:
-                break
-            best = max(best, *found, key=_value)
+        for decay in np.array(DECAYS) * length:
+            trial = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
+            try:
+                found = self._likelihood(trial, LEEWAY).climb(trial, leeway=math.log(LEEWAY))
+            except InputError:  # too many coefficients
+                return
+            yield found
+            if decay < 4 * self.period or found.value < best.value - CLEARLY:
+                return
+            best = max(best, found, key=_value)
 
-    def _decayed(self, best: Candidate, decay: float) -> list[Candidate]:
-        """Return the best settings for a decay; none if it needs too many coefficients."""
-        trial = attrs.evolve(best, decay=decay, line=f"decay {decay:.3g} s")
-        try:
-            likelihood = self._likelihood(trial, LEEWAY)
-        except InputError:
-            return []
-        return [likelihood.climb(trial, leeway=math.log(LEEWAY))]
+    def _at(self, best: Candidate, lag: float, climb: bool = False) -> Candidate:
+        """Return the best settings with another lag, and with the noise that suits them.
 
-    def _about(self, trial: Candidate) -> Likelihood:
-        """Return the likelihood near settings without decay whose lag was changed."""
-        return self._likelihood(trial, LEEWAY, START * self.noise)
-
-    def _at(self, best: Candidate, lag: float) -> Candidate:
-        """Return the best settings with another lag, and with the noise that suits them."""
-        trial = attrs.evolve(best, lag=lag, line="other lags")
-        return self._about(trial).at(trial)
+        The decay is none. With ``climb``, all settings are those that suit the lag.
+        """
+        line = f"lag {1e3 * lag:.3g} ms" if lag else "no lag"
+        trial = attrs.evolve(best, lag=lag, line=line if climb else "other lags")
+        likelihood = self._likelihood(trial, LEEWAY, START * self.noise)
+        return likelihood.climb(trial) if climb else likelihood.at(trial)
 
     def _lags(self, best: Candidate, rival: Candidate) -> Iterator[Candidate]:
         """Yield settings with other lags, each twice the one before, then the best of them.
@@ -331,23 +313,21 @@ class Search:
             tried.append(self._at(best, lag))
             if tried[-1].value < tried[-2].value:
                 break
-        yield from tried if best.lag else tried[1:]
         top = max(tried, key=_value)
-        if top.value + (top.value - best.value) / 8 <= rival.value:
-            return
-        if top.lag:
-            found: list[Candidate] = []
+        if top.value + (top.value - best.value) / 8 > rival.value:
+            if top.lag:
 
-            def loss(lag: float) -> float:
-                found.append(self._at(best, lag))
-                return -found[-1].value
+                def loss(lag: float) -> float:
+                    tried.append(self._at(best, lag))
+                    return -tried[-1].value
 
-            bounds, options = (top.lag / 2, 2 * top.lag), {"maxiter": MAX_REFINEMENTS}
-            scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
-            yield from found
-            top = max(top, *found, key=_value)
-        line = f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag"
-        yield self._about(top).climb(attrs.evolve(top, line=line))
+                bounds, options = (top.lag / 2, 2 * top.lag), {"maxiter": MAX_REFINEMENTS}
+                scipy.optimize.minimize_scalar(
+                    loss, bounds=bounds, method="bounded", options=options
+                )
+                top = max(tried, key=_value)
+            tried.append(self._at(top, top.lag, climb=True))
+        yield from tried if best.lag else tried[1:]
 
 
 def _lengths(strict: Likelihood, loose: Candidate) -> list[Candidate]:
@@ -364,11 +344,10 @@ def _orders(whole: Likelihood, best: Candidate, loose: Candidate) -> Iterator[Ca
     """Yield the best settings for each other order; what is added begins ``loose``."""
     theta, added = best.theta.copy(), slice(2 + best.order, 4)
     theta[added] = loose.theta[added]
-    for order in range(3):
-        if order != best.order:
-            own = whole.up_to(order)
-            start = attrs.evolve(best, order=order, theta=theta, line=f"order {order}")
-            yield own.climb(own.at(start))
+    for order in {0, 1, 2} - {best.order}:
+        own = whole.up_to(order)
+        start = attrs.evolve(best, order=order, theta=theta, line=f"order {order}")
+        yield own.climb(own.at(start))
 
 
 def evidence_of(tried: Sequence[Candidate], chosen: int, method: object, scale: float) -> Evidence:

@@ -2,26 +2,20 @@
 
 from tvsysid.methods.shared.correlations import (
     Solver,
-    WindowErrors,
     impulse_response_model,
     lagged_reference,
     solve_windows,
     window_model,
 )
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
-from tvsysid.methods.shared.instrument import (
-    LEAST,
-    ByReference,
-    Instrument,
-    WhereStrong,
-)
+from tvsysid.methods.shared.instrument import LEAST, ByReference
 from tvsysid.methods.shared.residuals import (
     Colour,
-    PosteriorErrors,
     colour_products,
     counted,
     independent_realizations,
     independent_share,
+    posterior_errors,
     residual,
     residual_agreement,
     second_order_agreement,
@@ -35,8 +29,6 @@ from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.second_order import (
-    DerivativeMoments,
-    agreement,
     derivative_filters,
     derivative_moments,
     second_order_fit,

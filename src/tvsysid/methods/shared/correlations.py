@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.methods.shared.estimates import (
-    Errors,
-    impedance_estimates,
-    no_errors,
-    standard_errors,
-)
+from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
 from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, LaggedReference
@@ -68,11 +63,6 @@ class Windows(NamedTuple):
     readout: Array
     impedance: Array
     on_instruments: Array
-
-    def angle_products(self, ensemble: Ensemble) -> Array:
-        """Return the moments of the angle along the diagonals, as far as windows and lags reach."""
-        angle, _, _ = _within_reach(ensemble, self.lags, self.half)
-        return diagonal_moments(angle, angle, 2 * (self.lags + self.half))
 
     def noise_correlation(self, ensemble: Ensemble) -> Array:
         """Return the autocorrelation of the noise, from the residual of the windows.
@@ -182,62 +172,52 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     return np.asarray(np.maximum(out, 0.0) * (windows.noise / windows.samples)[:, None])
 
 
-@attrs.frozen(eq=False)
-class WindowErrors:
-    """Standard errors of windows, at the times at which there is ``enough`` data.
+def window_errors(
+    windows: Windows,
+    products: Array,
+    noise: Array,
+    missing: int,
+    enough: NDArray[np.bool_],
+    reason: str,
+) -> dict[str, StandardError]:
+    """Return the standard errors of windows, at the times at which there is ``enough`` data.
 
     They follow from the angle's ``products`` along the diagonals (sample, distance) and from the
     autocorrelation of the ``noise`` (distance,). ``missing`` times at either end have no window.
     ``reason`` says what is too little.
     """
-
-    windows: Windows
-    products: Array
-    noise: Array
-    missing: int
-    enough: NDArray[np.bool_]
-    reason: str
-
-    @classmethod
-    def of(
-        cls, ensemble: Ensemble, windows: Windows, enough: NDArray[np.bool_], reason: str
-    ) -> WindowErrors:
-        """Keep of an ensemble what the errors need."""
-        angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
-        products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
-        noise, missing = windows.noise_correlation(ensemble), missing_edge(windows.lags, ensemble)
-        return cls(windows, products, noise, missing, enough, reason)
-
-    def standard_errors(self) -> dict[str, StandardError]:
-        """Return the standard errors by quantity."""
-        if not self.enough.any():
-            return no_errors(len(self.enough) + 2 * self.missing, self.reason)
-        variances = coloured_variances(self.windows, self.products, self.noise)
-        # A negative one is rounding: there is hardly any motion within the lags.
-        known = self.enough[:, None] & (variances >= 0)
-        values = np.sqrt(np.where(known, variances, np.nan))
-        freedom = np.broadcast_to(self.windows.freedom[:, None], variances.shape)
-        return standard_errors(padded(values, self.missing), padded(freedom, self.missing))
+    if not enough.any():
+        unknown = np.full((len(enough) + 2 * missing, 3), np.nan)
+        return standard_errors(unknown, np.inf, absent=reason)
+    variances = coloured_variances(windows, products, noise)
+    # A negative one is rounding: there is hardly any motion within the lags.
+    known = enough[:, None] & (variances >= 0)
+    values = np.sqrt(np.where(known, variances, np.nan))
+    return standard_errors(padded(values, missing), padded(windows.freedom, missing)[:, None])
 
 
 def window_model(
-    method: str, ensemble: Ensemble, windows: Windows, errors: Errors
+    ensemble: Ensemble,
+    windows: Windows,
+    errors: Errors | None = None,
+    enough: NDArray[np.bool_] | None = None,
+    reason: str = "",
 ) -> ImpulseResponseModel:
-    """Return the model of windows."""
-    rank = padded(windows.rank.astype(float), missing_edge(windows.lags, ensemble))
+    """Return the model of windows. Its errors are the :func:`window_errors` if none are given."""
+    missing, noise = missing_edge(windows.lags, ensemble), windows.noise_correlation(ensemble)
+    if errors is None:
+        angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
+        products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
+        errors = partial(window_errors, windows, products, noise, missing, enough, reason)
     # With few samples for so many lags the noise, and so chance, is hardly known.
     chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
-    noise = (
-        errors.noise if isinstance(errors, WindowErrors) else windows.noise_correlation(ensemble)
-    )
     details = {
         "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
         "second_order_agreement_error": _agreement_error(windows, chance, noise),
     }
+    rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
-    return impulse_response_model(
-        method, ensemble, windows.weights, windows.impedance, diagnostics, errors
-    )
+    return impulse_response_model(ensemble, windows.weights, windows.impedance, diagnostics, errors)
 
 
 def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
@@ -265,12 +245,7 @@ def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
 
 
 def impulse_response_model(
-    method: str,
-    ensemble: Ensemble,
-    weights: Array,
-    impedance: Array,
-    diagnostics: Diagnostics,
-    errors: Errors,
+    ensemble: Ensemble, weights: Array, impedance: Array, diagnostics: Diagnostics, errors: Errors
 ) -> ImpulseResponseModel:
     """Return the model of weights (time, lag) at the times whose lags lie within the context.
 
@@ -278,17 +253,16 @@ def impulse_response_model(
     inertia are those of the ``impedance`` (time, 3).
     """
     lags = weights.shape[1] // 2
-    missing = missing_edge(lags, ensemble)
-    response = padded(weights * ensemble.sampling_rate, missing)
-    stiffness = static_stiffness(response, 1 / ensemble.sampling_rate)
-    _, viscosity, inertia = padded(impedance, missing).T
+    missing, rate = missing_edge(lags, ensemble), ensemble.sampling_rate
+    response = padded(weights * rate, missing)
+    over_time = padded(impedance, missing)
+    over_time = np.column_stack([static_stiffness(response, 1 / rate), over_time[:, 1:]])
     return ImpulseResponseModel(
-        method=method,
-        sampling_rate=ensemble.sampling_rate,
+        sampling_rate=rate,
         time=ensemble.time,
-        estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
+        estimates=impedance_estimates(over_time, errors),
         impulse_response=response,
-        lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
+        lags=np.arange(-lags, lags + 1) / rate,
         diagnostics=diagnostics,
     )
 

@@ -4,12 +4,16 @@ In closed loop, noise of the torque moves the angle. With :math:`x = (u, \dot u,
 angle and z of the predicted angle, :math:`E[z (y - x^T \theta)] = 0` whatever the loop, but
 :math:`E[x (y - x^T \theta)]` is not zero. So z takes the place of x in the left factor of every
 moment.
+
+:class:`ByReference` does for every method what does not depend on the method: it predicts the
+angle, refuses a reference that hardly moves it, and takes the bands where the instrument is weak.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from abc import abstractmethod
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import attrs
 import numpy as np
@@ -19,10 +23,9 @@ from scipy.special import stdtrit
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
-from tvsysid.methods.shared.estimates import ErrorStatistics
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.shared.segments import Segments, instrumental_fit
-from tvsysid.models import Diagnostics, StandardError
+from tvsysid.models import Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.numerics.spectra import hann, power_spectrum
@@ -37,6 +40,51 @@ WEAK = 0.5  # below which there is a warning
 WINDOW = 0.30  # s over which the strength at a time counts
 
 
+class ByReference(Method):
+    """Identify a joint, also in closed loop if a ``reference`` moves the angle.
+
+    A subclass implements :meth:`_fit`. ``least_share`` is the smallest share of the angle that the
+    reference must predict. ``bands_need_strength`` says whether bands need a strong instrument at
+    each time.
+    """
+
+    reference: str | None
+    bands_need_strength: ClassVar[bool] = True
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
+        """Return the channel of the reference, if there is one."""
+        name = self.reference
+        return () if name is None else (Input(name, "reference", "of any unit"),)
+
+    @property
+    def least_share(self) -> float:
+        """Return the smallest share of the angle that the reference must predict."""
+        return HARDLY_MOVED
+
+    @abstractmethod
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
+        """Return the model by the angle of ``moved``, which is the ensemble without a reference."""
+
+    def fit(self, ensemble: Ensemble) -> Model:
+        """Return the model of an ensemble."""
+        if self.reference is None:
+            return self._fit(ensemble, ensemble)
+        instrument = Instrument.of(self.key, ensemble, self.reference, self.least_share)
+        model = self._fit(ensemble, instrument.moved)
+        return instrument.annotated(model, self.bands_need_strength)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        if self.reference is None:
+            return self._open_loop_evidence(ensemble, seed)
+        instrument = Instrument.of(self.key, ensemble, self.reference, self.least_share)
+        return with_settings(self, reference=None)._evidence(instrument.moved, seed)
+
+    @abstractmethod
+    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Return the evidence for settings where the angle is imposed."""
+
+
 class Instrument(NamedTuple):
     r"""Ensemble as the ``reference`` alone would have ``moved`` it, and its instrument strength.
 
@@ -44,15 +92,15 @@ class Instrument(NamedTuple):
     (time,) is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
     product of instrument and angle in a realization about a time, without the parts of viscosity
     and inertia. Where the strength is less than ``needed``, the data set no limit to the stiffness
-    (Anderson & Rubin 1949). In the ``noisy_band``, in Hz, noise moves the angle more than the
-    reference does; None if there is no such frequency.
+    (Anderson & Rubin 1949). ``where`` names the frequencies at which noise moves the angle more
+    than the reference does.
     """
 
     moved: Ensemble
     explained: float
     strength: Array
     needed: float
-    noisy_band: tuple[float, float] | None
+    where: str
     reference: str
 
     @classmethod
@@ -63,12 +111,10 @@ class Instrument(NamedTuple):
 
         Raise InputError if the reference predicts less than the share ``least`` of the angle.
         """
-        angle = _predicted(ensemble, reference)
-        core = ensemble.core
-        left = ensemble.angle[:, core] - angle[:, core]
-        explained = 1 - float(
-            np.vdot(left, left) / np.vdot(ensemble.angle[:, core], ensemble.angle[:, core])
-        )
+        moved = attrs.evolve(ensemble, angle=_predicted(ensemble, reference))
+        measured, angle = (each.angle[:, ensemble.core] for each in (ensemble, moved))
+        left = measured - angle
+        explained = 1 - float(np.vdot(left, left) / np.vdot(measured, measured))
         if not explained >= least:
             raise InputError(
                 f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts "
@@ -76,128 +122,65 @@ class Instrument(NamedTuple):
                 "right channel, and in time with the angle? If so, disturb more "
                 f"strongly{_alternative(reference) if least > LEAST else ''}"
             )
-        moved = attrs.evolve(ensemble, angle=angle)
-        strength = _strength(ensemble, moved)
-        independent = independent_realizations(ensemble)
+        freedom = independent_realizations(ensemble) - 3
+        needed = stdtrit(freedom, 0.975) ** 2 * (freedom + 3) / freedom if freedom > 0 else np.inf
         return cls(
             moved,
             explained,
-            strength,
-            _needed(independent),
-            _noisy_band(left, angle[:, core], ensemble),
+            _strength(ensemble, moved),
+            float(needed),
+            _noisy_band(left, angle, ensemble.duration),
             reference,
         )
 
-    def annotate(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
-        """Add the details and warnings of the instrument to the diagnostics.
+    def annotated(self, model: Model, bands_need_strength: bool) -> Model:
+        """Return a model with the details and warnings of the instrument in its diagnostics.
 
-        ``banded`` says that the method's bands need a strong instrument at each time.
+        Where the instrument is weak there are no bands, if they need its strength.
         """
-        known = self.strength[np.isfinite(self.strength)]
-        of_known = (float(np.median(known)), float(known.min())) if known.size else (np.nan, np.nan)
-        details = {
-            "predicted_by_reference": 100 * self.explained,
-            "instrument_strength_median": of_known[0],
-            "instrument_strength_least": of_known[1],
-            "instrument_strength_needed": self.needed,
-        }
-        return attrs.evolve(
-            diagnostics,
-            strength=self.strength,
-            warnings=(*diagnostics.warnings, *self._warnings(banded)),
-            details={**diagnostics.details, **details},
-        )
-
-    @property
-    def weak(self) -> NDArray[np.bool_]:
-        """Return at which times (time,) the instrument is too weak for a band."""
-        return ~(self.strength >= self.needed)
-
-    def _warnings(self, banded: bool) -> tuple[str, ...]:
-        """Return the warnings about the instrument."""
-        found = []
-        if self.explained < WEAK:
-            where = ""
-            if self.noisy_band is not None:
-                where = " from {:.2g} to {:.2g} Hz, where noise moves the angle more".format(
-                    *self.noisy_band
-                )
-            found.append(
-                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the "
-                f"angle: the random error is large; disturb more strongly{where}, or use a stiffer "
-                "actuator"
-            )
-        if banded and self.weak.any():
-            found.append(f"no band at {_percent(self.weak.mean())} of the times: {self.reason}")
-        return tuple(found)
-
-    @property
-    def reason(self) -> str:
-        """Return why there is no band where the instrument is weak."""
-        return (
+        weak = ~(self.strength >= self.needed)
+        reason = (
             "the reference hardly moves the angle there, or in too few realizations "
             f"(instrument_strength of less than {self.needed:.3g}); record more, disturb more "
             f"strongly{_alternative(self.reference)}"
         )
-
-    def banded(self, errors: ErrorStatistics | Mapping[str, StandardError]) -> WhereStrong:
-        """Return the errors of a method, only where the instrument is strong enough."""
-        return WhereStrong(errors, self.weak, self.reason)
-
-
-class ByReference(Method):
-    """Identify a joint, also in closed loop if a ``reference`` moves the angle."""
-
-    reference: str | None
-
-    @property
-    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
-        """Return the channel of the reference, if there is one."""
-        name = self.reference
-        return () if name is None else (Input(name, "reference", "of any unit"),)
-
-    def _least_share(self) -> float:
-        """Return the smallest share of the angle that the reference must predict."""
-        return HARDLY_MOVED
-
-    def instrument(self, ensemble: Ensemble) -> Instrument | None:
-        """Return the instrument; None without a reference."""
-        if self.reference is None:
-            return None
-        return Instrument.of(self.key, ensemble, self.reference, self._least_share())
-
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        instrument = self.instrument(ensemble)
-        if instrument is None:
-            return self._open_loop_evidence(ensemble, seed)
-        return with_settings(self, reference=None)._evidence(instrument.moved, seed)
-
-    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """Return the evidence for settings where the angle is imposed."""
-        raise NotImplementedError
-
-
-@attrs.frozen(eq=False)
-class WhereStrong:
-    """Standard errors, except at the times at which the instrument is ``weak``.
-
-    The reason for their absence is kept.
-    """
-
-    errors: ErrorStatistics | Mapping[str, StandardError]
-    weak: NDArray[np.bool_]
-    reason: str
-
-    def standard_errors(self) -> dict[str, StandardError]:
-        """Return the standard errors by quantity."""
-        found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
-        why = self.reason if self.weak.all() else ""
-        return {
-            name: attrs.evolve(
-                error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or why
+        found, estimates = [], model.estimates
+        if self.explained < WEAK:
+            found.append(
+                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the "
+                f"angle: the random error is large; disturb more strongly{self.where}, or use a "
+                "stiffer actuator"
             )
-            for name, error in found.items()
+        if bands_need_strength:
+            estimates = {
+                name: attrs.evolve(each, error=partial(_where_strong, each, weak, reason))
+                for name, each in estimates.items()
+            }
+            if weak.any():
+                found.append(f"no band at {_percent(weak.mean())} of the times: {reason}")
+        known = self.strength[np.isfinite(self.strength)]
+        details = {
+            "predicted_by_reference": 100 * self.explained,
+            "instrument_strength_median": float(np.median(known)) if known.size else np.nan,
+            "instrument_strength_least": float(known.min()) if known.size else np.nan,
+            "instrument_strength_needed": self.needed,
         }
+        diagnostics = attrs.evolve(
+            model.diagnostics,
+            strength=self.strength,
+            warnings=(*model.diagnostics.warnings, *found),
+            details={**model.diagnostics.details, **details},
+        )
+        return attrs.evolve(model, estimates=estimates, diagnostics=diagnostics)
+
+
+def _where_strong(estimate: Estimate, weak: NDArray[np.bool_], reason: str) -> StandardError | None:
+    """Return the standard error of an estimate, except at the times at which it is ``weak``."""
+    error = estimate.standard_error
+    if error is None:
+        return None
+    absent = error.absent or (reason if weak.all() else "")
+    return attrs.evolve(error, values=np.where(weak, np.nan, error.values), absent=absent)
 
 
 def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) -> Array:
@@ -229,8 +212,6 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
         )
     early, late = lag_samples(ensemble.sampling_rate)
     whole = reference_around(ensemble, reference, late, early)
-    assert ensemble.onsets is not None
-    assert ensemble.trials is not None
     groups = realization_groups(ensemble.trials, ensemble.onsets)
     return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)
 
@@ -250,22 +231,18 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
     return np.pad(strength, (early, late), mode="edge")
 
 
-def _needed(independent: int) -> float:
-    """Return the strength above which the data limit the stiffness."""
-    freedom = independent - 3
-    return float(stdtrit(freedom, 0.975) ** 2 * independent / freedom) if freedom > 0 else np.inf
-
-
-def _noisy_band(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:
-    """Return the first and last frequency in Hz at which noise moves the angle more.
+def _noisy_band(left: Array, angle: Array, duration: float) -> str:
+    """Return from where to where in Hz noise moves the angle more than the reference, in words.
 
     At these frequencies the residual of the angle is larger than the predicted angle. Only the
-    lower frequencies that hold 90 % of the residual's power count.
+    lower frequencies that hold 90 % of the residual's power count. No words if there are none.
     """
     noise, signal = (power_spectrum(each) for each in (left, angle))
     within = np.cumsum(noise) <= 0.9 * noise.sum()
-    found = np.flatnonzero((noise > signal) & within) / ensemble.duration
-    return (float(found[0]), float(found[-1])) if found.size else None
+    found = np.flatnonzero((noise > signal) & within) / duration
+    if not found.size:
+        return ""
+    return f" from {found[0]:.2g} to {found[-1]:.2g} Hz, where noise moves the angle more"
 
 
 def _alternative(reference: str) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 from scipy.linalg import toeplitz
 
@@ -109,12 +109,15 @@ def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: 
     ``left`` (realization, time) is the residual of the torque from the time ``first`` on. The angle
     is that of ``moved``: in closed loop, the angle predicted from a reference. The measured one
     cannot serve there, because the part of it that noise moves is correlated with the noise in the
-    residual.
+    residual. See :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
     start = ensemble.context + first
     known = slice(start, start + left.shape[1])
     torque, angle = ensemble.torque[:, known], moved.angle[:, known]
-    return agreement_of(torque - left, left, angle, autocovariance(angle, 2 * HALF_WIDTH))
+    cross = cross_covariance(angle, left, HALF_WIDTH)
+    covariance = toeplitz(autocovariance(angle, 2 * HALF_WIDTH))
+    fitted, unexplained = (np.linalg.norm(each) ** 2 / left.size for each in (torque - left, left))
+    return agreement_of_moments(float(fitted), cross, covariance, float(unexplained), left.size)
 
 
 def noise_correlation(covariance: Array, taken: Array) -> Array:
@@ -145,15 +148,22 @@ class Colour(NamedTuple):
 
     @classmethod
     def of(
-        cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array, products: Array
+        cls,
+        ensemble: Ensemble,
+        left: Array,
+        taken: Array | float,
+        filters: Array,
+        products: Array | None = None,
     ) -> Colour:
         """Return the colour of a residual ``left`` (realization, time).
 
-        ``products`` are the :func:`colour_products` of the angle. ``taken`` is the share for noise
-        whose mean over realizations was not subtracted.
+        ``taken`` is the share for noise whose mean over realizations was not subtracted.
+        ``products`` are the :func:`colour_products` of the angle, if they are known.
         """
         lags = colour_lags(ensemble)
         share = taken * len(ensemble) / independent_realizations(ensemble)
+        if products is None:
+            products = colour_products(ensemble, filters.shape[1])
         return cls(autocovariance(left, lags), share, filters, products)
 
     def noise_and_factors(self, seen: Array | float = 1.0) -> tuple[Array, Array]:
@@ -182,76 +192,49 @@ def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Arra
     return angle_products(ensemble.angle, width, colour_lags(ensemble))
 
 
-def angle_covariance(ensemble: Ensemble, products: Array, lags: int) -> Array:
-    """Return the autocovariance (lag,) of the angle.
+def posterior_errors(
+    expansions: Sequence[Array],
+    covariances: Sequence[Array],
+    freedom: float,
+    times: int,
+    missing: int = 0,
+    colour: Colour | None = None,
+    band: tuple[float, float] = (0.0, 0.5),
+    stronger: float = 1.0,
+) -> dict[str, StandardError]:
+    """Return standard errors from the posterior of coefficients and the colour of the noise.
 
-    It follows from the :func:`colour_products` if they reach as far as ``lags``.
+    Parameters
+    ----------
+    expansions, covariances
+        Functions of time (time, function) of stiffness, viscosity and inertia, as far as the model
+        has them; covariances of their coefficients.
+    freedom
+        Degrees of freedom.
+    times, missing
+        Number of times of a realization, and of those at either end without an estimate.
+    colour
+        Colour of the noise, which the posterior takes as white. None if it is white.
+    band
+        Edges of the fitted band in cycles per sample.
+    stronger
+        Ratio of the noise to that in the posterior.
     """
-    samples = ensemble.angle.shape[1]
-    if lags < products.shape[1] and len(products) == samples:
-        return np.asarray(products[:, : lags + 1].sum(axis=0) / samples)
-    return autocovariance(ensemble.angle, lags)
-
-
-def agreement_of(fit: Array, left: Array, angle: Array, covariance: Array) -> float:
-    """Return the agreement of a fit with the torque, from the fit and its residual ``left``.
-
-    Both have shape (realization, time). ``angle`` is that at the same times, ``covariance``
-    (2 lags + 1,) its autocovariance; see
-    :func:`tvsysid.numerics.second_order.agreement_of_moments`.
-    """
-    cross = cross_covariance(angle, left, len(covariance) // 2)
-    return agreement_of_moments(
-        _mean_square(fit), cross, toeplitz(covariance), _mean_square(left), left.size
-    )
-
-
-def _mean_square(x: Array) -> float:
-    return float(np.einsum("rt,rt->", x, x)) / x.size
-
-
-@attrs.frozen(eq=False)
-class PosteriorErrors:
-    """Standard errors from the posterior of coefficients and the colour of the noise.
-
-    The posterior takes the noise as white; ``colour`` is None if the noise is white.
-    ``expansions`` are functions of time (time, function) of stiffness, viscosity and inertia, as
-    far as the model has them. ``covariances`` are those of their coefficients. ``band`` holds the
-    edges of the fitted band in cycles per sample. ``stronger`` is the ratio of the noise to that
-    in the posterior. A realization has ``times`` times, of which ``missing`` at either end have no
-    estimate.
-    """
-
-    expansions: tuple[Array, ...]
-    covariances: tuple[Array, ...]
-    colour: Colour | None
-    band: tuple[float, float]
-    stronger: float
-    freedom: float
-    times: int
-    missing: int
-
-    def standard_errors(self) -> dict[str, StandardError]:
-        """Return the standard errors by quantity, with the arcs of simultaneous bands."""
-        if self.colour is None:
-            factors = np.full(len(self.expansions), self.stronger)
-        else:
-            noise, factors = self.colour.noise_and_factors()
-            factors *= self.stronger / max(power_in_band(noise, *self.band), LEAST_POWER)
-        errors = {
-            name: StandardError.none(
-                self.times, f"the model has no {name} (order {len(factors) - 1})"
-            )
-            for name in IMPEDANCE[len(factors) :]
-        }
-        parts = zip(IMPEDANCE, factors, self.expansions, self.covariances, strict=False)
-        for name, factor, expansion, covariance in parts:
-            variance = factor * np.einsum(
-                "tj,jk,tk->t", expansion, covariance, expansion, optimize=True
-            )
-            values = padded(np.sqrt(np.maximum(variance, 0.0)), (self.times - len(expansion)) // 2)
-            values[: self.missing] = values[self.times - self.missing :] = np.nan
-            errors[name] = StandardError(
-                values, np.array(self.freedom), arc_length(expansion, covariance)
-            )
-        return errors
+    factors = np.full(len(expansions), stronger)
+    if colour is not None:
+        noise, factors = colour.noise_and_factors()
+        factors *= stronger / max(power_in_band(noise, *band), LEAST_POWER)
+    errors = {
+        name: StandardError.none(times, f"the model has no {name} (order {len(factors) - 1})")
+        for name in IMPEDANCE[len(factors) :]
+    }
+    parts = zip(IMPEDANCE, factors, expansions, covariances, strict=False)
+    for name, factor, expansion, covariance in parts:
+        variance = factor * np.einsum(
+            "tj,jk,tk->t", expansion, covariance, expansion, optimize=True
+        )
+        values = padded(np.sqrt(np.maximum(variance, 0.0)), (times - len(expansion)) // 2)
+        values[:missing] = values[times - missing :] = np.nan
+        arc = arc_length(expansion, covariance)
+        errors[name] = StandardError(values, np.array(freedom), arc)
+    return errors

@@ -19,10 +19,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.methods.shared.residuals import (
     Colour,
-    agreement_of,
-    angle_covariance,
     colour_lags,
     independent_realizations,
+    residual_agreement,
 )
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -143,20 +142,15 @@ class SegmentFit(NamedTuple):
         known, centre = segments.known, len(power) // 2
         start, stop = max(known.start, centre), min(known.stop, centre + len(impedance))
         at_centre = impedance[start - centre : stop - centre].T
-        angle, velocity, acceleration, torque = (
-            signal[:, start - known.start : stop - known.start] for signal in signals
-        )
-        fit = angle * at_centre[0]
-        fit += velocity * at_centre[1]
-        fit += acceleration * at_centre[2]
-        left, longest = torque - fit, colour_lags(ensemble)
-        taken = _taken(power, len(ensemble), longest + 1)
-        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        colour = Colour.of(ensemble, left, taken, filters, products)
-        covariance = angle_covariance(ensemble, products, 2 * min(centre, longest))
+        inner = slice(start - known.start, stop - known.start)
+        parts = (each[:, inner] * own for each, own in zip(signals, at_centre, strict=False))
+        left = segments.torque[:, inner] - sum(parts)
         # The response itself would not do for a comparison, because leakage takes more from it
         # than higher dynamics.
-        agreement = agreement_of(fit, left, angle, covariance)
+        agreement = residual_agreement(ensemble, ensemble, left, begin + start - ensemble.context)
+        taken = _taken(power, len(ensemble), colour_lags(ensemble) + 1)
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+        colour = Colour.of(ensemble, left, taken, filters, products)
         realizations = independent_realizations(ensemble)
         return cls(impedance, agreement, moments, known, power, realizations, colour)
 

@@ -82,26 +82,22 @@ class LaggedReference(NamedTuple):
         torque, and e the residual torque, corrected for the degrees of freedom. The noise may be
         of any kind. ``times`` is the number of times of a realization.
         """
-        scores, samples = np.zeros((3, len(self.angle), len(windows.weights))), windows.samples
-        last, place = (
-            self.angle.shape[1] - 2 * self.lags - 1,
-            np.arange(len(windows.weights)) + windows.margin,
-        )
+        count, last = len(windows.weights), self.angle.shape[1] - 2 * self.lags - 1
+        place = np.arange(count) + windows.margin
+        scores = np.zeros((3, len(self.angle), count))
         for offset in range(-windows.half, windows.half + 1):
             at = np.clip(place + offset, 0, last)
             left = self.torque[:, self.lags + at] - _sums(self.angle, windows.weights, at)
             left[:, at != place + offset] = 0.0  # where the context ends, a window is cut short
             for quantity in range(3):
-                scores[quantity] += left * _sums(
-                    self.reference, windows.on_instruments[:, quantity], at
-                )
+                of_instruments = windows.on_instruments[:, quantity]
+                scores[quantity] += left * _sums(self.reference, of_instruments, at)
         independent = windows.realizations
         share = len(self.angle) / (independent - 1) if independent > 1 else np.nan
         untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
-        values = np.sqrt(share * np.sum(scores**2, axis=1) / untaken) / samples
-        missing = (times - len(samples)) // 2
-        freedom = np.full((times, 3), max(1.0, independent - 1.0))
-        return standard_errors(padded(values.T, missing), freedom)
+        values = np.sqrt(share * np.sum(scores**2, axis=1) / untaken) / windows.samples
+        padding = (times - count) // 2
+        return standard_errors(padded(values.T, padding), max(1.0, independent - 1.0))
 
 
 def _sums(values: Array, weights: Array, first: NDArray[np.int64]) -> Array:

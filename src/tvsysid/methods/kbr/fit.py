@@ -11,30 +11,18 @@ has no half before the priors, so that a weight has half the variance of its ker
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import attrs
 import numpy as np
 from scipy.linalg import blas
 
 from tvsysid.methods.kbr.kernel import Kernel
-from tvsysid.methods.kbr.record import (
-    WHITE,
-    Mask,
-    NoiseSpectrum,
-    Record,
-    Sums,
-    clocks_of,
-)
-from tvsysid.methods.shared.residuals import PosteriorErrors
-from tvsysid.models import StandardError
+from tvsysid.methods.kbr.record import WHITE, Mask, NoiseSpectrum, Record, Sums
 from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, Posterior, solve
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array
 
 CONVERGED = 1e-4  # relative change of the noise variance; another step changes 1e-4 of it
 ITERATIONS = 30  # noise variances tried at most
-# share of the noise that the torque of a feature must be able to reach for it to be fitted
-VISIBLE = 0.03
 # share of the torque's power that the noise is taken to have at least, until it is known
 GUESS = 1e-2
 SMOOTH_HZ = 0.5  # to either side, over which the residual's power is averaged
@@ -72,63 +60,61 @@ def fit(sums: Sums, precision: Array) -> Fit:
     .. math:: \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
 
     is a fixed point, found by secants in the logarithm of the noise variance. There, the derivative
-    of the evidence by the noise variance vanishes.
+    of the evidence by the noise variance vanishes. If the sums have twice as many columns as the
+    prior, the second half are instruments (:func:`by_instruments`).
     """
-    (noise, floor), slope, before = _first_noise(sums.moments), -1.0, None
+    by = by_regressors if len(precision) == len(sums.moments.cross) else by_instruments
+    number, power = sums.moments.number, sums.moments.square / sums.moments.number
+    noise, floor = 0.02 * power, 2 * SMALLEST_RESIDUAL * power
+    slope, before = -1.0, (math.inf, 0.0)
     for iteration in range(1, ITERATIONS + 1):
-        found, shrinkage = (
-            posterior_at(sums.marginal(noise), precision, noise),
-            sums.shrinkage(noise),
-        )
-        residual = found.residual - sums.prior_cost(found.mean, noise)
-        through = blas.dtrmm(1.0, found.inverse_factor, sums.mixed * shrinkage, lower=1)
-        spread = float(shrinkage.sum()) + float(np.sum(through**2))
-        effective = found.effective + len(shrinkage) - noise * sums.prior * spread
-        wanted = max(2 * residual / max(sums.moments.number - effective, 1.0), floor)
+        mean, residual, effective, factor = by(sums, precision, noise)
+        effective += float(sums.powers @ sums.shrinkage(noise))
+        residual -= sums.prior_cost(mean, noise)
+        wanted = max(2 * residual / max(number - effective, 1.0), floor)
         place, gap = math.log(noise), math.log(wanted / noise)
         if abs(gap) <= CONVERGED:
             break
-        if before is not None and place != before[0]:
+        if math.isfinite(before[0]) and place != before[0]:
             slope = (gap - before[1]) / (place - before[0])
         # Where the secant is no help, the plain step.
         step = -gap / slope if slope < -0.1 else gap
         before = place, gap
         noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
-    return Fit(found.mean, noise, effective, iteration, found.inverse_factor.T)
+    return Fit(mean, noise, effective, iteration, factor)
 
 
-def instrumental_fit(sums: Sums, precision: Array) -> Fit:
-    r"""Fit regressors X that noise moves, too, by instruments Z in their place in the left factor.
+def by_regressors(sums: Sums, precision: Array, noise: float) -> tuple[Array, float, float, Array]:
+    """Return mean, squared residual, effective number and factor at a noise variance.
+
+    The external terms count with what they take from the residual, not as parameters.
+    """
+    found = posterior_at(sums.marginal(noise), precision, noise)
+    mixed = sums.mixed * sums.shrinkage(noise)
+    through = blas.dtrmm(1.0, found.inverse_factor, mixed, lower=1)
+    effective = found.effective - noise * sums.prior * float(np.sum(through**2))
+    return found.mean, found.residual, effective, found.inverse_factor.T
+
+
+def by_instruments(sums: Sums, precision: Array, noise: float) -> tuple[Array, float, float, Array]:
+    r"""Return the same of regressors X that noise moves, too, by instruments Z in the left factor.
 
     .. math:: A\, \hat w = Z^T M y, \qquad A = Z^T M X + \sigma^2 P, \qquad
               F F^T = A^{-1} (Z^T M Z + \sigma^2 P) A^{-T}
 
     with M the matrix that takes out the external terms. The columns of ``sums`` are those of X,
-    then as many of Z. The noise variance is that of y - X w.
+    then as many of Z. The residual is y - X w.
     """
-    count, (noise, floor) = len(precision), _first_noise(sums.moments)
-    for iteration in range(1, ITERATIONS + 1):
-        gram, cross, square, number = sums.marginal(noise)
-        gram = np.tril(gram) + np.tril(gram, -1).T
-        prior, lengths = noise * precision, np.sqrt(np.diag(gram))
-        units = np.outer(lengths[count:], lengths[:count])
-        inverse = np.linalg.inv((gram[count:, :count] + np.diag(prior)) / units) / units.T
-        mean = inverse @ cross[count:]
-        residual = square - 2 * float(mean @ cross[:count])
-        residual += float(mean @ gram[:count, :count] @ mean) - sums.prior_cost(mean, noise)
-        of_terms = float(sums.powers @ sums.shrinkage(noise))
-        effective = count - float(prior @ np.diag(inverse)) + of_terms
-        before, noise = noise, max(2 * residual / max(number - effective, 1.0), floor)
-        if abs(noise / before - 1) <= CONVERGED:
-            break
-    spread = gram[count:, count:] + np.diag(noise * precision)
-    return Fit(mean, noise, effective, iteration, inverse @ np.linalg.cholesky(spread))
-
-
-def _first_noise(moments: Moments) -> tuple[float, float]:
-    """Return the noise variance at which a search begins, and the one that is rounding."""
-    power = moments.square / moments.number
-    return 0.02 * power, 2 * SMALLEST_RESIDUAL * power
+    gram, cross, square, _ = sums.marginal(noise)
+    gram = np.tril(gram) + np.tril(gram, -1).T
+    prior, count, lengths = noise * precision, len(precision), np.sqrt(np.diag(gram))
+    x, z = slice(count), slice(count, None)
+    units = np.outer(lengths[z], lengths[x])
+    inverse = np.linalg.inv((gram[z, x] + np.diag(prior)) / units) / units.T
+    mean = inverse @ cross[z]
+    residual = square - 2 * float(mean @ cross[x]) + float(mean @ gram[x, x] @ mean)
+    factor = inverse @ np.linalg.cholesky(gram[z, z] + np.diag(prior))
+    return mean, residual, count - float(prior @ np.diag(inverse)), factor
 
 
 @attrs.frozen(eq=False)
@@ -175,8 +161,8 @@ def fit_coefficients(
     """
     runs = record.stacks[0]
     bins = max(1.0, record.size * min(runs.band[1] / runs.rate, 0.5))
-    noise, spectrum = GUESS * 0.5 * float(record.powers[-1]) / bins, WHITE
-    posterior = _fit_visible(record, kernel, variances, noise, spectrum)
+    noise = GUESS * 0.5 * float(record.powers[-1]) / bins
+    posterior, spectrum = _fit_visible(record, kernel, variances, noise, WHITE), WHITE
     for _ in range(reweighted):
         spectrum = residual_spectrum(record, posterior, spectrum)
         noise = 0.5 * posterior.fit.noise_variance
@@ -191,12 +177,11 @@ def _fit_visible(
     order, has_instrument = len(variances), len(record.powers) > 4
     powers = variances * record.powers[:order] / spectrum.power.min()
     while True:
-        visible = kernel.visible(powers, VISIBLE * noise)
+        visible = kernel.visible(powers, noise)
         lower = np.zeros((3 - order, kernel.columns), dtype=bool)
         chosen = np.concatenate([visible, lower, visible]) if has_instrument else visible
-        sums = record.sums(kernel, chosen, spectrum)
         precision = np.outer(1 / variances, kernel.precision)[visible]
-        found = (instrumental_fit if has_instrument else fit)(sums, precision)
+        found = fit(record.sums(kernel, chosen, spectrum), precision)
         if found.noise_variance >= noise or visible.all():
             return KernelPosterior(found, visible, kernel, variances)
         noise = 0.5 * found.noise_variance
@@ -205,7 +190,10 @@ def _fit_visible(
 def residual_spectrum(
     record: Record, posterior: KernelPosterior, before: NoiseSpectrum
 ) -> NoiseSpectrum:
-    """Return the spectrum of the torque's residual after a fit under the spectrum ``before``."""
+    """Return the spectrum of the torque's residual after a fit under the spectrum ``before``.
+
+    The power at a frequency is a mean within :data:`SMOOTH_HZ`.
+    """
     weights = np.append(-posterior.fit.mean, 1.0)
     prior = posterior.fit.noise_variance * record.prior
     spectra = []
@@ -221,68 +209,13 @@ def residual_spectrum(
         spectra.append((runs.frequency, power, np.full_like(power, len(left))))
     at = max((frequency for frequency, _, _ in spectra), key=len)
     frequency, power, count = map(np.concatenate, zip(*spectra, strict=True))
-    power = smoothed(frequency, power, count, at)
-    power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
-    return NoiseSpectrum(at, power / power.mean())
-
-
-def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
-    """Return the mean power within :data:`SMOOTH_HZ` of each frequency of ``at``.
-
-    Each ``power`` is a sum of ``count`` squares. The spectrum is mirrored at its ends.
-    """
+    # The spectrum is mirrored at its ends.
     low, high = frequency.min(), frequency.max()
     mirrored = np.concatenate([2 * low - frequency, frequency, 2 * high - frequency])
     order = np.argsort(mirrored, kind="stable")
-    first = np.searchsorted(mirrored[order], at - SMOOTH_HZ, "left")
-    last = np.searchsorted(mirrored[order], at + SMOOTH_HZ, "right")
-    powers, counts = (np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count))
-    return np.asarray((powers[last] - powers[first]) / (counts[last] - counts[first]))
-
-
-def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
-    """Return the times in s of each realization, shape (realization, 2, time).
-
-    The first row counts from the trial's time 0, the second is the record's clock. Where all
-    realizations have the same impedance, only the first is returned.
-    """
-    assert ensemble.onsets is not None
-    phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
-    starts = np.stack([ensemble.onsets, clocks_of(ensemble)], axis=1)
-    some = starts[:1] if kernel.decay is None and np.ptp(phases) < 1e-9 else starts
-    return np.asarray(some[..., None] + ensemble.time)
-
-
-def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
-    """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
-
-    A model of an order below 2 has zeros for its missing quantities.
-    """
-    phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
-    periodic, slow = kernel.periodic_features(phase), kernel.slow_features(clock)
-    weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
-    for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
-        weights[kernel.slow, kernel.place, signal] = of_signal
-    return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
-
-
-@attrs.frozen(eq=False)
-class KernelErrors:
-    """Standard errors of sums of features, averaged over realizations.
-
-    The features are calculated on request. ``times`` are those of :func:`times_of`.
-    ``of_noise`` makes the errors from expansions and covariances.
-    """
-
-    posterior: KernelPosterior
-    times: Array
-    of_noise: partial[PosteriorErrors]
-
-    def standard_errors(self) -> dict[str, StandardError]:
-        """Return the standard error of each quantity, by its name."""
-        kernel, covariance = self.posterior.kernel, self.posterior.covariance
-        features = sum(kernel(*each) for each in self.times) / len(self.times)
-        count, columns = len(self.posterior.variances), kernel.columns
-        blocks = covariance.reshape(count, columns, count, columns)
-        covariances = tuple(blocks[number, :, number] for number in range(count))
-        return self.of_noise((features,) * count, covariances).standard_errors()
+    ends = np.searchsorted(mirrored[order], [at - SMOOTH_HZ, np.nextafter(at + SMOOTH_HZ, np.inf)])
+    totals = (np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count))
+    powers, counts = (np.diff(total[ends], axis=0)[0] for total in totals)
+    power = powers / counts
+    power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
+    return NoiseSpectrum(at, power / power.mean())

@@ -327,7 +327,7 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.BasisIRF(prior="flat"), "prior must be one of"),
         (lambda: tv.BasisIRF(basis=10), "basis must be a callable"),
         (lambda: tv.KernelRegression(band=(20.0, 0.0)), "band must be two frequencies in Hz"),
-        (lambda: tv.KernelRegression.preset("real"), "'simulation', 'experiment'; got 'real'"),
+        (lambda: tv.KernelRegression.preset("real"), "'simulation', 'experiment', got 'real'"),
         (lambda: tv.CubicBSplines(3), "at least 4"),
         (lambda: tv.GaussianBumps(10, width=0.0), "width must be a positive number"),
     ],

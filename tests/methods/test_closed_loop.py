@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.linalg import toeplitz
 
 import tvsysid as tv
-from tvsysid.methods.birf import _noise_through
+from tvsysid.methods.birf import Columns, _noise_through
 from tvsysid.methods.shared import instrument, lagged_reference
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.differentiation import differentiate
@@ -120,27 +120,18 @@ def test_where_the_reference_tells_the_whole_angle_nothing_changes(monkeypatch):
 
 
 def test_noise_of_any_colour_passes_the_instruments(random):
-    z, left, functions = (
-        random.standard_normal((3, 4, 30)),
-        random.standard_normal((4, 30)),
-        np.ones((30, 1)),
-    )
-    expansions, scale = (
-        (FourierSeries(1)(np.arange(30) / 30), functions, functions),
-        np.array([2, 1, 1, 3.0, 0.5]),
-    )
-    columns = (
-        np.concatenate([(e.T[:, None] * own) for e, own in zip(expansions, z, strict=True)])
-        * scale[:, None, None]
-    )
+    signals, left = random.standard_normal((3, 4, 30)), random.standard_normal((4, 30))
+    functions = FourierSeries(1)(np.arange(30) / 30)
+    chosen = np.array([[1, 1, 1], [1, 0, 0], [1, 0, 0]], dtype=bool)
+    columns = Columns(functions, chosen, np.array([0.5, 1 / 3, 2.0]))
+    signal, function = np.nonzero(chosen)
+    each = functions.T[function, None] * signals[signal] / columns.rms[signal, None, None]
     covariance = [np.sum(left[:, : 30 - d] * left[:, d:]) / left.size for d in range(6)]
     covariance *= 0.5 + 0.5 * np.cos(np.pi * np.arange(6) / 6)
     noise = toeplitz(np.pad(covariance, (0, 24)))
     assert np.linalg.eigvalsh(noise).min() > 0
-    found = _noise_through(expansions, scale, z, left, 5)
-    np.testing.assert_allclose(
-        found, np.einsum("irt,ts,jrs->ij", columns, noise, columns), rtol=1e-9, atol=1e-9
-    )
+    found = _noise_through(columns, signals, left, 5)
+    np.testing.assert_allclose(found, np.einsum("irt,ts,jrs->ij", each, noise, each), atol=1e-9)
 
 
 def test_segments_are_fitted_by_moments_with_the_predicted_angle():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.numerics.test_gaussian import log_density, moments_of, proper_problem
 
-from tvsysid.methods.kbr.fitting import fit, instrumental_fit, posterior_at
+from tvsysid.methods.kbr.fit import fit, posterior_at
 from tvsysid.methods.kbr.record import Sums
 
 
@@ -72,7 +72,7 @@ def test_the_instrumental_fit_equals_its_equations(random):
     terms, _ = np.linalg.qr(random.standard_normal((400, 2)))
     y = x @ [2, 0.03, 150] + terms @ [3, -1] + noise
     precision, prior = np.array([0.0, 1e3, 1e-3]), 1e-2
-    found = instrumental_fit(sums_of(np.hstack([x, z]), terms, y, prior), precision)
+    found = fit(sums_of(np.hstack([x, z]), terms, y, prior), precision)
     p, s = np.diag(precision), found.noise_variance
     project = np.eye(400) - terms @ terms.T / (1 + s * prior)
     inverse = np.linalg.inv(z.T @ project @ x + s * p)
@@ -83,6 +83,6 @@ def test_the_instrumental_fit_equals_its_equations(random):
     covariance = 0.5 * s * inverse @ (z.T @ project @ z + s * p) @ inverse.T
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-2)
     plain = fit(sums_of(x, terms, y, prior), precision)
-    same = instrumental_fit(sums_of(np.hstack([x, x]), terms, y, prior), precision)
+    same = fit(sums_of(np.hstack([x, x]), terms, y, prior), precision)
     np.testing.assert_allclose(same.mean, plain.mean, rtol=1e-4)
     np.testing.assert_allclose(same.covariance, plain.covariance, rtol=5e-3, atol=1e-9)

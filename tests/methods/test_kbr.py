@@ -188,33 +188,22 @@ def test_tuned_settings_do_not_depend_on_units(ensemble_of):
 
 
 @pytest.mark.parametrize(
-    ("settings", "rate", "message"),
+    ("settings", "rate"),
     [
-        (
-            {},
-            1e-9,
-            "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least "
-            "1.98e.10 s",
-        ),
-        ({"length_decay": 0.5}, 100.0, "need some .* features of each coefficient, at most 5400"),
-        ({"length_decay": 1e-9}, 100.0, "too short to solve for"),
-        ({"length_periodic": 1e-12, "period": 1e3}, 100.0, "need some 10802 features"),
+        ({}, 1e-9),
+        ({"length_decay": 0.5}, 100.0),
+        ({"length_decay": 1e-9}, 100.0),
+        ({"length_periodic": 1e-12, "period": 1e3}, 100.0),
     ],
 )
-def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate, message):
+def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate):
     ensemble = ensemble_of(40.0)
     ensemble = attrs.evolve(ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate)
     tracemalloc.start()
-    with pytest.raises(tv.InputError, match=message):
+    with pytest.raises(tv.InputError, match="need more than 5400 features of each coefficient"):
         tv.KernelRegression(**settings).identify(ensemble)
     assert tracemalloc.get_traced_memory()[1] < 1e8
     tracemalloc.stop()
-
-
-def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypatch):
-    monkeypatch.setattr(record, "MAX_BYTES", 1e6)
-    with pytest.raises(tv.InputError, match="GiB; give realizations of whole periods"):
-        tv.KernelRegression(period=1.7).identify(ensemble_of(40.0))
 
 
 @pytest.mark.parametrize(
@@ -227,7 +216,7 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
     # Every third realization is missing: runs of one length at different times.
     ensemble = ensemble_of(60.0, "sine", "noise", snr_db).select(np.arange(30) % 3 != 1)
     model = method.identify(ensemble)
-    monkeypatch.setattr("tvsysid.methods.kbr.fitting.VISIBLE", 0.0)
+    monkeypatch.setattr("tvsysid.methods.kbr.kernel.VISIBLE", 0.0)
     whole = method.identify(ensemble)
     assert np.abs(model.stiffness - whole.stiffness).max() < 5e-3
     assert np.abs(model.inertia - whole.inertia).max() < 1e-5

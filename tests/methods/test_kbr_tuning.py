@@ -272,7 +272,7 @@ def test_one_gamma_is_three_alike():
     np.testing.assert_array_equal(one.stiffness, three.stiffness)
     stiff = tv.KernelRegression(gamma=(1e-12, 2.0, 2.0)).identify(ensemble)
     assert np.ptp(stiff.stiffness) < 1e-3
-    with pytest.raises(tv.InputError, match="one number, or three"):
+    with pytest.raises(tv.InputError, match="a positive number, or three"):
         tv.KernelRegression(gamma=(1.0, 2.0))
-    with pytest.raises(tv.InputError, match="gamma must be a positive number"):
+    with pytest.raises(tv.InputError, match="gamma must be a positive number, or three"):
         tv.KernelRegression(gamma=(1.0, 2.0, 0.0))

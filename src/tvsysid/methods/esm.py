@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.responses import FrequencyResponseModel
-from tvsysid.methods.shared.estimates import Errors
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import ShortTimeSpectra
@@ -153,7 +152,8 @@ class EnsembleSpectral(shared.ByReference):
         spectra = shared.short_time_spectra(angle, torque, len(power), along)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
         fit = shared.SegmentFit.of(segments, products)
-        impedance, at_rest, warned = fit.impedance, None, ()
+        impedance, at_rest = fit.impedance, None
+        warned: tuple[str, ...] = ()
         if self.stiffness == "dc":
             warned = _leaking(response[:, 0].real, impedance[:, 0])
             impedance[:, 0] = response[:, 0].real
@@ -215,7 +215,7 @@ class Estimated(NamedTuple):
     spectra: ShortTimeSpectra
     response: NDArray[np.complex128]
     impedance: Array
-    errors: Errors
+    errors: shared.Errors
     agreement: float
     warnings: tuple[str, ...] = ()
 

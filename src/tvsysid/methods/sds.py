@@ -86,12 +86,12 @@ class ShortDataSegments(shared.ByReference):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
+        unknowns, lagged, errors = 2 * lags + 1, None, None
         if self.reference is not None:
             lagged = shared.lagged_reference(ensemble, self.reference, lags, half)
-            windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
+        windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
+        if lagged is not None:
             errors = lagged.standard_errors(windows, ensemble.samples)
-            return shared.window_model(ensemble, windows, errors)
-        windows, unknowns = shared.solve_windows(ensemble, lags, half), 2 * lags + 1
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
         enough &= windows.realizations >= MIN_REALIZATIONS
         why = (
@@ -100,7 +100,7 @@ class ShortDataSegments(shared.ByReference):
             f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
             "shorten max_lag, or lengthen window"
         )
-        return shared.window_model(ensemble, windows, enough=enough, reason=why)
+        return shared.window_model(ensemble, windows, enough, why, errors)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -50,20 +50,6 @@ def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
     return np.asarray(covariance / max(covariance[0], np.finfo(float).tiny))
 
 
-def cross_covariance(x: Array, y: Array, lags: int) -> Array:
-    """Return the cross-covariance of x and y at lags d from -lags to lags, y being d later.
-
-    It is normalised as :func:`autocovariance`.
-    """
-    count = x.shape[1]
-    size = next_fast_len(count + lags, real=True)
-    product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
-    offsets = np.arange(-lags, lags + 1)
-    return np.asarray(
-        np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / x.size, 0.0)
-    )
-
-
 def angle_products(angle: Array, width: int, lags: int) -> Array:
     """Return the angle's moments along the diagonals, shape (time, width + lags).
 

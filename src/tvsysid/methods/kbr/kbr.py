@@ -359,7 +359,7 @@ def standard_errors(
     :func:`tvsysid.methods.shared.residuals.posterior_errors`.
     """
     kernel, covariance = posterior.kernel, posterior.covariance
-    features = sum(kernel(*each) for each in times) / len(times)
+    features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
     count, columns = len(posterior.variances), kernel.columns
     blocks = covariance.reshape(count, columns, count, columns)
     covariances = [blocks[number, :, number] for number in range(count)]

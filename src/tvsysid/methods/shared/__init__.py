@@ -7,7 +7,7 @@ from tvsysid.methods.shared.correlations import (
     solve_windows,
     window_model,
 )
-from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
+from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import LEAST, ByReference
 from tvsysid.methods.shared.residuals import (
     Colour,

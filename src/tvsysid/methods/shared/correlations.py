@@ -199,9 +199,9 @@ def window_errors(
 def window_model(
     ensemble: Ensemble,
     windows: Windows,
+    enough: NDArray[np.bool_],
+    reason: str,
     errors: Errors | None = None,
-    enough: NDArray[np.bool_] | None = None,
-    reason: str = "",
 ) -> ImpulseResponseModel:
     """Return the model of windows. Its errors are the :func:`window_errors` if none are given."""
     missing, noise = missing_edge(windows.lags, ensemble), windows.noise_correlation(ensemble)

@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import toeplitz
 
 from tvsysid.methods.base import padded
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_matrices
 from tvsysid.numerics.noise import (
     angle_products,
     autocovariance,
     colour_factors,
-    cross_covariance,
     power_in_band,
     regressor_correlation,
     regressor_covariances,
@@ -106,18 +104,20 @@ def second_order_agreement(ensemble: Ensemble, moved: Ensemble, impedance: Array
 def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: int) -> float:
     """Return how much of the torque that depends on the angle a fit explains, in per cent.
 
-    ``left`` (realization, time) is the residual of the torque from the time ``first`` on. The angle
-    is that of ``moved``: in closed loop, the angle predicted from a reference. The measured one
-    cannot serve there, because the part of it that noise moves is correlated with the noise in the
-    residual. See :func:`tvsysid.numerics.second_order.agreement_of_moments`.
+    ``left`` (realization, time) is the residual of the torque from the time ``first`` on, at times
+    at which the derivatives of the angle are known. The angle is that of ``moved``: in closed loop,
+    the angle predicted from a reference. The measured one cannot serve there, because the part of
+    it that noise moves is correlated with the noise in the residual. See
+    :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
-    start = ensemble.context + first
-    known = slice(start, start + left.shape[1])
-    torque, angle = ensemble.torque[:, known], moved.angle[:, known]
-    cross = cross_covariance(angle, left, HALF_WIDTH)
-    covariance = toeplitz(autocovariance(angle, 2 * HALF_WIDTH))
-    fitted, unexplained = (np.linalg.norm(each) ** 2 / left.size for each in (torque - left, left))
-    return agreement_of_moments(float(fitted), cross, covariance, float(unexplained), left.size)
+    start, stop = ensemble.context + first, ensemble.context + first + left.shape[1]
+    angle = moved.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
+    cross = diagonal_moments(left, angle, 2 * HALF_WIDTH).mean(axis=0)
+    products = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
+    moments = window_matrices(products, products).mean(axis=0)
+    fitted = np.linalg.norm(ensemble.torque[:, start:stop] - left) ** 2 / left.size
+    unexplained = np.linalg.norm(left) ** 2 / left.size
+    return agreement_of_moments(float(fitted), cross, moments, float(unexplained), left.size)
 
 
 def noise_correlation(covariance: Array, taken: Array) -> Array:

@@ -179,7 +179,11 @@ def _without_helpers(monkeypatch):
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
     paper = "tvsysid.studies.van_de_ruit_2021"
-    for name in ("study_figures", "folder.experiment_figures", "folder.participant_figures"):
+    for name in (
+        "simulations.study_figures",
+        "folder.experiment_figures",
+        "folder.participant_figures",
+    ):
         monkeypatch.setattr(f"{paper}.{name}", lambda *given: {})
     monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
     _without_helpers(monkeypatch)

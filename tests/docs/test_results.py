@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.synthetic import responses_of, results_of, summary_of
 
-from tvsysid.studies.van_de_ruit_2021 import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 from tvsysid.study.dataset import VARIABLES
 from tvsysid.study.scores import METRICS
 from tvsysid.study.summary import COLUMNS

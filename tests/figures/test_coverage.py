@@ -5,7 +5,7 @@ from tests.synthetic import SINE, SQUARE, TIME, fail, results_of, summary_of
 
 from tvsysid.figures import coverage_over_time
 from tvsysid.figures.style import lines
-from tvsysid.studies.van_de_ruit_2021 import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
 LABEL = "square-noise-150s-10dB"
 

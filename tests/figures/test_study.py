@@ -2,7 +2,7 @@ import pytest
 from tests.drawing import draw
 from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
 
-from tvsysid.studies.van_de_ruit_2021 import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
 
 @pytest.mark.slow

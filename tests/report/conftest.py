@@ -16,7 +16,9 @@ from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
 from tvsysid.report.sheet import facts
-from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures, study_figures
+from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

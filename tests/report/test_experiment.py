@@ -12,7 +12,8 @@ from tests.report.elements import Elements, section, table
 from tvsysid.report import problems, write_experiment_report
 from tvsysid.report.alignment import notable, sentence
 from tvsysid.report.experiment import metrics, outcome, recordings
-from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures
+from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from tvsysid.report import write_report
 from tvsysid.report.page import number
 from tvsysid.report.sections import in_words, methods_section
 from tvsysid.report.study import main_scenario, outcome
-from tvsysid.studies.van_de_ruit_2021 import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
 
 @pytest.fixture(scope="session")

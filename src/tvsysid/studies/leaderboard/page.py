@@ -136,7 +136,7 @@ def _scenarios(study: Study) -> pd.DataFrame:
 def _table(label: str, caption: str, frame: pd.DataFrame) -> page.Table:
     """Return a data frame as a table: texts, whole numbers, and others ± their ``_error``."""
 
-    def cell(row: dict[str, Any], name: str) -> page.Cell | str:
+    def cell(row: dict[Any, Any], name: str) -> page.Cell | str:
         value, error = row[name], row.get(f"{name}_error")
         if isinstance(value, str):
             return value

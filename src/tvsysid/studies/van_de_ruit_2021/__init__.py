@@ -2,55 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
-from tvsysid.methods import PAPER_METHODS
-from tvsysid.report import CLAIMS as ABOUT
 from tvsysid.studies.claims import judge_claims
-from tvsysid.studies.published_study import PublishedStudy
-from tvsysid.studies.van_de_ruit_2021 import experiment
-from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
-    experiment_figures,
-    participant_figures,
-    representative,
-)
-from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
+from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, experiment_evidence
 from tvsysid.studies.van_de_ruit_2021.folder import write_experiment
-from tvsysid.studies.van_de_ruit_2021.simulations import CLAIMS, paper_evidence
-from tvsysid.study.scenarios import VISCOSITIES
+from tvsysid.studies.van_de_ruit_2021.simulations import STUDY
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from tvsysid.figures import Illustration
-
-__all__ = [
-    "COUNTS",
-    "STUDY",
-    "example_responses",
-    "experiment_figures",
-    "judge",
-    "participant_figures",
-    "representative",
-    "study_figures",
-    "write_experiment",
-]
-
-PRESETS: dict[str, dict[str, object]] = {
-    "quick": {},
-    "paper": {
-        "methods": PAPER_METHODS,
-        "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
-        "also": ({"stiffness": ("sine",), "duration_s": (150.0,)},),
-        "trials": 100,
-    },
-    "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
-    "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
-}
-"""The default study; that of the paper with its Appendix A; and two that it leaves open."""
+__all__ = ["STUDY", "judge", "write_experiment"]
 
 
 def judge(found: xr.Dataset) -> pd.DataFrame:
@@ -73,15 +36,4 @@ def judge(found: xr.Dataset) -> pd.DataFrame:
     """
     if "scenario" in found.dims:
         return STUDY.judge(found)
-    return judge_claims(experiment.CLAIMS, experiment.experiment_evidence(found))
-
-
-def paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """Return all figures of a study, with impulse responses if it has a square wave."""
-    seed, has_square = json.loads(results.attrs["study"])["seed"], "square" in results.profile
-    return study_figures(results, summary, example_responses(seed) if has_square else None)
-
-
-STUDY: PublishedStudy = PublishedStudy(
-    PRESETS, CLAIMS, ABOUT, paper_figures, lambda results: True, paper_evidence
-)
+    return judge_claims(CLAIMS, experiment_evidence(found))

@@ -7,6 +7,7 @@ thresholds: those here are ours, and part of the sentences.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.stats import t as student
 from tvsysid.figures.results import unique
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
-from tvsysid.studies.claims import GREATER, LARGER, Claim, Evidence, Margin
+from tvsysid.studies.claims import GREATER, LARGER, TAIL, Claim, Evidence, Margin
 from tvsysid.study.bootstraps import STEPS
 from tvsysid.study.summary import measured
 
@@ -140,30 +141,25 @@ def participant_interval(samples: Array, tail: float) -> tuple[float, float, flo
     return mean, mean - width, mean + width
 
 
-def studied(*methods: str) -> Any:
-    """Return a function that finds the perturbations under which there are all of these methods."""
-    return lambda evidence: [
-        name
-        for name in NAMES
-        if all(("vaf", method, name, LESS) in evidence.values for method in methods)
-    ]
+def each_of(methods: Sequence[str], axis: Sequence[Any] = ()) -> Any:
+    """Return a function that finds methods, or an axis made of them, if all were studied."""
 
+    def find(evidence: Evidence) -> Sequence[Any]:
+        known = {key[1] for key in evidence.values}
+        return (axis or methods) if known >= set(methods) else ()
 
-def both(*methods: str) -> Any:
-    """Return a function that finds PRBS and noise, if there are all of these methods under both."""
-    return lambda evidence: [NAMES[::-1]] * (len(studied(*methods)(evidence)) == len(NAMES))
+    return find
 
 
 def extreme(perturbation: str, place: int) -> Any:
     """Return a function that finds the method of lowest (0) or highest (-1) VAF, from 150 s."""
 
     def find(evidence: Evidence) -> list[str]:
-        if perturbation not in studied(*FOUR)(evidence):
+        keys = [("vaf", method, perturbation, LESS) for method in FOUR]
+        counts = [evidence.values.get(("realizations", *key[1:]), [0]) for key in keys]
+        if any(np.nanmax(count) != PAPER_REALIZATIONS for count in counts):
             return []
-        keys = [("realizations", method, perturbation, LESS) for method in FOUR]
-        if any(np.nanmax(evidence.values[key]) != PAPER_REALIZATIONS for key in keys):
-            return []
-        vafs = [evidence.interval(evidence.values["vaf", *key[1:]], 0.5)[0] for key in keys]
+        vafs = [evidence.interval(evidence.values[key], TAIL)[0] for key in keys]
         return [FOUR[np.argsort(vafs)[place]]]
 
     return find
@@ -178,7 +174,9 @@ KBR = (
     "as well as the other methods do, and so gains by PRBS as they do."
 )
 ALIKE = "The fluctuations of a virtual participant's torque are the same under either perturbation."
-AMOUNTS = [(LESS, MORE)]
+AMOUNTS, BOTH = [(LESS, MORE)], [NAMES[::-1]]
+EIRF_FIRST = [("eirf", each) for each in FIVE[1:]]
+BIRF_LAST = [(each, "birf") for each in FIVE if each != "birf"]
 
 CLAIMS: tuple[Claim, ...] = (
     Claim(
@@ -200,11 +198,11 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "PRBS gives 20 to 30 % more VAF than noise for all but kbr", "4.4", FOUR_BOTH,
-        [(Margin(20, 30), "vaf", FOUR, both(*FOUR), LESS)],
+        [(Margin(20, 30), "vaf", each_of(FOUR), BOTH, LESS)],
     ),
     Claim(
         "PRBS gives more VAF than noise for all but kbr", "4.4", FOUR_BOTH,
-        [(LARGER, "vaf", FOUR, both(*FOUR), LESS)],
+        [(LARGER, "vaf", each_of(FOUR), BOTH, LESS)],
     ),
     Claim(
         "VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise (within "
@@ -217,15 +215,15 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "kbr has more VAF with noise than with PRBS", "4.4", KBR_BOTH,
-        [(Margin(high=0), "vaf", "kbr", both("kbr"), LESS)], KBR,
+        [(Margin(high=0), "vaf", "kbr", BOTH, LESS)], KBR,
     ),
     Claim(
         "Between 1 and 10 Hz, PRBS gives less VAF than noise", "4.4", FIVE_BOTH,
-        [(Margin(high=0), "bandpassed_vaf", FIVE, both(*FIVE), LESS)],
+        [(Margin(high=0), "bandpassed_vaf", each_of(FIVE), BOTH, LESS)],
     ),
     Claim(
         "Between 1 and 10 Hz, PRBS gives about 10 % less VAF than noise (5 to 15)", "4.4",
-        FIVE_BOTH, [(Margin(-15, -5), "bandpassed_vaf", FIVE, both(*FIVE), LESS)], ALIKE,
+        FIVE_BOTH, [(Margin(-15, -5), "bandpassed_vaf", each_of(FIVE), BOTH, LESS)], ALIKE,
     ),
     Claim(
         "The random error falls with more data (in the paper from 150 s to 300 s)", "4.4",
@@ -238,18 +236,15 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "The random error is largest for eirf", "4.4", "all five methods",
-        [(GREATER, "random_error", [("eirf", each) for each in FIVE[1:]], studied(*FIVE), LESS)],
+        [(GREATER, "random_error", each_of(FIVE, EIRF_FIRST), NAMES, LESS)],
     ),
     Claim(
         "The random error is smallest for birf", "4.4", "all five methods",
-        [(
-            GREATER, "random_error", [(each, "birf") for each in FIVE if each != "birf"],
-            studied(*FIVE), LESS,
-        )],
+        [(GREATER, "random_error", each_of(FIVE, BIRF_LAST), NAMES, LESS)],
     ),
     Claim(
         "The random error of kbr is larger with PRBS than with noise", "4.4", KBR_BOTH,
-        [(GREATER, "random_error", "kbr", both("kbr"), LESS)],
+        [(GREATER, "random_error", "kbr", BOTH, LESS)],
     ),
     Claim(
         f"More data do not raise the VAF, which noisy torque limits (by less than {MAX_RISE:g} "

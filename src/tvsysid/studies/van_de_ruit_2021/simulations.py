@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
+from tvsysid.figures import Illustration
 from tvsysid.methods import PAPER_METHODS as FIVE
+from tvsysid.report import CLAIMS as ABOUT
 from tvsysid.studies.claims import (
     GREATER,
     LARGER,
@@ -23,9 +25,12 @@ from tvsysid.studies.claims import (
     ratio,
     simulation_evidence,
 )
-from tvsysid.study.scenarios import PERIOD, RATE, Scenario
+from tvsysid.studies.published_study import PublishedStudy
+from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
+from tvsysid.study.scenarios import PERIOD, RATE, VISCOSITIES, Scenario
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 FEW_HUNDRED_S = 300.0  # seconds of "a few hundred realizations" of 2 s: 150 at least
@@ -67,6 +72,19 @@ RESIDUE = (
     "window, leakage of esm). So the amounts of data tell what noise does only while it prevails, "
     "up to some 10 dB at 150 s."
 )
+
+PRESETS: dict[str, dict[str, object]] = {
+    "quick": {},
+    "paper": {
+        "methods": FIVE,
+        "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
+        "also": ({"stiffness": ("sine",), "duration_s": (150.0,)},),
+        "trials": 100,
+    },
+    "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
+    "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
+}
+"""The default study; that of the paper with its Appendix A; and two that it leaves open."""
 
 
 def paper_evidence(scores: xr.Dataset) -> Evidence:
@@ -240,3 +258,12 @@ CLAIMS: tuple[Claim, ...] = (
         )
     ),
 )  # fmt: skip
+
+
+def paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    """Return all figures of a study, with impulse responses if it has a square wave."""
+    seed, has_square = json.loads(results.attrs["study"])["seed"], "square" in results.profile
+    return study_figures(results, summary, example_responses(seed) if has_square else None)
+
+
+STUDY = PublishedStudy(PRESETS, CLAIMS, ABOUT, paper_figures, lambda results: True, paper_evidence)

@@ -100,10 +100,3 @@ def test_it_says_where_the_past_is_not_recorded():
     assert method.skip(ensemble) is None
     apart = ensemble.select(np.arange(0, len(ensemble), 2))
     assert "only 900 samples have 1.9 s recorded" in method.skip(apart)
-
-
-def test_bands_are_not_invented():
-    model = tv.ParallelCascade().identify(constant())
-    for name in ("stiffness", "reflex_gain"):
-        with pytest.warns(tv.DataQualityWarning, match="authors state none"):
-            assert np.isnan(model.estimates[name].band()).all()

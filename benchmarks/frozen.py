@@ -17,9 +17,8 @@ A difference is relative to the largest value of its array. Texts must be equal.
 disappears counts as a difference; a new one does not. Numbers in CSV files have six digits only.
 
 Some results amplify rounding. If the signals change by one part in 3e15, ``eirf`` of the tonic
-ankle changes by 2e-6, standard errors of ``cascade`` and ``adaptive`` of the reflex joint by
-5e-5, the reflex gain of ``cascade`` without a reflex by 2e-5, and ``bpc`` may take another
-number of iterations.
+ankle changes by 2e-6, standard errors of ``cascade`` of the reflex joint by 2e-6, those of
+``cascade`` and ``adaptive`` of walking by 1e-7, and ``bpc`` may take another number of iterations.
 """
 
 from __future__ import annotations

@@ -34,7 +34,9 @@ MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 DEFAULT: Any = attrs.NOTHING  # a field with this value is computed anew
 
 # A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+NUMBERS = ("frequency", "damping", "threshold", "delay")
 FREQUENCY, DAMPING, THRESHOLD, DELAY = range(4)
+IS_LOG = np.arange(4) < THRESHOLD
 # Mean and standard deviation of the prior, bounds, and step of numerical derivatives.
 MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
     [
@@ -110,9 +112,9 @@ class Data:
             if rows == 1:  # its mean is not known
                 weight = inverse.sum(axis=0)
                 inverse -= np.outer(weight, weight) / weight.sum()
-            if self.true is not None:
-                inverse = inverse @ _matrix(self.true, size) @ inverse
             inverses[size] = inverse
+            if self.true is not None:
+                inverses[size] = inverse @ _matrix(self.true, size) @ inverse
         return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
 
     @property

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
-from tvsysid.methods.cascade.fit import DELAY, HIGHEST, LOWEST, THRESHOLD, Fit
+from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, LOWEST, NUMBERS, THRESHOLD, Fit
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
 from tvsysid.methods.cascade.search import DIRECTIONS, Hyperparameters, Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
@@ -83,7 +83,7 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
     }
     unit = "N m/V" if emg else UNITS["reflex_gain"]
     estimates["reflex_gain"] = _estimate(fit, unit, gain, _gain_sign(fit), data.own)
-    known = np.where(np.isfinite(estimates["stiffness"].values), 1.0, np.nan)[:, None]
+    known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = used.data.over_time(used.posterior.mean[: used.data.own])
     details = _details(selection, used)
@@ -160,16 +160,15 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 def _details(selection: Selection, used: Fit) -> dict[str, float]:
     _, fits, name, shown, fit = selection
     details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
-    details |= {"direction": float(DIRECTIONS[name])} if name in DIRECTIONS else {}
-    errors = np.sqrt(np.diag(fit.covariance)[len(fit.covariance) - len(fit.free) :])
-    for number, quantity in enumerate(("frequency", "damping", "threshold", "delay")):
-        if number != THRESHOLD or name in DIRECTIONS:
-            is_log = number < THRESHOLD
-            value = math.exp(fit.shape[number]) if is_log else float(fit.shape[number])
-            details[quantity] = value
-            if number in fit.free:
-                error = float(errors[fit.free.index(number)])
-                details[f"{quantity}_error"] = error * (value if is_log else 1.0)
+    values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
+    errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
+    errors *= np.where(IS_LOG, values, 1.0)[fit.free]
+    details |= dict(zip(NUMBERS, values.tolist(), strict=True))
+    details |= {f"{NUMBERS[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
+    if name in DIRECTIONS:
+        details["direction"] = float(DIRECTIONS[name])
+    else:
+        del details["threshold"]
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, used.torques(), strict=True)))
     if fits:  # else it is a part of the realizations that is fitted again
         details["vaf_held_out"] = 100 * used.share()

@@ -1,8 +1,6 @@
 """Bootstrap of any method, and its bands."""
 
-import re
 
-import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -77,34 +75,3 @@ def test_simultaneous_band_holds_all_times_together(random):
     each_time, together = np.mean(held, axis=0)
     assert each_time < 0.85
     assert 0.88 <= together < 1.0
-
-
-@attrs.frozen
-class Scheduled(tv.Method):
-    """Stiffness over a measured variable, a gain over time, and an offset of each realization."""
-
-    step: float = 0.0
-
-    def fit(self, ensemble):
-        level = ensemble.torque.std()
-        return tv.Model.of(
-            ensemble,
-            estimates={
-                "stiffness": tv.Estimate(np.full(3, level), "N m/rad", ("emg",)),
-                "gain": tv.Estimate(np.full(ensemble.samples, level), "N m/V"),
-                "offset": tv.Estimate(np.full(len(ensemble), level), "N m", ("realization",)),
-            },
-            coordinates={"emg": np.arange(3) * (1 + self.step * level)},
-            pathways=lambda other: {"intrinsic": np.zeros((len(other), other.samples))},
-        )
-
-
-def test_estimates_over_a_measured_variable_are_drawn():
-    found = bootstrap(Scheduled(), ensemble_of(), 5, seed=1)
-    shapes = {name: draws.shape for name, draws in found.draws.items()}
-    assert shapes == {"stiffness": (5, 3), "gain": (5, 200)}
-    assert re.search("5 draws.*: stiffness ±.*, gain ±.* N m/V", repr(found))
-    lower, upper = found.band("stiffness", simultaneous=True)
-    assert (lower < upper).all()
-    moving = bootstrap(Scheduled(step=1.0), ensemble_of(), 5, seed=1)
-    assert list(moving.draws) == ["gain"]

@@ -203,12 +203,12 @@ class Comparison:
         """
         tables: list[dict[str, Any]] = []
         for label, model in self.models.items():
-            columns: dict[str, Any] = {"time_s": model.time, "method": label}
+            table: dict[str, Any] = {"time_s": model.time, "method": label}
             for name, (lower, upper) in self.bands[label].items():
-                columns[name] = model.over_time(name)
-                columns |= {f"{name}_lower": lower, f"{name}_upper": upper}
-            vaf_over_time = self.time_varying_vaf.get(label, np.nan)
-            tables.append(columns | {"time_varying_vaf": vaf_over_time})
+                values = model.over_time(name)
+                table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
+            table["time_varying_vaf"] = self.time_varying_vaf.get(label, np.nan)
+            tables.append(table)
         return _joined(tables)
 
     def over_variables(self) -> pd.DataFrame:

@@ -61,46 +61,41 @@ def compare(
     0    sds                 ...
     1   birf                 ...
     """
-    chosen = _by_label([methods] if isinstance(methods, str) else methods)
+    items = [methods] if isinstance(methods, str) else methods
+    chosen: dict[str, Method] = {}
+    for item in items:
+        method, label = parse(item) if isinstance(item, str) else item, label_of(item)
+        if chosen.setdefault(label, method) != method:
+            raise InputError(
+                f"compare: two methods have the name {label}. Settings that are fields of the "
+                "class tell them apart"
+            )
+    if not chosen:
+        raise InputError("compare: expected at least one method, got none")
     models: dict[str, Model] = {}
     predicted: dict[str, Array] = {}
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
     with single_thread():
-        for number, label in enumerate(chosen):
+        for number, (label, method) in enumerate(chosen.copy().items()):
             progress(number, len(chosen))
-            method = chosen[label]
             try:
                 if reason := reason_to_skip(method, ensemble):
                     skipped[label] = reason
                     continue
                 if isinstance(method, Tuned) or (tune and method.can_be_tuned):
-                    method, evidence[label] = method.tuned(ensemble)
-                model = method.identify(ensemble)
+                    chosen[label], evidence[label] = method.tuned(ensemble)
+                model = chosen[label].identify(ensemble)
                 predicted[label] = model.predict(ensemble)
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
             else:
-                chosen[label], models[label] = method, model
+                models[label] = model
                 _warn_without_band(label, model)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
-
-
-def _by_label(methods: Iterable[str | Method]) -> dict[str, Method]:
-    """Return methods by their label in results. The same label may not name two methods."""
-    given: dict[str, str | Method] = {}
-    for item in methods:
-        if given.setdefault(label := label_of(item), item) != item:
-            raise InputError(
-                f"compare: two methods have the name {label}. Settings that are fields of the "
-                "class tell them apart"
-            )
-    if not given:
-        raise InputError("compare: expected at least one method, got none")
-    return {label: parse(item) if isinstance(item, str) else item for label, item in given.items()}
 
 
 def _warn_without_band(label: str, model: Model) -> None:

@@ -42,7 +42,7 @@ from tvsysid.recommendation.rules import (
 )
 from tvsysid.signals import Ensemble
 
-LOW_BAND_HZ, HIGH_BAND_HZ = (0.0, 5.0), (8.0, 25.0)  # bands whose noise is compared
+BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # whose noise is compared
 MIN_SWITCH_PROBABILITY = 0.95
 FAULTS = ("reflex", "feedback", "loop-bias", "wrong-period", "scattered-realizations")
 MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mean stiffness")
@@ -251,30 +251,31 @@ def measure(
         measured["reference"] = (1.0, "")
     if diagnosis is None:
         return measured
-    measured |= {name: diagnosis.measures[name] for name in MEASURES}
-    information = len(ensemble) * 10 ** (measured["signal-to-noise ratio"][0] / 10)
-    measured["information"] = (information, "realizations at 0 dB")
+    low_rate, measures = lowered(ensemble), diagnosis.measures
+    information = len(ensemble) * 10 ** (measures["signal-to-noise ratio"][0] / 10)
     found = {
         each.name: abs(each.value)
         for each in diagnosis.checks
         if each.found or (each.name == "loop-bias" and each.beyond)
     }
-    measured |= {name.replace("-", " "): (found.get(name, math.nan), "%") for name in FAULTS}
-    low_rate = lowered(ensemble)
-    measured["slow noise"] = (_slow_noise(diagnosis), "dB")
-    measured["noise bias"] = (_or_nan(_noise_bias, low_rate), "%")
+    measured |= {
+        **{name: measures[name] for name in MEASURES},
+        "information": (information, "realizations at 0 dB"),
+        **{name.replace("-", " "): (found.get(name, math.nan), "%") for name in FAULTS},
+        "slow noise": (_slow_noise(diagnosis), "dB"),
+        "noise bias": (_or_nan(_noise_bias, low_rate), "%"),
+    }
     if "reflex" in found or scheduling is not None:
         return measured
     if not isinstance(model, AdaptiveModel):
-        model = None
         with suppress(InputError):
             model = AdaptiveRegression().identify(low_rate)
     if isinstance(model, AdaptiveModel):
         measured |= _changes(model)
+        if reference is not None and "loop-bias" in found:
+            shape = _or_nan(shape_over_level, low_rate, reference, model)
+            measured["shape over level"] = (shape, "")
     measured["evidence of few harmonics"] = (_or_nan(_few_harmonics, low_rate), "nat")
-    if model is not None and reference is not None and "loop-bias" in found:
-        shape = _or_nan(shape_over_level, low_rate, reference, model)
-        measured["shape over level"] = (shape, "")
     return measured
 
 
@@ -289,10 +290,8 @@ def _or_nan(function: Callable[..., float], *arguments: object) -> float:
 def _slow_noise(diagnosis: Diagnosis) -> float:
     """Return the ratio in dB of the noise's mean power density below 5 Hz to that at 8 to 25 Hz."""
     frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
-    low, high = (
-        float(power[(frequency > start) & (frequency <= stop)].mean())
-        for start, stop in (LOW_BAND_HZ, HIGH_BAND_HZ)
-    )
+    bands = ((frequency > start) & (frequency <= stop) for start, stop in BANDS_HZ)
+    low, high = (float(power[band].mean()) for band in bands)
     return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan
 
 

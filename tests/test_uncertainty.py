@@ -1,6 +1,5 @@
 """Bootstrap of any method, and its bands."""
 
-
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of

@@ -60,7 +60,7 @@ def test_own_methods_of_which_one_is_skipped_and_one_fails(tvsysid, tmp_path, mo
     assert table.emg_level["channel_methods:Scheduled"].mean() == pytest.approx(1, abs=0.02)
     assert table.emg_level["birf"].isna().all()
     assert table.stiffness["channel_methods:Scheduled"].isna().all()
-    row = ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "-", "50", "150"]
+    row = ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "50", "150"]
     assert row in rows_of(out)
     # If no method is left, that is an error.
     code, _, err = tvsysid(f"{words}channel_methods:Scheduled")

@@ -164,10 +164,11 @@ class JointCascade(base.Method):
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
-        known = model if isinstance(model, result.JointCascadeModel) else None
-        if known is not None and known.diagnostics.details["reflex_shown"]:
-            return result.model(repr(self), self.search(ensemble).refit(known.hyperparameters))
-        return self.identify(ensemble)
+        if not isinstance(model, result.JointCascadeModel):
+            return self.identify(ensemble)
+        if not model.diagnostics.details["reflex_shown"]:
+            return self.identify(ensemble)
+        return result.model(repr(self), self.search(ensemble).refit(model.hyperparameters))
 
     def search(self, ensemble: Ensemble) -> Search:
         """Return the reflexes that may explain the torque of an ensemble."""

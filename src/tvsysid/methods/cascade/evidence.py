@@ -32,7 +32,7 @@ def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Pos
     """
     found = solve(moments, spread**-2)
     mean, left = found.mean, found.left
-    if positive is not None and (positive @ mean < 0).any():
+    if positive is not None:
         free = found.inverse_factor @ moments.cross
         inside = nearest_inside(free, found.inverse_factor @ positive.T)
         mean, left = inside @ found.inverse_factor, left + float(free @ free - inside @ inside)

@@ -156,31 +156,20 @@ class Search:
 
         return past
 
-    def fit(
-        self,
-        name: str,
-        data: Data,
-        shape: Array,
-        *,
-        is_free: bool = True,
-        parameters: Array = DEFAULT,
-    ) -> Fit:
-        """Return the fit with the named reflex, whose shape may be free.
-
-        Hyperparameters that are not given are tuned.
-        """
-        drive = None if name == "none" else partial(self._past, name)
-        numbers = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
-        numbers += [DELAY] * (self.delay == "fit")
-        free = numbers if is_free and drive is not None else []
-        return Fit(data, drive, free, shape, parameters=parameters)
+    def fit(self, name: str, data: Data, shape: Array, parameters: Array = DEFAULT) -> Fit:
+        """Return the fit with the named reflex. Hyperparameters that are not given are tuned."""
+        if name == "none":
+            return Fit(data, None, [], shape, parameters=parameters)
+        free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
+        free += [DELAY] * (self.delay == "fit")
+        return Fit(data, partial(self._past, name), free, shape, parameters=parameters)
 
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
         data = self.data.constant
         fits = [
-            self.fit(name, data, _shape(delay, frequency, threshold), parameters=USUAL_PARAMETERS)
+            self.fit(name, data, _shape(delay, frequency, threshold), USUAL_PARAMETERS)
             for delay, frequency, threshold in product(self._delays, FREQUENCIES, thresholds)
         ]
         return max(fits, key=lambda fit: fit.objective).improved()
@@ -231,15 +220,17 @@ class Search:
         if is_shown:
             return Selection(self, fits, name, True, self.limited(self._refined(fits[name])))
         fits["none"] = self.limited(fits["none"])
-        unshown = self.fit(name, fits[name].data, _shape(fits[name].shape[DELAY]), is_free=False)
-        return Selection(self, fits, name, False, self.limited(unshown))
+        unshown = self.fit(name, fits[name].data, _shape(fits[name].shape[DELAY]))
+        unshown = self.limited(attrs.evolve(unshown, free=[]))
+        return Selection(self, fits, name, False, unshown)
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is shown."""
         data = self.data if known.varies else self.data.constant
         data = attrs.evolve(data, noise=known.noise)
-        fit = self.fit(known.reflex, data, known.shape, is_free=False, parameters=known.parameters)
-        return Selection(self, {}, known.reflex, True, self.limited(fit))
+        fit = self.fit(known.reflex, data, known.shape, known.parameters)
+        fit = self.limited(attrs.evolve(fit, free=[]))
+        return Selection(self, {}, known.reflex, True, fit)
 
     def _shown(self, fits: Mapping[str, Fit]) -> tuple[str, bool]:
         """Return the name of the most likely reflex, and whether the data show one.

@@ -47,5 +47,5 @@ def test_every_kind_of_figure_is_named():
         stem.partition("-")[0]
         for stem in study_figures(results, summary_of(results), responses_of())
     }
-    kinds |= {"pathways", "bias"}  # of tests.studies.test_reflex
+    kinds |= {"pathways", "bias"}  # of tests.studies.test_literature
     assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

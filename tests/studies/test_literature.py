@@ -1,0 +1,178 @@
+"""Claims about reflexes and closed loops against invented numbers; and studies of them, drawn."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tests.contracts.toys import Cascade
+from tests.synthetic import scores_of
+
+from tvsysid import studies
+from tvsysid.studies import closed_loop, reflex
+from tvsysid.studies.closed_loop import ACTUATORS, CLOSED, IMPOSED, LONG, OPEN, SNR, UNWEIGHTED
+from tvsysid.studies.reflex import CONSTANT, GAIN, LOUD, SINE
+from tvsysid.study import Study, by_full_name, run, score, summarize
+
+LOOPS = [
+    closed_loop.scenario(actuator, noise) for noise in SNR for actuator in (*ACTUATORS, IMPOSED)
+]
+LOOPS.append(closed_loop.scenario(100.0, 5.0, LONG))
+SLOW = LOOPS[5:6]  # on 30 N·m/rad, noise up to 5 Hz
+WIDE = LOOPS[10:14]
+MANY = [SINE._replace(duration_s=seconds) for seconds in (200.0, 600.0, 1200.0)]
+REFLEXES = [SINE, *CONSTANT.values(), LOUD, *MANY]
+
+
+def of_loops(place, method, metric):
+    """Numbers that fulfil every claim about closed loops."""
+    slow = "noise_bandwidth=40" not in place.system
+    if metric == "mean_bias":
+        return (-24.0 if slow else -2.0) if method in OPEN else 0.5
+    if metric == "coverage":
+        return 94.0
+    return 5.0 if slow and "weighting" in method else 10.0
+
+
+def of_reflexes(place, method, metric):
+    """Numbers that fulfil every claim about reflexes."""
+    gain = dict(zip(CONSTANT.values(), CONSTANT, strict=True)).get(place, 8.0)
+    if metric == "mean_bias":
+        return 2.0 * gain + 0.5 if method in reflex.ONE_PATH else 0.1
+    if metric == "total_error":
+        return {"sdss": 5.0, "pc": 9.0}.get(method, 6.0)
+    if place in MANY:
+        return {200.0: 4.0, 600.0: 3.0, 1200.0: 1.0}[place.duration_s]
+    return {"sdss": 1.0, "pc": 2.0, "cascade": 0.1}.get(method, 1.5)
+
+
+LITERATURE = {
+    "loops": SimpleNamespace(
+        study=closed_loop.STUDY, numbers=of_loops, scenarios=LOOPS, spread=0.002,
+        methods=(*OPEN, *CLOSED, UNWEIGHTED), metrics=("mean_bias", "random_error", "coverage"),
+    ),
+    "reflexes": SimpleNamespace(
+        study=reflex.STUDY, numbers=of_reflexes, scenarios=REFLEXES, spread=0.02,
+        methods=(*reflex.ONE_PATH, *reflex.TWO_PATHS, "tvpc:window=0"),
+        metrics=("mean_bias", "total_error", GAIN),
+    ),
+}  # fmt: skip
+
+
+def verdicts(of, numbers=None, scenarios=(), trials=10):
+    scores = scores_of(
+        numbers or of.numbers, scenarios or of.scenarios, of.methods, of.metrics, of.spread, trials
+    )
+    return of.study.judge(scores).set_index("claim").verdict
+
+
+@pytest.mark.parametrize("of", LITERATURE.values(), ids=LITERATURE)
+def test_claims_hold_where_numbers_are_as_claimed(of):
+    assert set(verdicts(of)) == {"holds"}
+    assert set(verdicts(of, trials=5)) == {"undecided"}
+    other = of.scenarios[0]._replace(perturbation="other")
+    assert set(verdicts(of, scenarios=[other])) == {"not studied"}
+
+
+@pytest.mark.parametrize(
+    ("of", "method", "metric", "value", "where", "claim"),
+    [
+        ("loops", "sds", "mean_bias", -9.0, SLOW, "Without a reference slow noise"),
+        ("loops", "birf", "mean_bias", -20.0, LOOPS[-1:], "A longer record does not mend it"),
+        ("loops", "kbr", "mean_bias", -9.0, WIDE, "Noise up to 40 Hz at 10 dB"),
+        ("loops", CLOSED[3], "mean_bias", -2.0, SLOW, "kbr with a reference and weights is off"),
+        ("loops", CLOSED[2], "mean_bias", -3.0, SLOW, "esm and birf with a reference"),
+        ("loops", CLOSED[3], "coverage", 70.0, SLOW, "The bands of kbr with a reference"),
+        ("loops", CLOSED[1], "coverage", 99.0, WIDE[:1], "Those of esm and birf"),
+        ("loops", CLOSED[1], "random_error", 10.5, LOOPS, "Where the angle is imposed"),
+        ("loops", UNWEIGHTED, "random_error", 6.0, SLOW, "Weighting by the residual"),
+        ("loops", CLOSED[3], "random_error", 11.0, WIDE[:1], "Weighting by the residual"),
+        ("reflexes", "birf", "mean_bias", -7.5, [CONSTANT[4.0]], "Methods of one pathway take"),
+        ("reflexes", "kbr", "mean_bias", 60.0, [CONSTANT[16.0]], "They do so in proportion"),
+        ("reflexes", "bpc", "mean_bias", 9.0, REFLEXES, "Methods of two pathways are free of it"),
+        ("reflexes", "cascade", GAIN, 0.9, [CONSTANT[0.0]], "Without a reflex cascade finds none"),
+        ("reflexes", "tvpc:window=0", GAIN, 1.0, MANY[:1], "tvpc needs 500 to 800 realizations"),
+        ("reflexes", "bpc", GAIN, 3.0, [SINE], "Forty cycles suffice for bpc: reflex gain"),
+        ("reflexes", "bpc", "total_error", 30.0, [SINE], "Forty cycles suffice for bpc: stiffness"),
+        ("reflexes", "sdss", "total_error", 30.0, [LOUD], "With much noise (0 dB) sdss is more"),
+    ],
+)
+def test_one_number_against_a_claim_is_enough(of, method, metric, value, where, claim):
+    of = LITERATURE[of]
+
+    def numbers(place, *what):
+        is_changed = what == (method, metric) and place in where
+        return value if is_changed else of.numbers(place, *what)
+
+    table = verdicts(of, numbers)
+    (wrong,) = table.index[table == "does not hold"]
+    assert wrong.startswith(claim)
+
+
+def run_preset(name, **settings):
+    """Run a study that has some settings of a preset; return its results, summary and figures."""
+    preset = studies.PRESETS[name]
+    given = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}
+    results = run(Study(**given, **settings), workers=1)
+    summary = by_full_name(summarize(score(results)))
+    return results, summary, studies.published(results).figures(results, summary)
+
+
+def ticks(figure):
+    return [float(tick.get_text()) for tick in figure.axes[0].get_xticklabels()]
+
+
+@pytest.mark.slow
+def test_a_study_of_loops_is_drawn():
+    systems = [each.system for each in WIDE[:2]]
+    results, _, shown = run_preset(
+        "closed-loop", system=systems, duration_s=20, trials=2, methods=["birf", CLOSED[2]]
+    )
+    assert studies.published(results) is closed_loop.STUDY
+    assert list(shown) == ["bias-40Hz", "comparison-40Hz", "coverage-40Hz"]
+    assert ticks(shown["bias-40Hz"].draw()) == [30, 100]
+    assert f"{CLOSED[2]}: " in shown["bias-40Hz"].description
+    assert all(shown[stem].draw().axes[0].lines for stem in list(shown)[1:])
+
+
+@pytest.fixture(scope="module")
+def with_reflex():
+    systems = ["reflex-sine", "reflex-sine:noise_bandwidth=1"]
+    systems += [CONSTANT[gain].system for gain in (0.0, 4.0, 16.0)]
+    return run_preset(
+        "reflex", system=systems, methods=["birf", Cascade()], duration_s=20, trials=2
+    )
+
+
+@pytest.mark.slow
+def test_a_study_is_held_against_what_was_published_of_it(with_reflex):
+    results, *_ = with_reflex
+    assert studies.published(results) is reflex.STUDY
+    one_path = results.sel(method_key=["birf"])
+    joint = results.sel(quantity=["stiffness", "viscosity"])
+    assert studies.published(one_path) is studies.published(joint) is not reflex.STUDY
+
+
+@pytest.mark.slow
+def test_both_pathways_are_drawn_with_their_truth(with_reflex):
+    results, summary, shown = with_reflex
+    # One of the 5 scenarios has no reflex
+    assert np.isfinite(summary.value[summary.metric == "reflex pathway_vaf"]).sum() == 4
+    assert list(shown) == ["pathways-reflex-sine-sine", "pathways-reflex-sine", "bias-reflex-sine"]
+    figure = shown["pathways-reflex-sine-sine"].draw()
+    rows = {axes.get_ylabel().partition("\n")[0]: axes for axes in figure.axes if axes.get_ylabel()}
+    assert {"stiffness", "reflex gain", "error of gain", "VAF intrinsic", "VAF reflex"} <= set(rows)
+    truth = rows["reflex gain"].lines[0].get_ydata()
+    np.testing.assert_allclose(truth, results.truth.sel(quantity="reflex_gain")[0], atol=1e-9)
+    labels = [label.get_text() for label in rows["VAF reflex"].get_xticklabels()]
+    assert "noise bandwidth=1" in labels[1]
+    assert ticks(shown["bias-reflex-sine"].draw()) == [0, 4, 16]
+    assert "birf: " in shown["bias-reflex-sine"].description
+
+
+@pytest.mark.slow
+def test_the_error_of_the_gain_is_drawn_against_the_amount_of_data():
+    settings = {"system": "reflex-sine", "methods": [Cascade()], "trials": 1}
+    _, summary, shown = run_preset("reflex", duration_s=[8, 10, 14], **settings)
+    axes = shown["amount-reflex-sine-sine"].draw().axes[0]
+    expected = np.c_[[8, 10, 14], summary.value[summary.metric == GAIN]]
+    np.testing.assert_array_equal(axes.containers[0].lines[0].get_xydata(), expected)

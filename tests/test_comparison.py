@@ -54,41 +54,26 @@ def test_methods_that_cannot_be_compared(methods, message):
         tv.compare(ensemble_of(), methods)
 
 
-def test_a_method_that_is_skipped_or_fails_leaves_the_others():
-    found = tv.compare(ensemble_of(), [Level(), Unused(), "esm", "esm"])
-    outcomes = [list(each) for each in (found.models, found.skipped, found.failed)]
-    assert outcomes == [["esm"], ["Level"], ["Unused"]]
-
-
-def by_hand(raw, method, folds):
-    """Held-out VAF of whole realizations, by subtracting the means of the realizations kept."""
-    out = np.full(len(raw), np.nan)
-    for part in np.array_split(np.arange(len(raw)), folds):
-        kept = raw.select(np.setdiff1d(np.arange(len(raw)), part))
-        model, left = method.identify(tv.preprocess.subtract_mean(kept)), raw.select(part)
-        angle, torque = left.angle - kept.angle.mean(axis=0), left.torque - kept.torque.mean(axis=0)
-        left = attrs.evolve(left, angle=angle, torque=torque)
-        out[part] = tv.metrics.vaf(left.torque[:, left.core], model.predict(left))
-    return out
-
-
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:eirf. 45 realizations are less than twice the 25 lags")
 def test_held_out_vaf_is_that_of_the_raw_data_less_means_of_the_other_realizations():
     raw = ensemble_of(120.0)
     drift = np.sin(np.arange(raw.torque.shape[1]) / 20)
     raw = attrs.evolve(raw, torque=raw.torque + drift, angle=raw.angle + 1)
-    found = tv.compare(tv.preprocess.subtract_mean(raw), ["sds", "eirf", "birf"])
-    calls = []
+    found, calls = tv.compare(tv.preprocess.subtract_mean(raw), ["sds", "birf"]), []
     held_out = found.held_out_vaf(4, progress=lambda *done: calls.append(done))
-    assert calls == [(number, 12) for number in range(12)]
-    for label, method in found.methods.items():
-        np.testing.assert_allclose(held_out[label], by_hand(raw, method, 4), atol=1e-8)
+    assert calls == [(number, 8) for number in range(8)]
+    for part in np.array_split(np.arange(len(raw)), 4):
+        kept, left = raw.select(np.setdiff1d(np.arange(len(raw)), part)), raw.select(part)
+        angle, torque = (
+            left.signal(name) - kept.signal(name).mean(axis=0) for name in ("angle", "torque")
+        )
+        left = attrs.evolve(left, angle=angle, torque=torque)
+        for label, method in found.methods.items():
+            model = method.identify(tv.preprocess.subtract_mean(kept))
+            expected = tv.metrics.vaf(left.torque[:, left.core], model.predict(left))
+            np.testing.assert_allclose(held_out[label][part], expected, atol=1e-8)
     for label, values in found.held_out_vaf(4, jobs=2).items():  # in copies of this process
         np.testing.assert_array_equal(values, held_out[label])
-    # In sample, the method with the most parameters is the best. It predicts the least of others.
-    assert found.vaf["eirf"].mean() > found.vaf["sds"].mean() + 2
-    assert held_out["eirf"].mean() < held_out["sds"].mean() - 3
 
 
 class Watched(tv.Method):

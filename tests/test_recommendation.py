@@ -27,7 +27,6 @@ CASES = [
     ({"mean stiffness": -60}, None),
     ({"slow noise": 14, "noise bias": 45}, None),
     ({"slow noise": 14, "noise bias": 17, "switches": 2}, WEIGHTED),
-    ({"loop bias": 24, "mean stiffness": -60, "feedback": 30}, BY_REFERENCE),
     ({"loop bias": 24, "slow noise": 14}, f"{WEIGHTED_BY_REFERENCE},tuned=true"),
     ({"loop bias": 9, "switches": 2, "shape over level": 0.5}, BY_REFERENCE),
     ({"loop bias": 9, "switches": 2, "shape over level": 1.5}, "adaptive"),

@@ -2,14 +2,9 @@
 
 import re
 
-import numpy as np
 import pytest
 from scipy.io import savemat
-from tests.cli.conftest import rows_of
 from tests.conftest import ensemble_of
-
-from tvsysid.cli.plan import _show
-from tvsysid.planning import Answer, Plan, Protocol
 
 
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
@@ -37,20 +32,6 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     table = (tmp_path / "planned" / "plan.csv").read_text(encoding="utf-8").splitlines()
     assert table[0].startswith("setup,method,realizations,minutes")
     assert len(table) == 3
-
-
-def test_few_realizations_are_said_to_be_the_best_case(capsys):
-    setup = Protocol(perturbation="prbs")
-    answer = Answer(str(setup), "sds", 19, 42.0, 4.0, 0.5, 0.1)
-    slow = answer._replace(method="birf", why="it takes 0.3 s to follow a step")
-    said = []
-    for each in (answer, answer._replace(realizations=20)):
-        _show(Plan(5.0, None, {str(setup): setup}, {}, {}, (each, slow)))
-        said.append(capsys.readouterr().out)
-    assert ["record at least 20 realizations" in text for text in said] == [True, False]
-    both = f"{np.hypot(4.0, 1.96 * 0.5):.1f}"
-    assert ["sds", "19", "42 s", "4.0", "1.0", both, "0.10"] in rows_of(said[0])
-    assert "birf does not suffice: it takes 0.3 s to follow a step" in said[0]
 
 
 @pytest.mark.parametrize(

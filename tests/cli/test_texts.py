@@ -34,14 +34,9 @@ def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
         assert (code, err) == (0, "")
         assert not steering(out)
         assert len(list((tmp_path / f"tvsysid-{command[0]}").iterdir())) == files
-    for command in (
-        ("inspect", "no" + FILE),
-        ("identify", FILE, *words[2:], "--angle", "no"),
-        ("report", FILE),
-    ):
-        code, _, err = tvsysid(*command)
-        assert code == 2
-        assert not steering(err)
+    code, _, err = tvsysid("identify", FILE, *words[2:], "--angle", "no")
+    assert code == 2
+    assert not steering(err)
 
 
 def test_names_are_broken_before_numbers(monkeypatch, capsys):

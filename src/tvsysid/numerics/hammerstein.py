@@ -1,7 +1,7 @@
 """Identify a linear and a Hammerstein pathway in parallel, each from what the other leaves.
 
-The Hammerstein pathway is a static function followed by linear dynamics. :func:`alternate` takes
-turns between the pathways. Those of :func:`parallel_cascade` do not change in time. Their fits use
+The Hammerstein pathway is a static function followed by linear dynamics. ``alternate`` takes
+turns between the pathways. Those of ``parallel_cascade`` do not change in time. Their fits use
 sums of products of lagged signals, so that turns cost nothing.
 """
 
@@ -163,7 +163,7 @@ def parallel_cascade(every: Moments, lags: int, start: Array) -> Turn:
     The first of the signals is the input of the one, so many samples ``lags`` ahead: its
     response reaches as far to either side. The other signals are those of which the static
     function of the other pathway is a sum; the search for their coefficients begins with
-    ``start``. A single signal needs no search. The details of the turn are :class:`Constant`.
+    ``start``. A single signal needs no search. The details of the turn are a ``Constant``.
     """
     count = len(every.cross) // (1 + len(start))  # lags of a signal
     near, late = np.arange(2 * lags + 1), np.arange(count, len(every.cross))

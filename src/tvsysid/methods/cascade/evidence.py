@@ -10,15 +10,15 @@ import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 
 FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relative to the noise
 DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
-# Of the parameters of five families: stiffness, viscosity, inertia, differences, reflex gain
-IS_DECAY = np.tile([False, False, True], FLAT_FAMILIES + 2)
+# Families are stiffness, viscosity, inertia, differences and reflex gain. The parameters are the
+# sizes of their constants and harmonics, and the decays of the latter.
+IS_DECAY = np.repeat([False, False, True], FLAT_FAMILIES + 2)
 BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
 USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
@@ -82,13 +82,13 @@ class Prior(NamedTuple):
         harmonic. Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond
         the acceleration share one size.
         """
-        families = [np.arange(1, size + 1) // 2 for size in (*sizes[:FLAT_FAMILIES], gain)]
-        families.insert(FLAT_FAMILIES, np.zeros(len(sizes) - FLAT_FAMILIES, dtype=int))
-        is_free = np.repeat(np.arange(len(families)) >= FLAT_FAMILIES, [*map(len, families)])
-        order = np.concatenate(families)
-        rows = [np.stack([each == 0, each > 0, -np.log(each.clip(1))], axis=1) for each in families]
+        all_sizes, flat = [*sizes, gain], FLAT_FAMILIES
+        order = np.concatenate([np.arange(1, size + 1) // 2 for size in all_sizes])
+        family = np.repeat([*np.arange(len(sizes)).clip(max=flat), flat + 1], all_sizes)
+        weights = (order == 0) & (family >= flat), order > 0, -np.log(order.clip(1))
+        is_own = np.eye(flat + 2)[family]
+        design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
         first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        design = block_diag(*rows) * ((order > 0) | is_free)[:, None]
         return Prior(np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE), design, first)
 
     def spread(self, moments: Moments, parameters: Array) -> Array:

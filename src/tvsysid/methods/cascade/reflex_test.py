@@ -245,7 +245,7 @@ def _above_zero(scores: Array) -> tuple[float, float]:
 
 
 def _signals(ensemble: Ensemble) -> tuple[Array, Array, Array, slice, float]:
-    """Return the arguments of :func:`reflex_test`."""
+    """Return the arguments of ``reflex_test``."""
     order = np.concatenate(ensemble.runs)
     stretches = rectified_velocities(ensemble)[:, order]
     signals = ensemble.angle[order], ensemble.torque[order], stretches

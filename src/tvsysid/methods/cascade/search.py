@@ -74,7 +74,7 @@ class Search:
     """Ensemble, and the reflexes that may explain its torque.
 
     A reflex is named ``"none"``, ``"linear"``, ``"positive"`` or ``"negative"`` by its direction,
-    or ``"emg"`` if the channel of this name is given. For the settings, see :class:`JointCascade`.
+    or ``"emg"`` if the channel of this name is given. The settings are those of ``JointCascade``.
     """
 
     ensemble: Ensemble

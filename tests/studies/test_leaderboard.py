@@ -19,7 +19,6 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import METHODS
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies import leaderboard
-from tvsysid.studies.leaderboard import standing, version
 
 TINY = {
     "methods": ("sds", "lpv", "entered"), "trials": 2, "duration_s": 20.0, "snr_db": 10.0,
@@ -73,17 +72,17 @@ def offer_needy(file):
 
 def test_the_scenarios_of_the_version_are_those_that_were_frozen():
     study = leaderboard.study_of()
-    assert version.digest(study) == "aea0ef10ed2fb7ec" == version.DIGEST, (
+    assert leaderboard.digest(study) == "aea0ef10ed2fb7ec" == leaderboard.DIGEST, (
         "give what is changed a new version"
     )
-    assert (version.VERSION, len(study.scenarios), study.trials, study.seed) == (1, 13, 10, 1)
+    assert (leaderboard.VERSION, len(study.scenarios), study.trials, study.seed) == (1, 13, 10, 1)
     kinds = {type(study.simulated(scenario)[0]) for scenario in study.scenarios}
     assert kinds == {type(system) for system in SYSTEMS.values()}
 
 
 def test_whatever_is_changed_makes_another_digest(monkeypatch):
     def digest(**changes):
-        return version.digest(leaderboard.study_of(**TINY | {"methods": "sds"} | changes))
+        return leaderboard.digest(leaderboard.study_of(**TINY | {"methods": "sds"} | changes))
 
     found = {digest(), digest(snr_db=9), digest(trials=3), digest(rate=50)}
     monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint(inertia=0.021))
@@ -107,30 +106,30 @@ def test_errors_are_those_of_a_plain_loop():
     for place in np.ndindex(*expected.shape):
         error = np.nan_to_num(values[place][0]) - results.truth.values[place[0], 0]
         expected[place] = min(1.0, np.sqrt(np.mean(error**2)) / 100.0)
-    np.testing.assert_allclose(standing.errors_of(results).values, expected, rtol=1e-12)
+    np.testing.assert_allclose(leaderboard.errors_of(results).values, expected, rtol=1e-12)
     assert (expected[0, 1, 0], expected[1, 0, 1]) == (1.0, 1.0)
     own = results.assign(trial_truth=results.truth * xr.DataArray([1.0, 2.0, 1.0], dims="trial"))
-    found = standing.errors_of(own).values
+    found = leaderboard.errors_of(own).values
     np.testing.assert_allclose(found[:, ::2], expected[:, ::2], rtol=1e-12)
     assert found[1, 1, 1] > 0.5  # twice the stiffness was true
 
 
 def test_the_page_on_the_leaderboard_says_what_the_score_is():
     page = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
-    assert standing.SCORE.replace("’", "'") in " ".join(page.split())
+    assert leaderboard.SCORE.replace("’", "'") in " ".join(page.split())
 
 
 def test_the_score_is_a_geometric_mean_and_its_error_that_of_the_delta_method(random):
     errors = 0.1 * random.lognormal(0, 0.2, (4, 200, 1)) * random.lognormal(0, 0.1, (4, 200, 2))
     by_scenario = np.sqrt((errors**2).mean(axis=1))
-    np.testing.assert_allclose(standing.scores_of(errors)[0], 100 * gmean(by_scenario, axis=0))
+    np.testing.assert_allclose(leaderboard.scores_of(errors)[0], 100 * gmean(by_scenario, axis=0))
     halved = errors * np.array([0.5, 1, 1, 1])[:, None, None]
     np.testing.assert_allclose(
-        standing.scores_of(halved), standing.scores_of(errors) * 0.5 ** (1 / 4)
+        leaderboard.scores_of(halved), leaderboard.scores_of(errors) * 0.5 ** (1 / 4)
     )
-    replicates = standing.replicates_of(errors)
+    replicates = leaderboard.replicates_of(errors)
     squares = errors**2 / (errors**2).mean(axis=1, keepdims=True)
-    influence = 0.5 * squares * standing.scores_of(errors)[0] / 4
+    influence = 0.5 * squares * leaderboard.scores_of(errors)[0] / 4
 
     def delta(values):
         return np.sqrt((values.var(axis=1, ddof=1) / 200).sum(axis=0))
@@ -145,21 +144,22 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
     scores = np.array([5.0, 4.0, 4.5, 4.2, 9.0])
     noise = np.tile([-1.0, 1.0], 50)  # of one standard error
     replicates = scores + noise[:, None] * np.array([0.2, 0.0, 0.2, 0.2, 0.0])
-    found = standing.ranks_of(scores, replicates)
+    found = leaderboard.ranks_of(scores, replicates)
     # 4.2 is within 0.4 of 4.0, 4.5 is not and leads; 5.0 moves as 4.5 does, so that their
     # difference is sure.
     assert found["rank"].tolist() == [4, 1, 3, 1, 5]
     np.testing.assert_allclose(found["behind"], [0.5, np.nan, 0.5, 0.2, 4.0])
     np.testing.assert_allclose(found["behind_error"], [0.0, np.nan, 0.2, 0.2, 0.2], atol=1e-12)
-    alone = standing.ranks_of(scores, standing.replicates_of(np.ones((3, 1, 5))))
+    alone = leaderboard.ranks_of(scores, leaderboard.replicates_of(np.ones((3, 1, 5))))
     assert set(alone["rank"]) == {1}  # of one trial nothing is sure
 
 
 @pytest.fixture
 def tiny(installed, monkeypatch):
     offer_needy(installed)
+    whole = leaderboard.study_of
     monkeypatch.setattr(
-        leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also)
+        leaderboard, "study_of", lambda *given, **also: whole(*given, **TINY | also)
     )
 
 

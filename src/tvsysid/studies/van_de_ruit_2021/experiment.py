@@ -74,7 +74,9 @@ def experiment_evidence(results: xr.Dataset) -> Evidence:
     counts = ["survivors", *(f"excluded_{step}" for step in STEPS)]
     recorded = results.recorded.where(results.recorded > 0)
     scaled = (RECORDED * results[counts] / recorded).to_dataframe()
-    analyses = experiment_quantities(results).to_dataframe().dropna(subset=["realizations"])
+    analyses = experiment_quantities(results).to_dataframe().reset_index()
+    order = analyses.groupby(["participant", "perturbation", "method_key"]).realizations.rank()
+    analyses["amount"] = order.map({1: LESS, 2: MORE})
     people = unique(results.participant.values)
     values = {
         (str(name), *key): mine.set_index("participant")[name].reindex(people).to_numpy()
@@ -96,7 +98,7 @@ def experiment_evidence(results: xr.Dataset) -> Evidence:
 
 
 def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
-    r"""Return what the claims are about, over recording, method and amount of data.
+    r"""Return what the claims are about, over recording and analysis.
 
     ``vaf_dip`` is the time-varying VAF at a period's quarters less that at its ends and middle.
     ``stiffness_change`` is the RMS change of the mean stiffness from less to more data, in per
@@ -107,7 +109,7 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
     import xarray as xr  # noqa: PLC0415  # heavy
 
     own = results.sel(quantity="stiffness", drop=True)
-    draws = own.estimate.transpose("recording", "analysis", ...)
+    draws = own.estimate
     mean = draws.mean("bootstrap")
     vaf = results.time_varying_vaf.mean("bootstrap")
     time = results.time - results.time[0]
@@ -116,18 +118,13 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
     found = measured(own)[["vaf", "bandpassed_vaf", "random_error"]].assign(
         correlation_with_torque=xr.corr(mean, results.mean_torque, "time"),
         vaf_dip=vaf.where(away).mean("time") - vaf.where(at).mean("time"),
-        stiffness=mean,
-        chance=draws.var("bootstrap", ddof=1) / draws.count("bootstrap"),
     )
-    order = results.realizations.to_series().groupby(results.method_key.values).rank("first")
-    found = found.reset_coords("realizations").assign_coords(amount=("analysis", order - 1))
-    found = found.drop_vars("analysis", errors="ignore").set_index(
-        analysis=["method_key", "amount"]
-    )
-    found = found.unstack("analysis").reindex(amount=[0, 1]).assign_coords(amount=[LESS, MORE])
-    change = found.stiffness.diff("amount").squeeze("amount") ** 2 - found.chance.sum("amount")
-    size = np.sqrt(change.mean("time").clip(min=0)) / found.stiffness.sel(amount=LESS).mean("time")
-    return found.drop_dims("time").assign(stiffness_change=100 * size.expand_dims(amount=[MORE]))
+    chance = draws.var("bootstrap", ddof=1) / draws.count("bootstrap")
+    more = xr.Dataset({"mean": mean, "chance": chance}).sortby("realizations")
+    less = more.groupby("method_key").map(lambda each: each.shift(analysis=1))
+    square = ((more["mean"] - less["mean"]) ** 2 - more.chance - less.chance).mean("time")
+    change = 100 * np.sqrt(square.clip(min=0)) / less["mean"].mean("time")
+    return found.sortby("realizations").assign(stiffness_change=change).reset_coords("realizations")
 
 
 def participant_interval(samples: Array, tail: float) -> tuple[float, float, float]:

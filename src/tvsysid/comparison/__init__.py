@@ -1,7 +1,6 @@
 """Identify one ensemble by several methods, and compare what they find and predict."""
 
 from tvsysid.comparison.comparison import Comparison
-from tvsysid.comparison.delay import delay_to_correct
 from tvsysid.comparison.identify import compare
 from tvsysid.comparison.preparation import PreparedRecording, prepare_recording
 
@@ -9,6 +8,5 @@ __all__ = [
     "Comparison",
     "PreparedRecording",
     "compare",
-    "delay_to_correct",
     "prepare_recording",
 ]

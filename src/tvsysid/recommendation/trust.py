@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -101,10 +101,15 @@ def trust_in(
     measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
-    unnamed = () if has_reference else recommendation.unnamed_references
-    loop = [] if has_reference else _described(LOOP, faults)
-    wrong = _errors(model, faults, unnamed)
-    if not is_suited and not recommendation.unnamed_references:
+    unnamed, loop = recommendation.unnamed_references, _described(LOOP, faults)
+    wrong = _described(WRONG, faults)
+    if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
+        wrong.append(REVERSED)
+    if has_reference:
+        loop = []
+    elif "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
+        wrong = [*unnamed, *wrong]
+    if not (is_suited or unnamed):
         wrong += loop
     # In a closed loop, the right impedance may predict none of the torque. A method with a
     # reference is therefore judged only where the data hold too little information for any method.
@@ -123,17 +128,6 @@ def trust_in(
         doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
         cautions = []
     return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
-
-
-def _errors(
-    model: Model, faults: Mapping[str, Finding], unnamed_references: Iterable[str]
-) -> list[str]:
-    """Return a text for each fault that makes every method's stiffness wrong, with its remedy."""
-    errors = _described(WRONG, faults)
-    if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
-        errors.append(REVERSED)
-    # With a wrong period, any channel seems to move the joint.
-    return errors if "wrong-period" in faults else [*unnamed_references, *errors]
 
 
 def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:

@@ -94,7 +94,7 @@ def write_study(
         pictures = draw_all(published.figures(results, named), folder / "figures", pool)
         page, about = folder / "report.html", published.about
         write_report(page, results, named, claims, pictures, command, about)
-    return Written(summary, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
+    return Written(named, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
 
 
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

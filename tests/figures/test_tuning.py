@@ -13,7 +13,6 @@ def evidence(better="lower"):
         better=better,
         tried=tuple({"window": window} for window in (0.1, 0.2, 0.05, 0.4, 0.3)),
         values=values if better == "lower" else -values,
-        standard_errors=np.full(5, np.nan),
         chosen=2,
         axis="window (s)",
         positions=np.array([0.1, 0.2, 0.05, 0.4, 0.3]),

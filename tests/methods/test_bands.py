@@ -129,43 +129,6 @@ def correlations_of(*moments):
     return truncated(*moments)
 
 
-@pytest.mark.slow
-def test_regression_without_prior_has_the_variance_of_least_squares_times_the_colour():
-    ensemble = ensemble_of(150.0, "sine", "noise")
-    model = tv.BasisIRF(prior="none").identify(ensemble)
-    first = ensemble.context - 12
-    signals = differentiate(ensemble.angle[:, first : ensemble.angle.shape[1] - first], 100.0)
-    functions = evaluate(tv.CubicBSplines(10), 200)
-    design = np.concatenate(
-        [
-            signals[0][..., None] * functions,
-            signals[1][..., None] * functions,
-            signals[2][..., None],
-        ],
-        axis=2,
-    ).reshape(-1, 21)
-    output = ensemble.torque[:, ensemble.core].ravel()
-    left = output - design @ np.linalg.lstsq(design, output, rcond=None)[0]
-    covariance = np.linalg.inv(design.T @ design) * (left @ left) / (len(left) - 21)
-    white = np.einsum("tj,jk,tk->t", functions, covariance[:10, :10], functions)
-    factor = standard_errors_of(model)[0] ** 2 / white
-    assert np.ptp(factor) < 1e-6 * factor.mean()
-    # Sandwich with the residual's own products, realization by realization.
-    scores = (design * left[:, None]).reshape(len(ensemble), 200, 21)
-    middle = sum(
-        np.einsum(
-            "ria,rib->ab",
-            scores[:, abs(min(d, 0)) : 200 - max(d, 0)],
-            scores[:, max(d, 0) : 200 + min(d, 0)],
-        )
-        for d in range(-25, 26)
-    )
-    bread = np.linalg.inv(design.T @ design)
-    sandwich = np.einsum("tj,jk,tk->t", functions, (bread @ middle @ bread)[:10, :10], functions)
-    assert np.mean(standard_errors_of(model)[0] ** 2) == pytest.approx(np.mean(sandwich), rel=0.2)
-    assert factor.mean() > 1.2  # the noise is stronger where stiffness shows than on the average
-
-
 @pytest.mark.parametrize("subtracted", [False, True])
 def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors(subtracted):
     ensemble = prepared(ensemble_of(40.0, "sine", "prbs"), subtracted)
@@ -251,36 +214,6 @@ def test_bands_are_as_wide_as_estimates_scatter(name, perturbation):
     # At 0 Hz a bias is in the way, and where coefficients are pruned the band is too narrow.
     lowest = {"esm": 88, "birf irf": 88}.get(name, 91)
     assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
-@pytest.mark.parametrize("subtracted", [False, True])
-def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
-    truth = tv.simulate.SineWave()(np.arange(200) / 100)
-    methods = {
-        "eirf": (tv.EnsembleIRF(max_lag=0.02), 89),
-        "sds": (tv.ShortDataSegments(), 90),
-        "birf": (tv.BasisIRF(), 91),
-        "esm": (tv.EnsembleSpectral(), 90),
-        "esm fit": (tv.EnsembleSpectral(stiffness="fit"), 91),
-    }
-    held = {name: [] for name in methods}
-    for seed in range(20):
-        ensemble = prepared(
-            ensemble_of(40.0, "sine", perturbation, seed=300 + seed).select(np.arange(9)),
-            subtracted,
-        )
-        for name, (method, _) in methods.items():
-            model = method.identify(ensemble)
-            held[name].append(
-                [*model.estimates["stiffness"].band(), *model.estimates["viscosity"].band()]
-            )
-    for name, (_, lowest) in methods.items():
-        bands = np.array(held[name])
-        assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
-        # Under the PRBS what decimation folds back adds to viscosity.
-        assert 88 < tv.metrics.coverage(bands[:, 2], bands[:, 3], np.full(200, 2.2)) < 98
 
 
 def test_fewer_realizations_than_lags_leave_no_band():

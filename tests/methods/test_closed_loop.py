@@ -1,6 +1,5 @@
 """A reference as the instrument, and frequencies weighted by the residual."""
 
-import pickle
 import warnings
 from functools import cache
 
@@ -228,26 +227,6 @@ def test_closed_loop_estimates_are_right_where_open_ones_are_not():
     assert np.std(weighted, axis=0).mean() < 0.85 * np.std(opened, axis=0).mean()
 
 
-@pytest.mark.parametrize("data", [(100.0, 5.0, 5.0), (30.0, 40.0, 10.0)])
-def test_measured_torque_is_predicted_from_the_measured_angle_as_well_as_by_the_truth(data):
-    # In the cross-spectra of a soft actuator's angle there are frequencies that the reference
-    # hardly moves.
-    ensemble, other = loop(*data), loop(*data, 101)
-    model, torque = identified(ESM, *data), other.torque[:, other.core]
-    true = np.stack(
-        [tv.simulate.SineWave()(ensemble.time), *np.outer([2.2, 0.02], np.ones(ensemble.samples))]
-    )
-    left = [
-        np.var(torque - each)
-        for each in (np.einsum("mt,mrt->rt", true, other.derivatives()), model.predict(other))
-    ]
-    assert left[1] < 1.1 * left[0]
-    told = np.isfinite(model.frequency_response)
-    assert (model.frequencies[~told.any(axis=0)] > 15).all()
-    assert 0.3 < told.mean() < 1
-    assert np.abs(model.frequency_response[told]).max() < 2e4
-
-
 def test_a_weak_reference_is_refused_or_has_no_band():
     weak = loop(3.0, 2.0, -10.0)
     for method in (ESM, tv.BasisIRF(reference=D), tv.ShortDataSegments(reference=D)):
@@ -278,20 +257,6 @@ def test_a_weak_reference_is_refused_or_has_no_band():
     constant = attrs.evolve(half, channels={D: np.ones_like(half.angle)})
     with pytest.raises(tv.InputError, match="does not vary between realizations"):
         KBR.identify(constant)
-
-
-def test_the_result_keeps_the_strength_over_time():
-    model = pickle.loads(pickle.dumps(identified(KBR)))
-    assert model.to_xarray()["instrument_strength"].dims == ("time",)
-    np.testing.assert_array_equal(model.diagnostics.strength, identified(KBR).diagnostics.strength)
-    assert model.method.endswith("reference='disturbance', weighting='residual')")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [KBR, tv.BasisIRF(reference=D)])
-@pytest.mark.usefixtures("brief_cases")
-def test_every_check_is_passed(method):
-    assert [check for check in tv.check_method(method) if not check.passed] == []
 
 
 def test_settings_that_cannot_be():

@@ -12,8 +12,8 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods import tuning
-from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.methods.kbr.search import CLEARLY, Candidate, Likelihood
+from tvsysid.methods.kbr.record import Record
+from tvsysid.methods.kbr.search import Likelihood
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
 
@@ -24,8 +24,7 @@ slow = pytest.mark.slow  # tuning a kernel takes several seconds
 def dense_model(ensemble, theta, decay, near, order=2):
     """Return the covariance of the band's Fourier coefficients, the fixed part, and the output.
 
-    The coefficients are real and imaginary parts. The fixed part has no prior. The fourth value is
-    the covariance if nothing changes in time.
+    The coefficients are real and imaginary parts. The fixed part has no prior.
     """
     l1, *variances, noise = np.exp(theta)
     signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
@@ -46,10 +45,9 @@ def dense_model(ensemble, theta, decay, near, order=2):
     def in_band(covariance):
         return plain._fourier(plain._fourier(covariance, inside).T, inside)
 
-    white = np.eye(2 * int(inside.sum()))
-    covariance = in_band(changing + noise / near * smooth) + noise * white
-    alone = in_band(smooth) + near * white
-    return covariance, plain._fourier(signals, inside).T, plain._fourier(torque, inside), alone
+    covariance = in_band(changing + noise / near * smooth)
+    covariance += noise * np.eye(len(covariance))
+    return covariance, plain._fourier(signals, inside).T, plain._fourier(torque, inside)
 
 
 def dense_log_density(ensemble, theta, decay, near):
@@ -57,7 +55,7 @@ def dense_log_density(ensemble, theta, decay, near):
 
     The kernel is dense.
     """
-    covariance, fixed, output, _ = dense_model(ensemble, theta, decay, near)
+    covariance, fixed, output = dense_model(ensemble, theta, decay, near)
     inverse = np.linalg.inv(covariance)
     information = fixed.T @ inverse @ fixed
     projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
@@ -85,62 +83,6 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
         step = 1e-4 * (np.arange(5) == number)
         difference = (likelihood(one + step)[0] - likelihood(one - step)[0]) / 2e-4
         assert slope[number] == pytest.approx(difference, rel=1e-4, abs=1e-3)
-
-
-def dense_log_evidence(ensemble, theta, near, order, lag):
-    """Return the log density under a proper prior of the constants, but for a constant.
-
-    The price of what is chosen is subtracted.
-    """
-    covariance, fixed, output, alone = dense_model(
-        lagged(ensemble, lag), theta, math.inf, near, order
-    )
-    count = len(output)
-    estimate = np.linalg.lstsq(
-        fixed.T @ np.linalg.solve(covariance, fixed),
-        fixed.T @ np.linalg.solve(covariance, output),
-        rcond=None,
-    )[0]
-    # As much as one of the numbers tells of the constants, where nothing changes in time.
-    prior = count * np.linalg.inv(2 * fixed.T @ np.linalg.solve(alone, fixed))
-    whole = covariance / 2 + fixed @ prior @ fixed.T
-    left = output - fixed @ estimate
-    density = -0.5 * (np.linalg.slogdet(whole)[1] + left @ np.linalg.solve(whole, left))
-    return density - 0.5 * (order + 1 + (lag > 0)) * math.log(count)
-
-
-@pytest.mark.slow
-def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior():
-    ensemble = ensemble_of(12.0, "sine", "noise")
-    theta = np.log([0.1, 1600.0, 0.3, 3e-5, 0.15])
-    found, expected = [], []
-    for lag in (0.0, 0.008):
-        record = Record.of(lagged(ensemble, lag), (0.0, 20.0))
-        kernel = record.kernel(2.0, 0.1)
-        whole = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-        for order in (0, 1, 2):
-            part, settings = whole.up_to(order), Candidate(order, lag, math.inf, theta, "")
-            found.append(part.compared(settings, theta, part(theta)[0]).value)
-            expected.append(dense_log_evidence(ensemble, theta, 0.15, order, lag))
-    assert np.ptp(expected) > 100
-    np.testing.assert_allclose(
-        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02
-    )
-
-
-def test_evidence_of_constants_does_not_depend_on_their_units():
-    record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0))
-    units = np.array([1.0, 100.0, 1e-3, 1.0])[:, None, None]
-    stacks = tuple(attrs.evolve(runs, signals=runs.signals * units) for runs in record.stacks)
-    other = attrs.evolve(record, stacks=stacks)
-    kernel = record.kernel(2.0, 0.1)
-    values = []
-    for each, variances in ((record, [1600.0, 0.3, 3e-5]), (other, [1600.0, 3e-5, 30.0])):
-        likelihood = Likelihood.of(each, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-        theta = np.log([0.1, *variances, 0.15])
-        settings = Candidate(2, 0.0, math.inf, theta, "")
-        values.append(likelihood.compared(settings, theta, likelihood(theta)[0]).value)
-    assert values[0] == pytest.approx(values[1], abs=1e-5)
 
 
 def joint_of(duration, lag=0.0, **settings):
@@ -196,20 +138,6 @@ def test_a_lag_of_the_torque_is_found():
     # One that is given is kept, or goes where there is none.
     assert tv.KernelRegression(lag=tuned.lag).tuned(ensemble).method.lag == tuned.lag
     assert tv.KernelRegression(lag=0.02).tuned(joint_of(20)).method.lag == 0.0
-
-
-@slow
-def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
-    evidence = tuned_to_a_joint(2, LIGHT).evidence
-    gain = evidence.values[evidence.chosen] - max(
-        value
-        for value, settings in zip(evidence.values, evidence.tried, strict=True)
-        if settings["order"] == 2
-    )
-    assert evidence.settings["order"] == 1
-    assert gain > CLEARLY
-    monkeypatch.setattr("tvsysid.methods.kbr.search.CLEARLY", gain + 0.1)
-    assert tv.KernelRegression().tuned(joint_of(40, **dict(LIGHT))).method.order == 2
 
 
 @slow

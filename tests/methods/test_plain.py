@@ -7,7 +7,6 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.numerics import moments
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
@@ -119,21 +118,3 @@ def predicted(ensemble, fit):
     signals = differentiate(ensemble.angle[:, reach], 100.0)
     parts = zip((fit.stiffness, fit.viscosity, fit.inertia), signals, strict=True)
     return sum(coefficient.reshape(-1, 200) * signal for coefficient, signal in parts)
-
-
-@contexts
-@pytest.mark.parametrize(
-    "method",
-    [
-        tv.EnsembleIRF(),
-        tv.ShortDataSegments(),
-        tv.BasisIRF(),
-        tv.BasisIRF(model="irf", prior="none"),
-    ],
-    ids=repr,
-)
-def test_chunks_of_time_make_no_seam(ensemble_of, monkeypatch, method, context):
-    ensemble = ensemble_of(100.0, "square", "noise", context=context)
-    whole = method.identify(ensemble)
-    monkeypatch.setattr(moments, "CHUNK", 23 * 25**2)
-    np.testing.assert_allclose(method.identify(ensemble).stiffness, whole.stiffness, rtol=1e-8)

@@ -9,10 +9,8 @@ from scipy.signal import lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.shared import correlations
 from tvsysid.numerics.bases import CubicBSplines
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.second_order import agreement_of_moments
 
 
 def with_reflex(ensemble, share):
@@ -83,23 +81,3 @@ def test_noise_is_no_higher_order(method):
     assert (100 - agreements < 4 * errors).all()
     with_reflexes = [told_of(method, with_reflex(ensemble, 0.6)) for ensemble in ensembles[:3]]
     assert all(told for _, _, told in with_reflexes)
-
-
-@pytest.mark.slow
-def test_the_agreement_error_is_its_scatter(monkeypatch):
-    def uncut(fitted, beyond, chance):
-        return 100 - 100 * np.sum(beyond - chance) / np.sum(fitted + beyond)
-
-    monkeypatch.setattr(correlations, "agreement", uncut)
-    ensembles = [
-        tv.preprocess.subtract_mean(ensemble_of(60.0, "sine", "noise", 0.0, seed=seed))
-        for seed in range(30)
-    ]
-    method = tv.ShortDataSegments(max_lag=0.06)
-    found, errors, _ = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
-    assert found.mean() == pytest.approx(100, abs=4 * errors.mean() / np.sqrt(30))
-    assert errors.mean() == pytest.approx(found.std(ddof=1), rel=0.35)
-
-
-def test_nothing_left_agrees_entirely():
-    assert agreement_of_moments(2.0, np.zeros(3), np.eye(3), 0.0, 100) == 100

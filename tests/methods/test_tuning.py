@@ -8,7 +8,6 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods import sds
 from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
 from tvsysid.methods.tuning.evidence import edge_of
@@ -102,16 +101,6 @@ def test_the_seed_deals_the_halves(few_deals):
     assert not np.array_equal(one, other)
 
 
-@slow
-@pytest.mark.parametrize(("perturbation", "limit"), [("noise", 1.2), ("prbs", 2.0)])
-def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation, limit):
-    truth = tv.simulate.SineWave()
-    ensemble = ensemble_of(100.0, "sine", perturbation)
-    for method in (tv.BasisIRF(), tv.KernelRegression()):
-        model = method.tuned(ensemble).method.identify(ensemble)
-        assert np.sqrt(np.mean((model.stiffness - truth(model.time)) ** 2)) < limit
-
-
 def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
     assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == (
         "window=0.02 is the smallest that was tried",
@@ -122,59 +111,16 @@ def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
     assert edge_of("window", 0.04, (0.04, 0.02, 0.1)) == edge_of("window", 0.04, (0.04,)) == ()
 
 
-@slow
-@pytest.mark.usefixtures("few_deals")
-def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
-    """The advice on a slow answer is longer lags; tuning judges by the lags that are given."""
-    monkeypatch.setattr(sds, "LAGS", (0.03, 0.12))
-    monkeypatch.setattr(sds, "WINDOWS", (0.1, 0.4))
-    joint = tv.simulate.ReflexJoint(tv.simulate.Constant(100.0), reflex_gain=8.0)
-    recording = joint.simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
-    ).recording
-    released = tv.simulate.StretchReflex(direction=-1).torque(
-        np.gradient(recording.angle, 1e-3), 8.0, 1000.0
-    )
-    # Together with the response to stretch, this torque is linear
-    recording = attrs.evolve(recording, torque=recording.torque + released)
-    ensemble = tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    )
-    (advice,) = tv.diagnose(ensemble).findings
-    assert advice.name == "slow-answer"
-    assert "sds:max_lag=0.4,window=0.4" in advice.fault.remedy
-    tuned, evidence = tv.ShortDataSegments(max_lag=0.4, window=0.4).tuned(ensemble)
-    assert tuned.max_lag == 0.4
-    assert "max_lag=0.4 is the largest that was tried" in str(evidence)
-    assert tuned.identify(ensemble).stiffness.mean() == pytest.approx(100, abs=5)
-    assert tv.ShortDataSegments().tuned(ensemble).method.identify(ensemble).stiffness.mean() > 140
-
-
 # Windows and lags: halves.
 
 
-class Share:
-    """Stands for a method: a share of the mean torque, which stands for stiffness."""
-
-    def __init__(self, share):
-        self.share = share
-
-    def fit(self, ensemble):
-        model = type("Model", (), {})()
-        model.stiffness = self.share * ensemble.torque[:, ensemble.core].mean(axis=0)
-        return model
-
-
 def test_halves_tell_the_mean_square_error(random, monkeypatch):
-    monkeypatch.setattr(
-        halves, "reference_stiffness", lambda half, max_lag: half.torque.mean(axis=0)
-    )
     monkeypatch.setattr(halves, "DEALS", 20)
     truth, noise, count = 10 * np.sin(np.linspace(0, 6, 4000)), 8.0, 60
     torque = truth + noise * random.normal(size=(count, len(truth)))
-    ensemble = tv.Ensemble(random.normal(size=torque.shape), torque, 100.0)
-    compared = halves.Halves(ensemble, 0.1, 0)
-    errors = compared.errors(np.array([compared.estimates(Share(share)) for share in (1.0, 0.5)]))
+    pairs = halves.deal(tv.Ensemble(random.normal(size=torque.shape), torque, 100.0), 0)
+    means = halves.of_halves(pairs, lambda half: half.torque.mean(axis=0))
+    errors = halves.mean_square_errors(np.array([means, 0.5 * means]), means)
     variance = noise**2 / count
     assert errors[:, 0].mean() == pytest.approx(variance, rel=0.1)
     assert errors[:, 1].mean() == pytest.approx(
@@ -265,13 +211,6 @@ def test_a_method_that_tunes_itself():
     assert begun == tv.KernelRegression.preset("experiment")
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_cases")
-def test_a_method_that_tunes_itself_keeps_the_contract():
-    checks = tv.check_method(tv.methods.Tuned(tv.BasisIRF()))
-    assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
-
-
 @pytest.mark.parametrize(
     ("create", "message"),
     [
@@ -299,12 +238,6 @@ def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
     # An angle that lasts ten times as long, not for ever, leaves the noise a little more.
     assert share <= worth < 1.4 * share + 0.01
     assert worth == pytest.approx(white_share(noise, slow, 100.0, (0.0, 50.0)))
-    edges = np.zeros_like(noise)
-    edges[:, :10] = np.nan
-    inner = tv.Ensemble(slow[:, 10:], noise[:, 10:], 100.0)
-    assert independent_share(ensemble, edges, (0.0, 50.0)) == independent_share(
-        inner, edges[:, 10:], (0.0, 50.0)
-    )
 
 
 def test_a_basis_is_chosen_by_its_function_not_by_its_size():

@@ -206,7 +206,10 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("spin", "unknown scenario 'spin'; the scenarios are gone, number, spring; your own is"),
+        (
+            "spin",
+            "unknown scenario 'spin'; expected one of gone, number, spring, or your own as mod",
+        ),
         ("number", "scenario 'number' must be a mapping of settings, such as 'duration_s', got 3"),
         ("gone", "module 'own_scenarios' has no 'GONE'"),
         ("own_scenarios:MISSING", "has no 'MISSING'"),

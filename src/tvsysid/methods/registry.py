@@ -6,7 +6,7 @@ User-defined systems, profiles, perturbations and scenarios are found in the sam
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import EntryPoint, distributions
 from operator import attrgetter
@@ -26,7 +26,7 @@ from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.settings import converted, further_settings, names_of_settings, split_settings
+from tvsysid.methods.settings import settings_from_text
 from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Tuned
@@ -83,7 +83,7 @@ def names() -> tuple[str, ...]:
 def installed(kind: str = "method") -> dict[str, EntryPoint]:
     """Return the methods or scenarios of installed packages by name, sorted. Nothing is loaded."""
     found: dict[str, EntryPoint] = {}
-    for distribution in distributions():
+    for distribution in distributions() if kind in ENTRY_POINTS else ():
         with suppress(Exception):  # unreadable metadata of one package must not stop the others
             for point in distribution.entry_points.select(group=ENTRY_POINTS[kind]):
                 found.setdefault(point.name, point)
@@ -134,7 +134,7 @@ def parse(text: str) -> Method:
     return method
 
 
-def from_text(text: str, kind: str, default: object = None) -> Any:
+def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -> Any:
     """Create an object from a text: ``key`` or ``module:object``, perhaps with ``:setting=value``.
 
     Parameters
@@ -143,27 +143,27 @@ def from_text(text: str, kind: str, default: object = None) -> Any:
         As for :func:`parse`, which raises the same errors.
     kind
         ``"method"``, ``"system"``, ``"profile"`` or ``"perturbation"``.
-    default
-        Object whose settings are changed. The key is then ignored.
+    known
+        Classes, or objects whose settings can be changed, by key. By default the package's own
+        methods.
     """
-    key, rest = _split(text)
-    target = find(key, kind) if default is None else type(default)
-    label = f"{kind} {text!r}"
+    known = METHODS if known is None else known
+    key, rest = _split(text, known)
+    target, base, label = known.get(key) or find(key, kind, known), {}, f"{kind} {text!r}"
     if not _is_a(kind, target):
         name = getattr(target, "__name__", type(target).__name__)
         expected = f"has no {ATTRIBUTES[kind]}" if kind in ATTRIBUTES else "is no tvsysid.Method"
         raise InputError(f"{label}: {name} {expected}")
     if not isinstance(target, type):
-        if rest:
+        if not rest:
+            return target
+        if key not in known:
             raise InputError(
                 f"{label}: an object takes no settings; name its class {type(target).__name__}"
             )
-        return target
+        target, base = type(target), settings_of(target)
     try:
-        given = split_settings(rest)
-        _check_names(given, target)
-        values = {name: converted(target, name, value) for name, value in given.items()}
-        return _made(target, **({} if default is None else settings_of(default)) | values)
+        return _made(target, **base | settings_from_text(rest, target))
     except InputError as error:
         raise InputError(f"{label}: {error}") from error
     except (Exception, SystemExit) as error:
@@ -176,44 +176,21 @@ def _made(target: Any, tuned: bool = False, preset: str | None = None, **setting
     return Tuned(made) if tuned else made
 
 
-def _check_names(given: Mapping[str, str], target: type) -> None:
-    """Raise for a setting that a class does not have."""
-    known = [*names_of_settings(target), *further_settings(target)]
-    for name in given:
-        if name not in known:
-            others = [key for key, each in METHODS.items() if name in names_of_settings(each)]
-            hint = f"; methods with that setting are {', '.join(others)}" if others else ""
-            raise InputError(
-                f"unknown setting {name!r}; its settings are {', '.join(known) or 'none'}{hint}"
-            )
-
-
 def resolve(value: object, known: Mapping[str, object], kind: str) -> Any:
     """Return the object for a known name or a text with settings. Return other values unchanged."""
-    if not isinstance(value, str):
-        return value
-    if value in known:
-        return known[value]
-    key, _, rest = value.partition(":")
-    if not rest or (key not in known and "=" in rest.partition(":")[0]):
-        raise InputError(
-            f"unknown {kind} {key!r}; expected one of {', '.join(known)}, or your own as "
-            "module:Object"
-        )
-    return from_text(value, kind, known.get(key))
+    return from_text(value, kind, known) if isinstance(value, str) else value
 
 
-def find(key: str, kind: str) -> Any:
-    """Return the class or object of a key. The package's own methods take precedence."""
-    if kind == "method" and key in METHODS:
-        return METHODS[key]
-    if kind not in ENTRY_POINTS or ":" in key:
+def find(key: str, kind: str, known: Iterable[str] = METHODS) -> Any:
+    """Import the class or object of an installed package's key, or ``package.module:Name``."""
+    if ":" in key:
         return load(key, kind)
     points = installed(kind)
     if key not in points:
-        known = ", ".join(names() if kind == "method" else points) or "none"
+        listed = ", ".join(dict.fromkeys([*(known if kind != "scenario" else ()), *points]))
         raise InputError(
-            f"unknown {kind} {key!r}; the {kind}s are {known}; your own is module:Name"
+            f"unknown {kind} {key!r}; expected one of {listed or 'none'}, or your own as "
+            "module:Object"
         )
     return load(points[key].value.partition("[")[0].replace(" ", ""), kind)
 
@@ -227,25 +204,19 @@ def load(name: str, kind: str = "object") -> Any:
         If there is no such module or name, or the module fails while it is imported.
     """
     where, _, path = name.partition(":")
-    label = f"{kind} {name!r}"
-    if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
-        raise InputError(
-            f"{label}: expected module:Class, as in mypackage.mymodule:My{kind.title()}; a module "
-            "is named without its folder and without .py"
-        )
+    label = f"{kind} {name!r}: module {where!r}"
     importlib.invalidate_caches()  # the file may have been written a moment ago
     try:
         module = importlib.import_module(where)
     except (Exception, SystemExit) as error:
-        missing = error.name if isinstance(error, ModuleNotFoundError) else None
-        if missing is not None and f"{where}.".startswith(f"{missing}."):
-            raise InputError(
-                f"{label}: there is no module {missing!r} in the current folder or among the "
-                "installed packages; go to its folder, or install its package"
-            ) from error
-        raise InputError(
-            f"{label}: module {where!r} fails while it is imported: {describe_error(error)}"
-        ) from error
+        is_missing = isinstance(error, ModuleNotFoundError) and where.startswith(str(error.name))
+        reason = f"fails while it is imported: {describe_error(error)}"
+        if is_missing or where.startswith("."):
+            reason = (
+                "is neither in the current folder nor among the installed packages; a module is "
+                "named without its folder and without .py"
+            )
+        raise InputError(f"{label} {reason}") from error
     try:
         return attrgetter(path)(module)
     except AttributeError as error:
@@ -255,8 +226,7 @@ def load(name: str, kind: str = "object") -> Any:
             if _is_a(kind, value) and not each.startswith("_")
         ]
         raise InputError(
-            f"{label}: module {where!r} has no {path!r}; its {kind}s are "
-            f"{', '.join(found) or 'none'}"
+            f"{label} has no {path!r}; its {kind}s are {', '.join(found) or 'none'}"
         ) from error
 
 
@@ -302,13 +272,13 @@ def key_of(text: str) -> str:
     >>> key_of("sds:window=0.2"), key_of("mymodule:MyMethod:order=3")
     ('sds', 'mymodule:MyMethod')
     """
-    return _split(text)[0]
+    return _split(text, METHODS)[0]
 
 
-def _split(text: str) -> tuple[str, str]:
+def _split(text: str, known: Container[str]) -> tuple[str, str]:
     """Split a text into key and settings. A word without equals sign after a colon is a class."""
     head, _, rest = text.partition(":")
     first, _, after = rest.partition(":")
-    if head not in METHODS and first and "=" not in first:
+    if head not in known and first and "=" not in first:
         return f"{head}:{first}", after
     return head, rest

@@ -34,29 +34,35 @@ def split_settings(text: str) -> dict[str, str]:
     return found
 
 
-def names_of_settings(target: type) -> list[str]:
-    """Return the names of the settings that a class takes."""
-    return list(inspect.signature(target).parameters)
-
-
-def further_settings(target: type) -> dict[str, type]:
-    """Return the settings of a method that are no fields, with their types."""
-    if not issubclass(target, Method):
-        return {}
-    preset: dict[str, type] = {"preset": str} if hasattr(target, "preset") else {}
-    return preset | ({"tuned": bool} if target.can_be_tuned else {})
-
-
-def converted(target: Any, name: str, text: str) -> Any:
-    """Return the value of a setting that was given as text, by the type hint of its field.
+def settings_from_text(text: str, target: Any) -> dict[str, Any]:
+    """Return the values of settings that were given as text, by the type hints of a class.
 
     Raises
     ------
     InputError
-        If the text is no number, whole number, truth value or choice where one is expected. All
-        else is left to the class.
+        If the class has no such setting, or the text is no number, whole number, truth value or
+        choice where one is expected. All else is left to the class.
     """
-    hint = _type_hints(target).get(name, Any)
+    hints: dict[str, Any] = {}
+    for source in (target.__init__, target):
+        with suppress(Exception):  # names that exist for type checkers only
+            hints |= get_type_hints(source)
+    known: dict[str, Any] = dict.fromkeys(inspect.signature(target).parameters, Any)
+    if issubclass(target, Method):  # further settings, which are no fields
+        hints |= {"preset": str, "tuned": bool}
+        known |= {"preset": str} if hasattr(target, "preset") else {}
+        known |= {"tuned": bool} if target.can_be_tuned else {}
+    given = split_settings(text)
+    for name in given:
+        if name not in known:
+            raise InputError(
+                f"unknown setting {name!r}; its settings are {', '.join(known) or 'none'}"
+            )
+    return {name: _converted(name, value, hints.get(name, Any)) for name, value in given.items()}
+
+
+def _converted(name: str, text: str, hint: Any) -> Any:
+    """Return the value of a setting that was given as text."""
     if hint == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
         return basis_from_text(text)
     value: Any = text
@@ -68,19 +74,12 @@ def converted(target: Any, name: str, text: str) -> Any:
         with suppress(ValueError):
             return _as_hinted(option, hint)
     if get_origin(hint) is Literal:
-        expected = f"one of {', '.join(map(repr, get_args(hint)))}"
-    elif not (expected := EXPECTED.get(hint, "")):
-        return value
-    raise InputError(f"{name} must be {expected}, got {text!r}")
-
-
-def _type_hints(target: Any) -> dict[str, Any]:
-    """Return the type hints of a class's settings, as far as its module has their names."""
-    hints: dict[str, Any] = {}
-    for source in (target.__init__, target):
-        with suppress(Exception):  # names that exist for type checkers only
-            hints |= get_type_hints(source)
-    return hints | further_settings(target)
+        raise InputError(
+            f"{name} must be one of {', '.join(map(repr, get_args(hint)))}, got {text!r}"
+        )
+    if hint in EXPECTED:
+        raise InputError(f"{name} must be {EXPECTED[hint]}, got {text!r}")
+    return value
 
 
 def _as_hinted(value: Any, hint: Any) -> Any:

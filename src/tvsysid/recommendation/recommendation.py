@@ -101,7 +101,8 @@ class Recommendation:
             for text in self.suited
             for label, method in methods.items()
             if METHODS[key_of(text)] is type(method)
-            and from_text(text, "method", method) in (method, *[Tuned(method)] * (label in tuned))
+            and from_text(text, "method", {key_of(text): method})
+            in (method, *[Tuned(method)] * (label in tuned))
         ]
 
     @property

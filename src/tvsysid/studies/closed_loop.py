@@ -12,7 +12,7 @@ import numpy as np
 
 from tvsysid.figures import Illustration
 from tvsysid.figures.results import scenario_traits
-from tvsysid.methods import CLOSED_LOOP, from_text
+from tvsysid.methods import CLOSED_LOOP, resolve
 from tvsysid.simulate import SYSTEMS, CompliantActuator
 from tvsysid.studies.claims import HOW_DECIDED, Claim, Margin, ratio
 from tvsysid.studies.pictures import comparison, coverage, error_over_size
@@ -155,8 +155,7 @@ SIZE = "stiffness of the actuator (N·m/rad)"
 def loop_of(label: object) -> CompliantActuator | None:
     """Return the system of this label, if it is a closed loop of the package."""
     usual = SYSTEMS.get(str(label).partition(":")[0])
-    is_loop = isinstance(usual, CompliantActuator)
-    return from_text(str(label), "system", usual) if is_loop else None
+    return resolve(label, SYSTEMS, "system") if isinstance(usual, CompliantActuator) else None
 
 
 def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:

@@ -370,7 +370,6 @@ def evidence_of(tried: Sequence[Candidate], chosen: int, method: object, scale: 
         better="higher",
         tried=tuple(settings),
         values=np.array([each.value for each in tried]),
-        standard_errors=np.full(len(tried), math.nan),
         chosen=chosen,
         axis="length_periodic (no unit)",
         positions=np.exp([each.theta[0] for each in tried]),

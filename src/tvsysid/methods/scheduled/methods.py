@@ -295,7 +295,6 @@ def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
             {"order": order, "reflex_order": reflex_order} for order, reflex_order in tried
         ),
         values=folds.mean(axis=1),
-        standard_errors=(folds - folds[0]).std(axis=1, ddof=1) / np.sqrt(FOLDS),
         chosen=list(tried).index(best),
         axis="order",
         positions=np.array([order for order, _ in tried], dtype=np.float64),

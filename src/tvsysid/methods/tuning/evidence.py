@@ -48,8 +48,6 @@ class Evidence:
         Settings by name; the first are those that the method had before.
     values
         Criterion of each of them.
-    standard_errors
-        Standard errors of the differences of values from the first; NaN where unknown.
     chosen
         Position of the settings that were chosen.
     axis, positions, lines
@@ -63,7 +61,6 @@ class Evidence:
     better: Literal["higher", "lower"]
     tried: tuple[Mapping[str, Any], ...]
     values: Array = attrs.field(converter=read_only)
-    standard_errors: Array = attrs.field(converter=read_only)
     chosen: int
     axis: str
     positions: Array = attrs.field(converter=read_only)
@@ -113,7 +110,6 @@ class Evidence:
                 "criterion": self.criterion,
                 "value": self.values,
                 "unit": self.unit,
-                "standard_error": self.standard_errors,
                 "chosen": np.arange(len(self.values)) == self.chosen,
             }
         )
@@ -167,39 +163,37 @@ def evidence_of_bases(
             "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or "
             "'ridge'"
         )
-    counts = {basis: evaluate(basis, samples).shape[1] for basis in BASES}
-    tried = [
-        given,
+    counts = {basis: evaluate(basis, samples).shape[1] for basis in (given, *BASES)}
+    tried, functions = zip(
         *(
-            basis
-            for basis, functions in counts.items()
-            if basis != given and per_function * functions <= MAX_COEFFICIENTS
+            (basis, count)
+            for basis, count in counts.items()
+            if basis == given or per_function * count <= MAX_COEFFICIENTS
         ),
-    ]
-    positions = [evaluate(basis, samples).shape[1] for basis in tried]
+        strict=True,
+    )
     # Each precision that was fitted raises the evidence, even of a function that is not there.
-    fitted = [per_function * functions if prior == "ard" else 1 for functions in positions]
+    fitted = per_function * np.array(functions) if prior == "ard" else np.ones(len(tried))
     values = np.array([log_evidence(basis) for basis in tried]) - fitted
     best = int(np.argmax(values))
     chosen = best if values[best] > values[0] + MIN_GAIN_NAT else 0
     lines = tuple(map(_kind, tried))
     same_kind = [
-        functions for functions, line in zip(positions, lines, strict=True) if line == lines[chosen]
+        count for count, line in zip(functions, lines, strict=True) if line == lines[chosen]
     ]
     # One function is a constant: no basis has fewer.
-    is_largest = chosen and positions[chosen] == max(same_kind)
+    is_largest = chosen and functions[chosen] == max(same_kind)
     return Evidence(
         criterion="log evidence less precisions fitted",
         unit="nat",
         better="higher",
         tried=tuple({"basis": basis} for basis in tried),
         values=values,
-        standard_errors=np.full(len(values), np.nan),
         chosen=chosen,
         axis="functions",
-        positions=positions,
+        positions=np.array(functions),
         lines=lines,
-        edges=edge_of("functions", positions[chosen], same_kind) if is_largest else (),
+        edges=edge_of("functions", functions[chosen], same_kind) if is_largest else (),
     )
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,49 +39,37 @@ MIN_KNOWN = 0.5  # share of the times known with the settings given
 SAMPLES_PER_LAG = 4  # from which on the reference is determined
 
 
-class Halves:
-    """Halves of an ensemble, and how good settings are by them.
+Estimator = Callable[[Ensemble], Array]
 
-    Parameters
-    ----------
-    ensemble
-        Realizations that are dealt into halves.
-    max_lag
-        Lags of the reference to either side in s.
-    seed
-        Random seed of the deals.
+
+def deal(ensemble: Ensemble, seed: int) -> list[tuple[Ensemble, Ensemble]]:
+    """Return pairs of halves into which the realizations are dealt at random."""
+    if len(ensemble) < MIN_REALIZATIONS:
+        raise InputError(
+            f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} "
+            f"are too few; give at least {MIN_REALIZATIONS}"
+        )
+    random = np.random.default_rng(seed)
+    hands = [random.permutation(len(ensemble)) % 2 for _ in range(DEALS)]
+    return [(ensemble.select(hand == 0), ensemble.select(hand == 1)) for hand in hands]
+
+
+def of_halves(pairs: list[tuple[Ensemble, Ensemble]], estimate: Estimator) -> Array:
+    """Return the estimate of each half, shape (deal, half, time)."""
+    return np.array([[estimate(half) for half in pair] for pair in pairs])
+
+
+def mean_square_errors(stiffness: Array, references: Array) -> Array:
+    """Return the mean square error in (N·m/rad)², shape (deal, method).
+
+    It is a mean over the times at which all methods know ``stiffness``, whose shape is (method,
+    deal, half, time). The ``references`` have the shape (deal, half, time).
     """
-
-    def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
-        if len(ensemble) < MIN_REALIZATIONS:
-            raise InputError(
-                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} "
-                f"are too few; give at least {MIN_REALIZATIONS}"
-            )
-        random = np.random.default_rng(seed)
-        hands = [random.permutation(len(ensemble)) % 2 for _ in range(DEALS)]
-        self.halves = [(ensemble.select(hand == 0), ensemble.select(hand == 1)) for hand in hands]
-        self.references = self._of_halves(lambda half: reference_stiffness(half, max_lag))
-
-    def estimates(self, method: Method) -> Array:
-        """Return the stiffness from each half, shape (deal, half, time)."""
-        return self._of_halves(lambda half: method.fit(half).stiffness)
-
-    def errors(self, stiffness: Array) -> Array:
-        """Return the mean square error in (N·m/rad)², shape (deal, method).
-
-        It is a mean over the times at which all methods know ``stiffness``, whose shape is
-        (method, deal, half, time).
-        """
-        known = np.isfinite(stiffness).all(axis=(0, 1, 2))
-        known &= np.isfinite(self.references).all(axis=(0, 1))
-        bias = stiffness[..., known] - self.references[..., known]
-        difference = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
-        errors = np.mean(bias[:, :, 0] * bias[:, :, 1] + difference**2 / 4, axis=-1)
-        return np.asarray(errors).T
-
-    def _of_halves(self, estimate: Callable[[Ensemble], Array]) -> Array:
-        return np.array([[estimate(half) for half in pair] for pair in self.halves])
+    known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(references).all(axis=(0, 1))
+    bias = stiffness[..., known] - references[..., known]
+    difference = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
+    errors = np.mean(bias[:, :, 0] * bias[:, :, 1] + difference**2 / 4, axis=-1)
+    return np.asarray(errors).T
 
 
 def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
@@ -110,23 +99,23 @@ def evidence_by_halves(
     max_lag
         Lags of the reference to either side in s.
     """
-    halves = Halves(ensemble, max_lag, seed)
-    tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]
-    estimates, chosen = [halves.estimates(method)], 0
+    pairs = deal(ensemble, seed)
+    references = of_halves(pairs, lambda half: reference_stiffness(half, max_lag))
+    tried: list[dict[str, Any]] = [{name: getattr(method, name) for name in grids}]
+    estimates, chosen = [of_halves(pairs, partial(_stiffness, method))], 0
     enough = MIN_KNOWN * _known_times(estimates[0])
     for name, grid in grids.items():
-        for value in grid:
-            settings = {**tried[chosen], name: value}
+        for settings in ({**tried[chosen], name: value} for value in grid):
             if settings == tried[chosen]:
                 continue
             try:
-                estimate = halves.estimates(with_settings(method, **settings))
+                estimate = of_halves(pairs, partial(_stiffness, with_settings(method, **settings)))
             except InputError:  # the settings do not fit the ensemble
                 continue
             if _known_times(estimate) >= enough:
                 tried.append(settings)
                 estimates.append(estimate)
-        errors = halves.errors(np.array(estimates))
+        errors = mean_square_errors(np.array(estimates), references)
         gains = errors[:, chosen, None] - errors
         best = int(np.argmax(gains.mean(axis=0)))
         if gains[:, best].mean() > MIN_GAIN * gains[:, best].std(ddof=1):
@@ -139,13 +128,16 @@ def evidence_by_halves(
         better="lower",
         tried=tuple(tried),
         values=errors.mean(axis=0),
-        standard_errors=(errors - errors[:, :1]).std(axis=0, ddof=1),
         chosen=chosen,
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
         lines=tuple(", ".join(f"{each} {one[each]:g} s" for each in others) for one in tried),
         edges=tuple(itertools.chain(*edges)),
     )
+
+
+def _stiffness(method: Method, ensemble: Ensemble) -> Array:
+    return method.fit(ensemble).stiffness
 
 
 def _known_times(estimates: Array) -> int:

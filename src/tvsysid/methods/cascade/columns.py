@@ -20,6 +20,7 @@ from tvsysid.numerics.stretch import decimated
 BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
 FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic response
+NEGLIGIBLE = 40.0  # time constants after which a response is over
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 
 
@@ -112,6 +113,8 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
 def muscle(shape: Array, samples: int, rate: float) -> Array:
     r"""Return the impulse response of delay and muscle at lags from 0 on. Its samples sum to 1.
 
+    It ends after so many ``samples``, or where it is over.
+
     The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. A reflex's ``shape`` holds
     log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
     """
@@ -120,7 +123,8 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
     poles = frequency / rate * (np.array([[root], [-root]]) - damping)
     first = math.floor(delay + 1e-9)
-    rest, lags = max(0.0, delay - first), np.arange(samples) - first
+    last = first + int(NEGLIGIBLE / -poles.real.max())
+    rest, lags = max(0.0, delay - first), np.arange(min(samples, last)) - first
     waves = np.where(lags > 0, np.exp(poles * np.maximum(lags - rest, 0.0)), 0.0)
     sums = np.exp(poles * (1 - rest)) / (1 - np.exp(poles))
     return np.asarray(((waves[0] - waves[1]) / (sums[0] - sums[1])).real)
@@ -129,7 +133,7 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
 def convolved(values: Array, response: Array) -> Array:
     """Convolve values (…, time) with a response (time,) from lag 0 on."""
     times = values.shape[-1]
-    size = next_fast_len(2 * times, real=True)
+    size = next_fast_len(times + len(response), real=True)
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 

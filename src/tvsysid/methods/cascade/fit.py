@@ -242,6 +242,7 @@ class Fit:
         drive, gain, response = self._driven(self.shape)
         times = self.data.torque.shape[1]
         history, longest = drive.shape[1] - times, min(times, MAX_WINDOW)
+        response = np.pad(response, (0, history + longest))
         later = response[history : history + longest]
         matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
         return [*self.data.columns, Columns(drive, gain, matrix)]

@@ -44,6 +44,8 @@ MIN_EVIDENCE_GAIN = 10.0  # log evidence by which a reflex must be better than a
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
+# Log evidence of a change, of few realizations. Without a change it is 0, but for rounding.
+MIN_CHANGE_EVIDENCE = 1.0
 CACHED_DRIVES = 16  # of the initial thresholds in each direction, and of those that are tried
 
 DIRECTIONS = {"positive": 1, "negative": -1}
@@ -199,7 +201,7 @@ class Search:
         fits = solved(data)
         if data.varies and self.constant is None:
             unchanging = solved(data.constant)
-            if not _is_better(_best(fits), _best(unchanging)):
+            if not _is_better(_best(fits), _best(unchanging), MIN_CHANGE_EVIDENCE):
                 fits, data = unchanging, data.constant
         best = _best(fits)
         if len(data.torque) < MIN_TESTED_REALIZATIONS:
@@ -291,8 +293,8 @@ def _best(fits: Mapping[str, Fit]) -> Fit:
     return max(fits.values(), key=lambda fit: fit.objective)
 
 
-def _is_better(best: Fit, rest: Fit) -> bool:
-    """Return whether a fit predicts better; of few realizations, has more evidence."""
+def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:
+    """Return whether a fit predicts better; of few realizations, has so much more evidence."""
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
-        return best.objective > rest.objective
+        return best.objective > rest.objective + least
     return best.better_than(rest) < MAX_CHANGE_P_VALUE

@@ -61,7 +61,6 @@ def test_without_a_command_the_help_is_shown(tvsysid):
             "unknown ending '.doc'; give one of .png, .pdf, .svg",
         ),
         ("simulate joint.docx", "unknown ending '.docx'"),
-        ("simulate new.mat --participant 1 --duration 9", "only --perturbation applies to it"),
         ("simulate new.mat --seed one", 'Invalid value for --seed: unable to convert "one"'),
         ("benchmark --method nowhere:Fit", "module 'nowhere' is neither in the current folder"),
         ("benchmark --system ankle", "unknown system 'ankle'; expected one of joint, reflex, ref"),

@@ -149,7 +149,7 @@ def _show_plan(study: Study, workers: int) -> None:
     say(
         f"methods: {', '.join(study.named_methods)}\n{study.trials} trials of each of "
         f"{len(study.scenarios)} scenarios, seed {study.seed}: {expected.trials} trials, "
-        f"{expected.simulated_s:,.0f} s of data\nabout {_duration_text(expected.work_s / workers)} "
+        f"{expected.simulated_s:,.0f} s of data\nabout {expected.work_s / workers / 60:.2g} min "
         f"with {count(workers, 'worker')}, beside the start and the figures, and "
         f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )
@@ -175,10 +175,3 @@ def write(results: xr.Dataset, out: Path, command: str) -> int:
     if more := len(tables[MAX_TABLES:]):
         say(f"and {more} more scenarios in summary.csv and report.html")
     return code
-
-
-def _duration_text(seconds: float) -> str:
-    """Return a duration in s, min or h."""
-    if seconds < 120:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

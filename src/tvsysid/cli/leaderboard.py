@@ -71,10 +71,5 @@ def leaderboard(
         "in 95 % band (%)": "coverage:.1f",
     }
     show_table("leaderboard", table.to_dict("records"), columns)
-    if study.trials == 1:
-        remark(
-            "warning",
-            "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks",
-        )
     failed = [each for each in problems(results) if each["kind"] == "failed"]
     return show_end(out, FILES, failed)

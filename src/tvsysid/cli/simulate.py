@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import attrs
+from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Flag, Flattened, rate_options
+from tvsysid.cli.options import Flag, rate_options
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
@@ -20,45 +18,16 @@ if TYPE_CHECKING:
 PERIOD_S = 2.0
 
 
-@attrs.frozen
-class Simulated:
-    """What is simulated, and for how long.
-
-    Parameters
-    ----------
-    system
-        What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain;
-        `reflex-sine`, `reflex-square`: of varying gain), `compliant` (a joint on a compliant
-        actuator: closed loop; `loaded`: moved by a torque), `scheduled` (stiffness follows EMG), or
-        your own as `module:Object`. Settings may follow:
-        `reflex:reflex_gain=4,noise_bandwidth=1`.
-    stiffness
-        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
-        `module:Object`. [that of the system: sine for scheduled, else square]
-    duration
-        Seconds of data.
-    snr
-        Signal-to-noise ratio of the torque in dB; inf for no noise.
-    seed
-        Seed of the random numbers.
-    rate
-        Sampling rate in Hz. Nothing is filtered: at a low rate, faster components alias into the
-        torque (at 100 Hz inertia is found 44 % low). Simulate at 1000 Hz, and decimate.
-    """
-
-    system: str = "joint"
-    stiffness: str | None = None
-    duration: float = 150.0
-    snr: float = 10.0
-    seed: int = 0
-    rate: float = 1000.0
-
-
 def simulate(
     file: Path,
     /,
     *,
-    simulated: Annotated[Simulated, Flattened] = Simulated(),
+    system: str = "joint",
+    stiffness: str | None = None,
+    duration: float = 150.0,
+    snr: float = 10.0,
+    seed: int = 0,
+    rate: float = 1000.0,
     perturbation: str = "noise",
     overwrite: Flag = False,
     participant: int | None = None,
@@ -84,6 +53,24 @@ def simulate(
     ----------
     file
         File to write: .mat, .csv or .tsv.
+    system
+        What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain;
+        `reflex-sine`, `reflex-square`: of varying gain), `compliant` (a joint on a compliant
+        actuator: closed loop; `loaded`: moved by a torque), `scheduled` (stiffness follows EMG), or
+        your own as `module:Object`. Settings may follow:
+        `reflex:reflex_gain=4,noise_bandwidth=1`.
+    stiffness
+        Stiffness over time: `square`, `sine`, `constant`, or your own function of time as
+        `module:Object`. [that of the system: sine for scheduled, else square]
+    duration
+        Seconds of data.
+    snr
+        Signal-to-noise ratio of the torque in dB; inf for no noise.
+    seed
+        Seed of the random numbers.
+    rate
+        Sampling rate in Hz. Nothing is filtered: at a low rate, faster components alias into the
+        torque (at 100 Hz inertia is found 44 % low). Simulate at 1000 Hz, and decimate.
     perturbation
         Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary
         sequence), `pulses` (to either side, with rests), `multisine` (sines at a few frequencies),
@@ -95,70 +82,52 @@ def simulate(
         experiment` reads; of the other options only --perturbation applies to it.
     """
     from tvsysid.methods import resolve
+    from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS
+    from tvsysid.simulate.simulation import checked_simulation
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
     perturbed = resolve(perturbation, PERTURBATIONS, "perturbation")
-    if participant is None:
-        _write_system(file, simulated, perturbed)
-    elif simulated == Simulated():
+    if participant is not None:
         _write_participant(file, participant, perturbation, perturbed)
-    else:
-        raise InputError(
-            "--participant: only --perturbation applies to it; leave out the other options"
-        )
-
-
-def _write_system(file: Path, simulated: Simulated, perturbation: Perturbation) -> None:
-    """Write a simulation of a system, and print how to identify it."""
-    from tvsysid.recordings import write_simulation
-    from tvsysid.simulate.simulation import checked_simulation
-
-    system, rate = _system(simulated), simulated.rate
+        return
+    joint = _system(system, stiffness)
     try:
-        made = system.simulate(
-            simulated.duration,
-            perturbation=perturbation,
-            snr_db=simulated.snr,
-            seed=simulated.seed,
-            rate=rate,
-        )
-        simulation = checked_simulation(made, simulated.system)
+        made = joint.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
+        simulation = checked_simulation(made, system)
     except Exception as error:  # a system of one's own may raise anything
-        raise InputError(f"system {simulated.system}: {describe_error(error)}") from error
+        raise InputError(f"system {system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)
-    inner = slice(first, first + round(simulated.duration * rate))
+    inner = slice(first, first + round(duration * rate))
     write_simulation(file, {name: each[inner] for name, each in _signals(simulation).items()}, rate)
-    period = getattr(getattr(system, "stiffness", None), "period", PERIOD_S)
+    period = getattr(getattr(joint, "stiffness", None), "period", PERIOD_S)
     channels = simulation.recording.channels
     named = "".join(f" --channel {name}={name}" for name in channels)
     say(
-        f"wrote {file}: {simulated.duration:g} s at {rate:g} Hz; identify it with\ntvsysid "
-        f"identify {shlex.quote(str(file))} --angle angle --torque torque {rate_options(rate)} "
-        f"--period {period:g}{named}"
+        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify "
+        f"{shlex.quote(str(file))} --angle angle --torque torque {rate_options(rate)} --period "
+        f"{period:g}{named}"
     )
     if "disturbance" in channels:
         say("in closed loop: add --method kbr:reference=disturbance,weighting=residual")
-    if (variable := getattr(system, "variable", None)) in channels:
+    if (variable := getattr(joint, "variable", None)) in channels:
         say(f"or over {variable}, which the joint follows: add --scheduling {variable}")
 
 
-def _system(simulated: Simulated) -> System:
+def _system(text: str, stiffness: str | None) -> System:
     """Return the system, with the stiffness if one is given."""
     from tvsysid.methods import resolve
     from tvsysid.simulate import PROFILES, SYSTEMS
     from tvsysid.validators import with_settings
 
-    system: System = resolve(simulated.system, SYSTEMS, "system")
-    if simulated.stiffness is None:
+    system: System = resolve(text, SYSTEMS, "system")
+    if stiffness is None:
         return system
     try:
-        return with_settings(system, stiffness=resolve(simulated.stiffness, PROFILES, "profile"))
+        return with_settings(system, stiffness=resolve(stiffness, PROFILES, "profile"))
     except TypeError as error:
-        raise InputError(
-            f"--stiffness: {simulated.system} has no setting stiffness; set it there"
-        ) from error
+        raise InputError(f"--stiffness: {text} has no setting stiffness; set it there") from error
 
 
 def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:

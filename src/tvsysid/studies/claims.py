@@ -106,8 +106,8 @@ class Margin:
         """Return the samples of the margin to each finite bound."""
         value, ends = self.of(*samples), np.array([self.low, self.high])
         low, high = np.log(ends) if self.unit == RATIO else ends
-        margins = {low: value - low, high: high - value}
-        return [each for end, each in margins.items() if np.isfinite(end)]
+        margins = ((low, value - low), (high, high - value))
+        return [margin for end, margin in margins if np.isfinite(end)]
 
 
 def ratio(low: float = 0.0, high: float = np.inf, of: Callable[..., Array] = log_ratio) -> Margin:
@@ -186,26 +186,25 @@ def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
 def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
     """Return the row of ``COLUMNS`` for a claim; without comparisons it was not studied."""
     margins = claim.margins(evidence)
-    if not margins:
-        remark = f"Needs {claim.needs}."
-        return (claim.sentence, claim.source, "", *[np.nan] * 3, "", NOT_STUDIED, remark)
+    if evidence.too_few or not margins:
+        blank = (UNDECIDED, evidence.too_few) if margins else (NOT_STUDIED, f"Needs {claim.needs}.")
+        return (claim.sentence, claim.source, "", *[np.nan] * 3, "", *blank)
     intervals = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
     estimates, lows, _ = intervals.T
     joint = TAIL / max(1, int(np.isfinite(estimates).sum()))
     highs = np.array([evidence.interval(samples, joint)[2] for samples, *_ in margins])
-    can_decide = not evidence.too_few
-    holds, fails = (lows > 0) & can_decide, (highs < 0) & can_decide
+    holds, fails = lows > 0, highs < 0
     for verdict, chosen in ((FAILS, fails), (UNDECIDED, ~holds & ~fails), (HOLDS, holds)):
         if chosen.any():
             break
     order = lows if verdict == HOLDS else estimates
     place = int(np.argmin(np.where(chosen, order, np.inf)))  # the first without results, if any
     numbers, (_, unit, keys) = intervals[place], margins[place]
-    open_for = f"More {evidence.more} may decide."
-    if evidence.too_few or np.isnan(estimates[place]):
-        open_for = evidence.too_few or "A method gave no results."
-    opening = {HOLDS: "", FAILS: claim.disagreement}
-    remark = opening.get(verdict, f"{open_for} {claim.disagreement}".strip())
+    remark = "" if verdict == HOLDS else claim.disagreement
+    if verdict == UNDECIDED:
+        is_lost = np.isnan(estimates[place])
+        why = "A method gave no results." if is_lost else f"More {evidence.more} may decide."
+        remark = f"{why} {remark}".strip()
     finding = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
     finding = f"{finding if len(margins) > 1 else ''}{'; '.join(map(evidence.describe, keys))}"
     numbers = np.exp(numbers) if unit == RATIO else numbers

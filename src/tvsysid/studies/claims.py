@@ -156,8 +156,8 @@ class Claim:
                 if evidence.values.keys() >= set(keys) and len(set(keys)) == len(keys):
                     yield margin, keys
 
-    def margins(self, evidence: Evidence) -> list[tuple[Array, str, list[Key]]]:
-        """Return samples and unit of each margin, and the keys of its numbers."""
+    def margins(self, evidence: Evidence) -> list[tuple[Array, str, str]]:
+        """Return samples and unit of each margin, and its numbers in words."""
         rows = [
             (margin(*(evidence.values[key] for key in keys)), margin.unit, keys)
             for margin, keys in self.rows(evidence)
@@ -165,9 +165,10 @@ class Claim:
         if self.most and rows:
             least = np.array([np.min(samples, axis=0) for samples, *_ in rows])
             share = np.where(np.isnan(least), np.nan, least > 0).mean(axis=0)
-            return [(share - 0.5, "share of conditions beyond half", [])]
+            words = f"{np.count_nonzero(least[:, 0] > 0)} of {len(least)} conditions"
+            return [(share - 0.5, "share of conditions beyond half", words)]
         return [
-            (each, unit or evidence.units[keys[0][0]], keys)
+            (each, unit or evidence.units[keys[0][0]], "; ".join(map(evidence.describe, keys)))
             for samples, unit, keys in rows
             for each in samples
         ]
@@ -199,14 +200,14 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
             break
     order = lows if verdict == HOLDS else estimates
     place = int(np.argmin(np.where(chosen, order, np.inf)))  # the first without results, if any
-    numbers, (_, unit, keys) = intervals[place], margins[place]
+    numbers, (_, unit, words) = intervals[place], margins[place]
     remark = "" if verdict == HOLDS else claim.disagreement
     if verdict == UNDECIDED:
         is_lost = np.isnan(estimates[place])
         why = "A method gave no results." if is_lost else f"More {evidence.more} may decide."
         remark = f"{why} {remark}".strip()
-    finding = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
-    finding = f"{finding if len(margins) > 1 else ''}{'; '.join(map(evidence.describe, keys))}"
+    count = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
+    finding = f"{count if len(margins) > 1 else ''}{words}"
     numbers = np.exp(numbers) if unit == RATIO else numbers
     unit = unit.replace("%", "percentage points")
     return (claim.sentence, claim.source, finding, *numbers.tolist(), unit, verdict, remark)

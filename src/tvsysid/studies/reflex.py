@@ -8,11 +8,13 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from tvsysid.figures import BARS_OF_PATHWAYS, Illustration
 from tvsysid.figures.results import scenario_traits, unique
 from tvsysid.figures.words import TRAITS, perturbation_name, profile_name
 from tvsysid.numerics import Array
-from tvsysid.studies.claims import HOW_DECIDED, LARGER, Claim, Margin, log_ratio, ratio
+from tvsysid.studies.claims import HOW_DECIDED, LARGER, Claim, Margin, ratio
 from tvsysid.studies.pictures import comparison, error_over_size
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
@@ -74,8 +76,11 @@ INVENTED = 0.4  # N·m·s/rad of reflex gain that is none: a twentieth of the us
 
 
 def bias_ratio(none: Array, low: Array, high: Array) -> Array:
-    """Return the logarithm of the ratio of biases at two gains, beyond the bias without gain."""
-    return log_ratio(high - none, low - none)
+    """Return the logarithm of the ratio of biases at two gains, beyond the bias without gain.
+
+    It is NaN where they have opposite signs.
+    """
+    return np.asarray(np.log((high - none) / (low - none)))
 
 
 PRESET = "the preset reflex"

@@ -33,24 +33,12 @@ def _doubts_are_not_the_point():
             "windows over 7 realizations (6 independent, as their mean is subtracted) hold 66",
         ),
         (
-            tv.ShortDataSegments(0.04, 0.4),
-            1,
-            False,
-            "hold 41 independent samples for 9 lags, where 3 for each and 2",
-        ),
-        (
             tv.EnsembleIRF(0.04),
             10,
             True,
             "10 realizations (9 independent, as their mean is subtracted) are no more than the 9",
         ),
         (tv.EnsembleSpectral(), 1, False, "1 realization tell nothing of the noise at 0 Hz"),
-        (
-            tv.EnsembleSpectral(),
-            2,
-            True,
-            "2 realizations (1 independent, as their mean is subtracted) tell nothing",
-        ),
     ],
 )
 def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):

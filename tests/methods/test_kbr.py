@@ -4,7 +4,6 @@ import warnings
 import attrs
 import numpy as np
 import pytest
-from benchmarks import plain
 from tests.conftest import standard_errors_of
 
 import tvsysid as tv
@@ -143,21 +142,6 @@ def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
         tv.KernelRegression(scale=0.0)
 
 
-@pytest.mark.slow
-def test_tuned_settings_do_not_depend_on_units(ensemble_of):
-    ensemble = ensemble_of(20.0, "sine", "noise")
-    other = attrs.evolve(ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle)
-    (one, ours), (two, theirs) = (tv.KernelRegression().tuned(each) for each in (ensemble, other))
-    assert (one.order, one.lag, one.scale) == (two.order, two.lag, two.scale)
-    np.testing.assert_allclose(np.diff(ours.values), np.diff(theirs.values), atol=1e-3)
-    # They have four digits. Where a coefficient hardly changes, its likelihood is flat, and
-    # rounding decides.
-    found = [(each.length_periodic, each.length_decay, *each.gamma) for each in (one, two)]
-    np.testing.assert_allclose(*found, rtol=1.1e-3, atol=1e-6)
-    stiffness = two.identify(other).stiffness * DEGREE / 100
-    np.testing.assert_allclose(stiffness, one.identify(ensemble).stiffness, rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("settings", "rate"),
     [
@@ -178,27 +162,6 @@ def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, r
 
 
 # Other orders, and a lag.
-
-
-def test_of_lower_order_it_is_least_squares_where_nothing_changes(ensemble_of):
-    ensemble = ensemble_of(20.0, "constant", "noise")
-    for order in (0, 1):
-        model = tv.KernelRegression(order=order, gamma=1e-20, band=(0.0, 15.0)).identify(ensemble)
-        signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[
-            : order + 1
-        ]
-        torque = plain.join(ensemble.torque, ensemble.context)
-        external = np.cos(np.pi * np.outer(np.arange(5), (np.arange(2000) + 0.5) / 2000))
-        inside = np.fft.rfftfreq(2000, 0.01) <= 15.0 + 1e-9
-        regressors = plain._fourier(np.concatenate([signals, external]), inside).T
-        noise = model.diagnostics.details["noise_variance"]
-        prior = np.diag([0.0] * (order + 1) + [noise / np.mean(torque**2)] * 5)
-        expected = np.linalg.solve(
-            regressors.T @ regressors + prior, regressors.T @ plain._fourier(torque, inside)
-        )
-        found = np.stack([model.stiffness, model.viscosity, model.inertia]).mean(axis=1)
-        np.testing.assert_allclose(found[: order + 1], expected[: order + 1], rtol=1e-6)
-        np.testing.assert_array_equal(found[order + 1 :], 0.0)
 
 
 def test_what_a_lower_order_leaves_out_is_none_and_has_no_band(ensemble_of):

@@ -135,9 +135,6 @@ def test_a_lag_of_the_torque_is_found():
     assert without.inertia.mean() < 0.012
     assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)
     assert model.inertia.mean() == pytest.approx(0.02, rel=0.1)
-    # One that is given is kept, or goes where there is none.
-    assert tv.KernelRegression(lag=tuned.lag).tuned(ensemble).method.lag == tuned.lag
-    assert tv.KernelRegression(lag=0.02).tuned(joint_of(20)).method.lag == 0.0
 
 
 @slow

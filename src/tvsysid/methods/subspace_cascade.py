@@ -23,9 +23,9 @@ from tvsysid.methods.cascade.pathways import (
     of_unit_slope,
     velocity_terms,
 )
-from tvsysid.methods.shared.estimates import impedance_estimates
+from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
 from tvsysid.methods.subspace_windows import Line, grid, lasting
-from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
+from tvsysid.models import Diagnostics, Estimate, StandardError
 from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.second_order import agreement, second_order_readout
@@ -290,12 +290,8 @@ class SubspaceCascade(Method):
             return padded(mixed[missing : len(mixed) - missing], missing)
 
         errors = over_time([fit.errors for fit in known], edge)
-        freedom = np.array(min(fit.freedom for fit in known), dtype=np.float64)
-        arc = np.inf if self.window else 0.0
-        bands = {
-            name: StandardError(values, freedom, arc)
-            for name, values in zip(IMPEDANCE, errors.T, strict=True)
-        }
+        freedom = min(fit.freedom for fit in known)
+        bands = standard_errors(errors, freedom, [np.inf if self.window else 0.0] * 3)
         impedance = over_time([fit.impedance for fit in known], edge)
         gain = over_time([np.array([fit.reflex.static_gain * slope]) for fit in known])[:, 0]
         order = known[0].reflex.order

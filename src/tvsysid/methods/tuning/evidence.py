@@ -244,11 +244,7 @@ class Tuned(Method):
 
 
 # What holds with any settings is that of the method.
-for _name in (
-    *("key", "assumptions", "differs", "cites", "inputs", "quantities", "sometimes"),
-    *("scheduled_quantities", "pathway_names", "contiguous", "time_invariant"),
-    *("uses_recorded_angle", "perturbation", "system", "skip", "refit"),
-):
+for _name in {*Method.__annotations__, "skip", "refit"} - {"title", "can_be_tuned"}:
     setattr(Tuned, _name, property(attrgetter(f"method.{_name}")))
 
 

@@ -43,7 +43,7 @@ WINDOW = 0.30  # s over which the strength at a time counts
 class ByReference(Method):
     """Identify a joint, also in closed loop if a ``reference`` moves the angle.
 
-    A subclass implements :meth:`_fit`. ``least_share`` is the smallest share of the angle that the
+    A subclass implements ``_fit``. ``least_share`` is the smallest share of the angle that the
     reference must predict. ``bands_need_strength`` says whether bands need a strong instrument at
     each time.
     """

@@ -12,7 +12,7 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
-from tvsysid.numerics.bands import critical_value, mean_and_spread, mean_of
+from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess import bootstrap as draw_ensembles
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
@@ -52,11 +52,7 @@ class Bootstrap:
 
     def __repr__(self) -> str:
         failed = f" ({self.failed} failed)" if self.failed else ""
-        found = [
-            f"{name} ±{mean_of(mean_and_spread(each)[1]):.2g} {self.model.estimates[name].unit}"
-            for name, each in self.draws.items()
-        ]
-        return f"Bootstrap({self.count} draws{failed} of {self.model.method}: {', '.join(found)})"
+        return f"Bootstrap({self.count} draws{failed} of {self.model.method})"
 
     def band(
         self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False

@@ -192,9 +192,10 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
         return (claim.sentence, claim.source, "", *[np.nan] * 3, "", *blank)
     intervals = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
     estimates, lows, _ = intervals.T
-    joint = TAIL / max(1, int(np.isfinite(estimates).sum()))
+    known = np.isfinite(estimates)
+    joint = TAIL / max(1, int(known.sum()))
     highs = np.array([evidence.interval(samples, joint)[2] for samples, *_ in margins])
-    holds, fails = lows > 0, highs < 0
+    holds, fails = known & (lows > 0), known & (highs < 0)
     for verdict, chosen in ((FAILS, fails), (UNDECIDED, ~holds & ~fails), (HOLDS, holds)):
         if chosen.any():
             break

@@ -98,9 +98,7 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
     ensemble = prepared(ensemble_of(40.0, "sine", "prbs", context=context), subtracted)
     lags, half = 12, 5
     model = tv.ShortDataSegments().identify(ensemble)
-    windows = correlations.solve_windows(
-        ensemble, lags, half, lambda _, *moments: correlations_of(*moments)
-    )
+    windows = correlations.solve_windows(ensemble, lags, half)
     taken = (
         np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
     )
@@ -121,12 +119,6 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
             "mrw,wv,mrv->m", influence, noise, influence
         )
         np.testing.assert_allclose(standard_errors_of(model)[:, time] ** 2, variance, rtol=1e-6)
-
-
-def correlations_of(*moments):
-    from tvsysid.numerics.pseudoinverse import truncated
-
-    return truncated(*moments)
 
 
 @pytest.mark.parametrize("subtracted", [False, True])

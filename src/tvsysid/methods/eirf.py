@@ -83,8 +83,7 @@ class EnsembleIRF(Method):
     def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
         """Return the model of an ensemble."""
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
-        solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
-        windows = shared.solve_windows(ensemble, lags, 0, solve)
+        windows = shared.solve_windows(ensemble, lags, 0, self._solve)
         unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
         why = (
             f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be "
@@ -93,24 +92,13 @@ class EnsembleIRF(Method):
         enough = np.full(len(windows.weights), independent > unknowns)
         return shared.window_model(ensemble, windows, enough, why)
 
-    def _solve(
-        self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array
-    ) -> pseudoinverse.Solution:
+    def _solve(self, angle: Array, torque: Array, *correlations: Array) -> pseudoinverse.Solution:
+        phi_uu, phi_uy, variance, count = correlations
+        if self.solver == "lstsq":
+            return pseudoinverse.direct(angle, torque, phi_uu.shape[1] // 2)
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
-
-    def _directly(self, ensemble: Ensemble, lags: int) -> shared.Solver:
-        first = max(0, ensemble.context - lags)
-        angle, torque = (
-            x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque)
-        )
-
-        def solve(at: slice, *correlations: Array) -> pseudoinverse.Solution:
-            within = slice(at.start, at.stop + 2 * lags)
-            return pseudoinverse.direct(angle[:, within], torque[:, within], lags)
-
-        return solve
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)

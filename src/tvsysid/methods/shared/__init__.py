@@ -1,7 +1,6 @@
 """Provide the functions and names that several methods share."""
 
 from tvsysid.methods.shared.correlations import (
-    Solver,
     impulse_response_model,
     lagged_reference,
     solve_windows,

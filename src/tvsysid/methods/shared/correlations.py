@@ -31,7 +31,7 @@ from tvsysid.numerics.pseudoinverse import Solution, full, truncated
 from tvsysid.numerics.second_order import agreement, second_order_readout, static_stiffness
 from tvsysid.signals import Array, Ensemble
 
-Solver = Callable[[slice, Array, Array, Array, Array], Solution]
+Solver = Callable[[Array, Array, Array, Array, Array, Array], Solution]
 
 
 class Windows(NamedTuple):
@@ -88,10 +88,10 @@ def solve_windows(
 
     The correlations are means over realizations and a window of time. The window reaches ``half``
     samples to either side, and is cut short where the context ends. ``solve`` gives the solution
-    from times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples
-    averaged; the default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is the
-    residual of all directions of the lagged angles. The residual of the truncated solution would
-    be too small, because the same noise chose its directions. With ``instruments`` the
+    from angle, torque, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of
+    samples averaged; the default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is
+    the residual of all directions of the lagged angles. The residual of the truncated solution
+    would be too small, because the same noise chose its directions. With ``instruments`` the
     correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
@@ -101,7 +101,8 @@ def solve_windows(
         begin, end = max(0, chunk.start + margin - half), min(times, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
-        summed = (np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags))
+        signals = angle[:, within], torque[:, within]
+        summed = (np.ones(end - begin), *lagged_moments(*signals, lags))
         samples, *sums = (sliding_sum(moments, half, half)[centres] for moments in summed)
         phi_uu, phi_uy, square, mean = (
             total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
@@ -114,7 +115,7 @@ def solve_windows(
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
             correlations = phi_uu, phi_uy, variance, count
-            solution = solve(chunk, *correlations) if solve else truncated(*correlations)
+            solution = solve(*signals, *correlations) if solve else truncated(*correlations)
         readout, fitted = second_order_readout(
             phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
         )

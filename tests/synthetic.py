@@ -276,4 +276,5 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
             name: ("scenario", list(each))
             for name, *each in zip(traits, *map(tuple, scenarios), strict=True)
         },
+        attrs={"study": json.dumps({"rate": 100.0, "period": 2.0})},
     )

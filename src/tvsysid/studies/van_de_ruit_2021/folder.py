@@ -115,6 +115,6 @@ def _exclusions(prepared: Sequence[Prepared], kept: Path) -> pd.DataFrame:
 
 def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
     """Return the recorded channel that a method takes as the applied disturbance, if any."""
-    inputs = (each for method in experiment.named_methods.values() for each in method.inputs)
-    names = (each.name for each in inputs if each.kind == "reference")
-    return next((name for name in names if name in ensemble.channels), None)
+    inputs = [each for method in experiment.named_methods.values() for each in method.inputs]
+    names = {each.name for each in inputs if each.kind == "reference"}
+    return min(names & ensemble.channels.keys(), default=None)

@@ -90,10 +90,10 @@ PRESETS: dict[str, dict[str, object]] = {
 def paper_evidence(scores: xr.Dataset) -> Evidence:
     """Return the evidence for the paper's claims: all five methods, its joint, rate and period."""
     evidence = simulation_evidence(scores)
-    study = {"rate": RATE, "period": PERIOD} | json.loads(scores.attrs.get("study", "{}"))
+    study = json.loads(scores.attrs["study"])
     is_of_paper = (study["rate"], study["period"]) == (RATE, PERIOD)
-    is_complete = is_of_paper and set(FIVE) <= set(scores.method_key.values.tolist())
-    return evidence if is_complete else attrs.evolve(evidence, scenarios={})
+    is_complete = set(FIVE) <= set(scores.method_key.values)
+    return evidence if is_of_paper and is_complete else attrs.evolve(evidence, scenarios={})
 
 
 def scenarios(
@@ -125,8 +125,8 @@ SQUARES, SINES = scenarios(), scenarios(stiffness="sine")
 def extremes(evidence: Evidence) -> list[tuple[str, ...]]:
     """Return the labels of the scenarios with the least and the most data."""
     each = (scenarios(perturbation=name)(evidence) for name in ("noise", "prbs"))
-    ordered = [sorted(labels, key=lambda label: evidence.scenarios[label][2]) for labels in each]
-    return [(labels[0], labels[-1]) for labels in ordered if labels]
+    amount = {label: each.duration_s for label, each in evidence.scenarios.items()}.__getitem__
+    return [(min(labels, key=amount), max(labels, key=amount)) for labels in each if labels]
 
 
 def ranked(

@@ -124,7 +124,7 @@ class BasisIRF(shared.ByReference):
             over_time = base.padded(impedance, missing)
             agreement = shared.second_order_agreement(ensemble, ensemble, over_time)
         table = columns.covariance(posterior.covariance)
-        covariances = np.einsum("ma,ajbk,mb->mjk", readout, table, readout, optimize=True)
+        covariances = np.einsum("mjbk,mb->mjk", np.tensordot(readout, table, 1), readout)
         effective, colour = posterior.effective, None
         # With a reference, the covariances count the noise's colour already.
         if self.reference is None:

@@ -47,17 +47,15 @@ def settings_from_text(text: str, target: Any) -> dict[str, Any]:
     for source in (target.__init__, target):
         with suppress(Exception):  # names that exist for type checkers only
             hints |= get_type_hints(source)
-    known: dict[str, Any] = dict.fromkeys(inspect.signature(target).parameters, Any)
+    known = [*inspect.signature(target).parameters]
     if issubclass(target, Method):  # further settings, which are no fields
         hints |= {"preset": str, "tuned": bool}
-        known |= {"preset": str} if hasattr(target, "preset") else {}
-        known |= {"tuned": bool} if target.can_be_tuned else {}
+        known += ["preset"] * hasattr(target, "preset") + ["tuned"] * target.can_be_tuned
     given = split_settings(text)
-    for name in given:
-        if name not in known:
-            raise InputError(
-                f"unknown setting {name!r}; its settings are {', '.join(known) or 'none'}"
-            )
+    if unknown := [name for name in given if name not in known]:
+        raise InputError(
+            f"unknown setting {unknown[0]!r}; its settings are {', '.join(known) or 'none'}"
+        )
     return {name: _converted(name, value, hints.get(name, Any)) for name, value in given.items()}
 
 

@@ -66,7 +66,7 @@ def fit(sums: Sums, precision: Array) -> Fit:
     by = by_regressors if len(precision) == len(sums.moments.cross) else by_instruments
     number, power = sums.moments.number, sums.moments.square / sums.moments.number
     noise, floor = 0.02 * power, 2 * SMALLEST_RESIDUAL * power
-    slope, before = -1.0, (math.inf, 0.0)
+    slope, place_before, gap_before = -1.0, math.nan, math.nan
     for iteration in range(1, ITERATIONS + 1):
         mean, residual, effective, factor = by(sums, precision, noise)
         effective += float(sums.powers @ sums.shrinkage(noise))
@@ -75,11 +75,11 @@ def fit(sums: Sums, precision: Array) -> Fit:
         place, gap = math.log(noise), math.log(wanted / noise)
         if abs(gap) <= CONVERGED:
             break
-        if math.isfinite(before[0]) and place != before[0]:
-            slope = (gap - before[1]) / (place - before[0])
+        if iteration > 1 and place != place_before:
+            slope = (gap - gap_before) / (place - place_before)
         # Where the secant is no help, the plain step.
         step = -gap / slope if slope < -0.1 else gap
-        before = place, gap
+        place_before, gap_before = place, gap
         noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
     return Fit(mean, noise, effective, iteration, factor)
 

@@ -114,7 +114,7 @@ def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: 
     angle = moved.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
     cross = diagonal_moments(left, angle, 2 * HALF_WIDTH).mean(axis=0)
     products = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
-    moments = window_matrices(products, products).mean(axis=0)
+    moments = np.einsum("tjk->jk", window_matrices(products, products)) / left.shape[1]
     fitted = np.linalg.norm(ensemble.torque[:, start:stop] - left) ** 2 / left.size
     unexplained = np.linalg.norm(left) ** 2 / left.size
     return agreement_of_moments(float(fitted), cross, moments, float(unexplained), left.size)

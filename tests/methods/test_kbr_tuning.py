@@ -21,13 +21,13 @@ pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 slow = pytest.mark.slow  # tuning a kernel takes several seconds
 
 
-def dense_model(ensemble, theta, decay, near, order=2):
+def dense_model(ensemble, theta, decay, near):
     """Return the covariance of the band's Fourier coefficients, the fixed part, and the output.
 
     The coefficients are real and imaginary parts. The fixed part has no prior.
     """
     l1, *variances, noise = np.exp(theta)
-    signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
+    signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)
     torque = plain.join(ensemble.torque, ensemble.context)
     count = len(torque)
     frequency = np.fft.rfftfreq(count, 1 / 100.0)
@@ -38,7 +38,7 @@ def dense_model(ensemble, theta, decay, near, order=2):
     external = np.cos(np.pi * np.outer(np.arange(5), place))
     changing = sum(
         each * kernel * np.outer(signal, signal)
-        for each, signal in zip(variances, signals, strict=False)
+        for each, signal in zip(variances, signals, strict=True)
     )
     smooth = np.mean(torque**2) * external.T @ external
 

@@ -6,7 +6,7 @@ angle and z of the predicted angle, :math:`E[z (y - x^T \theta)] = 0` whatever t
 moment.
 
 :class:`ByReference` does for every method what does not depend on the method: it predicts the
-angle, refuses a reference that hardly moves it, and takes the bands where the instrument is weak.
+angle, refuses a reference that hardly moves it, and removes bands where the instrument is weak.
 """
 
 from __future__ import annotations

@@ -211,8 +211,6 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
             "unknown scenario 'spin'; expected one of gone, number, spring, or your own as mod",
         ),
         ("number", "scenario 'number' must be a mapping of settings, such as 'duration_s', got 3"),
-        ("gone", "module 'own_scenarios' has no 'GONE'"),
-        ("own_scenarios:MISSING", "has no 'MISSING'"),
     ],
 )
 def test_scenarios_that_cannot_be_used(name, said):

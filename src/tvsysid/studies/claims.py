@@ -115,8 +115,8 @@ def ratio(low: float = 0.0, high: float = np.inf, of: Callable[..., Array] = log
     return Margin(low, high, of, RATIO)
 
 
-LARGER, GREATER = Margin(0), ratio(1)
-"""The first of two numbers is larger, by their difference or their ratio."""
+HIGHER, HIGHER_RATIO = Margin(0), ratio(1)
+"""Margins by which the first of two numbers is higher: their difference, and their ratio."""
 
 
 @attrs.frozen

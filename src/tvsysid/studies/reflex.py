@@ -14,7 +14,7 @@ from tvsysid.figures import BARS_OF_PATHWAYS, Illustration
 from tvsysid.figures.results import scenario_traits, unique
 from tvsysid.figures.words import TRAITS, perturbation_name, profile_name
 from tvsysid.numerics import Array
-from tvsysid.studies.claims import HOW_DECIDED, LARGER, Claim, Margin, ratio
+from tvsysid.studies.claims import HIGHER, HOW_DECIDED, Claim, Margin, ratio
 from tvsysid.studies.pictures import comparison, error_over_size
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
@@ -92,7 +92,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Methods of one pathway take a reflex for stiffness", "Kearney et al. 1997",
         f"methods of one pathway ({PRESET})",
-        [(LARGER, BIAS, ONE_PATH, [CONSTANT[gain].label for gain in GAINS])],
+        [(HIGHER, BIAS, ONE_PATH, [CONSTANT[gain].label for gain in GAINS])],
     ),
     Claim(
         "They do so in proportion to the reflex's torque (to within "

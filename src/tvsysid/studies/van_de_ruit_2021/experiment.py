@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from tvsysid.figures.results import unique
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
-from tvsysid.studies.claims import GREATER, LARGER, TAIL, Claim, Evidence, Margin
+from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, TAIL, Claim, Evidence, Margin
 from tvsysid.study.bootstraps import STEPS
 from tvsysid.study.summary import measured
 
@@ -194,7 +194,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "PRBS gives more VAF than noise for all but kbr", "4.4", FOUR_BOTH,
-        [(LARGER, "vaf", each_of(FOUR), BOTH, LESS)],
+        [(HIGHER, "vaf", each_of(FOUR), BOTH, LESS)],
     ),
     Claim(
         "VAFs from 150 s lie near the paper's: 75 to 87 % with PRBS, 49 to 63 % with noise (within "
@@ -219,7 +219,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "The random error falls with more data (in the paper from 150 s to 300 s)", "4.4",
-        TWO_AMOUNTS, [(GREATER, "random_error", FIVE, NAMES, AMOUNTS)],
+        TWO_AMOUNTS, [(HIGHER_RATIO, "random_error", FIVE, NAMES, AMOUNTS)],
     ),
     Claim(
         "The mean stiffness stays as it is with more data (changes by less than "
@@ -228,15 +228,15 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "The random error is largest for eirf", "4.4", "all five methods",
-        [(GREATER, "random_error", each_of(FIVE, EIRF_FIRST), NAMES, LESS)],
+        [(HIGHER_RATIO, "random_error", each_of(FIVE, EIRF_FIRST), NAMES, LESS)],
     ),
     Claim(
         "The random error is smallest for birf", "4.4", "all five methods",
-        [(GREATER, "random_error", each_of(FIVE, BIRF_LAST), NAMES, LESS)],
+        [(HIGHER_RATIO, "random_error", each_of(FIVE, BIRF_LAST), NAMES, LESS)],
     ),
     Claim(
         "The random error of kbr is larger with PRBS than with noise", "4.4", KBR_BOTH,
-        [(GREATER, "random_error", "kbr", BOTH, LESS)],
+        [(HIGHER_RATIO, "random_error", "kbr", BOTH, LESS)],
     ),
     Claim(
         f"More data do not raise the VAF, which noisy torque limits (by less than {MAX_RISE:g} "
@@ -249,7 +249,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "The time-varying VAF is lower at the beginning and the middle of a realization", "4.4",
-        "one of eirf, sds, birf, esm", [(LARGER, "vaf_dip", FOUR, NAMES, LESS)],
+        "one of eirf, sds, birf, esm", [(HIGHER, "vaf_dip", FOUR, NAMES, LESS)],
     ),
 )  # fmt: skip
 """In the order of the paper."""

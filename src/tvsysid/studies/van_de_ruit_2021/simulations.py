@@ -17,8 +17,8 @@ from tvsysid.figures import Illustration
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.report import CLAIMS as ABOUT
 from tvsysid.studies.claims import (
-    GREATER,
-    LARGER,
+    HIGHER,
+    HIGHER_RATIO,
     Claim,
     Evidence,
     Margin,
@@ -144,7 +144,7 @@ def ranked(
     """
     groups = [group.split() for group in order.split(" > ")]
     pairs = [pair for high, low in pairwise(groups) for pair in product(high, low)]
-    margin = GREATER if metric in (RANDOM, TOTAL) else LARGER
+    margin = HIGHER_RATIO if metric in (RANDOM, TOTAL) else HIGHER
     return Claim(sentence, source, needs, [(margin, metric, pairs, where)], disagreement)
 
 
@@ -164,7 +164,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "eirf is most sensitive to the amount of data", "3.4",
         f"several durations of a square wave, {OF_FIVE}",
-        [(GREATER, RANDOM, [("eirf", each) for each in FIVE[1:]], extremes)],
+        [(HIGHER_RATIO, RANDOM, [("eirf", each) for each in FIVE[1:]], extremes)],
     ),
     Claim(
         "eirf improves strongly above 40 s", "3.4",
@@ -219,7 +219,7 @@ CLAIMS: tuple[Claim, ...] = (
         "With a sine, the time-varying VAF varies more with PRBS than with noise", "A",
         f"a sine at 10 dB with both perturbations, {OF_FIVE}",
         [(
-            LARGER, VARIES, FIVE,
+            HIGHER, VARIES, FIVE,
             scenarios(
                 lambda prbs: prbs._replace(perturbation="noise"),
                 stiffness="sine", perturbation="prbs",
@@ -228,7 +228,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "With a sine, the time-varying VAF varies more where the stiffness is low", "A", SINE,
-        [(LARGER, [(f"{VARIES}_soft", f"{VARIES}_stiff")], FIVE, SINES)],
+        [(HIGHER, [(f"{VARIES}_soft", f"{VARIES}_stiff")], FIVE, SINES)],
     ),
     Claim(
         "What noise does can be inferred from the amounts of data: 10 dB less lower the random "

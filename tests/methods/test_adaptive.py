@@ -117,7 +117,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
         weighted = regression.Weighted.by(signals.columns, filters, low_band=False)
         free = regression.FreeCoefficient.of(regression.U, weighted, weighted, np.ones(2))
         constants = regression.fit_constants(
-            weighted.constants - weighted.low[0] @ free.solved,
+            weighted.constants - weighted.low @ free.solved,
             np.diag(weighted.constants),
             signals.prior_precision,
             signals.positive,

@@ -24,7 +24,7 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     estimate, _ = estimate_of(random, periodic=True)
     smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
     grid = search.Grid(estimate)
-    proposals = search.first_proposals(smooths, grid)
+    proposals = [search.first_proposal(each, grid) for each in smooths]
     best = search.propose_switches(smooths, grid, proposals)[0]
     found = best.smooth.score_of(best.smooth.steps(best.positions))
     steps = smooths[0].beside(grid.steps)
@@ -43,7 +43,9 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1, 1.0)
         smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
         grid, windows = search.Grid(estimate), search.Windows(estimate)
-        sets = search.propose_switches(smooths, grid, search.first_proposals(smooths, grid))
+        sets = search.propose_switches(
+            smooths, grid, [search.first_proposal(each, grid) for each in smooths]
+        )
         true = max(search.Switches(edges, each).refined(windows).total for each in smooths)
         best = max(each.refined(windows).total for each in sets)
         assert best > true - 0.5

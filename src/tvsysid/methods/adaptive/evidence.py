@@ -79,12 +79,8 @@ class Steps(NamedTuple):
 
         It is -inf where a further step is too close.
         """
-        evidence = log_evidence(
-            self.products(self)[None],
-            self.cross[None],
-            axis.periodic,
-            further=(further, self.products(further)),
-        )
+        more = further, self.products(further)
+        evidence = log_evidence(self.products(self)[None], self.cross[None], axis.periodic, more)
         near = np.abs(axis.offset(self.positions[:, None], further.positions)) < MIN_DISTANCE
         return np.where(near.any(axis=0), -np.inf, evidence)
 
@@ -107,31 +103,26 @@ class FreeEstimate:
         return fourier_features(self.axis)
 
     @cached_property
-    def white_features(self) -> Array:
-        """Features of the smooth part, whitened."""
-        return np.asarray(self.whitener @ self.features)
+    def white(self) -> Array:
+        """Features, and the values last, whitened."""
+        return np.asarray(self.whitener @ np.column_stack([self.features, self.values]))
 
     @cached_property
     def moments(self) -> Moments:
         """Moments of the whitened features and values."""
-        return self.moments_of(self.white_features)
-
-    def moments_of(self, columns: Array) -> Moments:
-        """Return the moments of whitened columns and the values."""
-        white = self.whitener @ self.values
-        gram = columns.T @ columns
-        return Moments(gram, columns.T @ white, float(white @ white), len(white))
+        return Moments.of(self.white.T @ self.white, len(self.white))
 
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
+        products = self.white.T @ columns
         return Steps(
             positions,
             columns,
-            features=self.white_features.T @ columns,
+            features=products[:-1],
             explained=np.zeros((0, len(positions))),
             power=np.einsum("tc,tc->c", columns, columns),
-            cross=(self.whitener @ self.values) @ columns,
+            cross=products[-1],
         )
 
 
@@ -139,8 +130,8 @@ class SmoothFit:
     """Free estimate explained by one smooth part.
 
     ``score`` is the log evidence relative to no smooth part and no constant, plus the log prior.
-    ``residual`` is the chi-square that the smooth part leaves. ``mean`` (coefficient,) are the
-    coefficients of the smooth part, in units in which their posterior is white.
+    ``mean`` (coefficient,) are the coefficients of the smooth part, in units in which their
+    posterior is white.
     """
 
     def __init__(self, estimate: FreeEstimate, prior: SmoothPrior) -> None:
@@ -150,7 +141,6 @@ class SmoothFit:
         # The first harmonics are a slice, which copies nothing.
         self._kept = slice(len(kept)) if kept[-1] < len(kept) else kept
         self.mean = self.whitened(estimate.moments.cross)
-        self.residual = self._posterior.left
         explained = float(self.mean @ self.mean)
         self.score = prior.log_prior + 0.5 * (explained - self._posterior.log_determinant)
 
@@ -242,34 +232,32 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     standard deviation of its own, one of AMPLITUDES.
     """
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    waves, sizes = slice(1, count + 1), np.square(AMPLITUDES)[:, None]
-    moments = estimate.moments_of(
-        np.hstack([estimate.white_features[:, : count + 1], estimate.steps(positions).columns])
-    )
+    columns, values = np.hsplit(estimate.white, [-1])
+    both = np.hstack([columns[:, : count + 1], estimate.steps(positions).columns, values])
+    moments, sizes = Moments.of(both.T @ both, len(both)), np.square(AMPLITUDES)[:, None]
     variances = np.r_[LEVEL**2, np.zeros(count), np.full(len(positions), STEP**2)]
     log_prior = math.log(WAVES_PROBABILITY)
     log_prior -= count / 2 * math.log1p(FIRST_ODDS * (2 + SECOND_ODDS))
+    waves = variances[1 : count + 1]
     for _ in range(min(MAX_WAVES, count)):
         known = np.flatnonzero(variances)
-        fit = solve(moments.take(known), 1 / variances[known])
-        explained = fit.inverse_factor @ moments.gram[known, waves]
-        left = 1 + sizes * np.maximum(np.diag(moments.gram)[waves] - np.sum(explained**2, 0), 0.0)
-        cross = moments.cross[waves] - fit.mean @ moments.gram[known, waves]
-        is_known = variances[waves] > 0
-        has_other = is_known.reshape(-1, 2)[:, ::-1].ravel()
+        fit, gram = solve(moments.take(known), 1 / variances[known]), moments.gram[:, 1 : count + 1]
+        explained = fit.inverse_factor @ gram[known]
+        power = np.diag(gram[1:]) - np.sum(explained**2, axis=0)
+        left = 1 + sizes * np.maximum(power, 0.0)
+        cross = moments.cross[1 : count + 1] - fit.mean @ gram[known]
+        has_other = waves.reshape(-1, 2)[:, ::-1].ravel() > 0
         odds = np.where(has_other, SECOND_ODDS, FIRST_ODDS) / len(sizes)
         evidence = np.log(odds) + 0.5 * (sizes * cross**2 / left - np.log(left))
-        size, wave = np.unravel_index(
-            np.argmax(np.where(is_known, -np.inf, evidence)), evidence.shape
-        )
+        evidence[:, waves > 0] = -np.inf
+        size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
         log_prior += math.log(odds[wave])
-        variances[1 + wave] = sizes[size, 0]
-        powers = variances[waves]
-        rest = np.zeros(estimate.features.shape[1] - count - 1)
+        waves[wave] = sizes[size, 0]
+        rest = np.zeros(columns.shape[1] - count - 1)
         yield SmoothPrior(
             "few harmonics",
-            amplitude=math.sqrt(powers.sum() / 2),
-            length=estimate.axis.period / (np.flatnonzero(powers)[-1] // 2 + 1),
+            amplitude=math.sqrt(waves.sum() / 2),
+            length=estimate.axis.period / (np.flatnonzero(waves)[-1] // 2 + 1),
             log_prior=log_prior,
             variances=np.concatenate([variances[: count + 1], rest]),
         )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import attrs
@@ -18,6 +20,8 @@ from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
 
+MIN_PROBABILITY, MIN_SWITCH_PROBABILITY = 0.01, 0.05  # of what is listed
+CERTAIN = 0.995  # probability of a switch that is not mentioned
 BISECTIONS = 26
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
@@ -67,36 +71,37 @@ class MixtureError(StandardError):
     ) -> tuple[Array, Array]:
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
         assert self.mixture is not None
-        known = np.isfinite(self.values)
-        freedom, multiple = self.freedom[known], self.multiple(level, simultaneous)
-        lower, upper = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
+        known, multiple = np.isfinite(self.values), self.multiple(level, simultaneous)
         inside = INSIDE * multiple * self.values[known]
-        lower[known] = np.minimum(self._quantile(-multiple, freedom), values[known] - inside)
-        upper[known] = np.maximum(self._quantile(multiple, freedom), values[known] + inside)
-        return (np.maximum(lower, 0.0) if self.mixture.means.min() >= 0 else lower), upper
+        limits = np.full((2, *values.shape), np.nan)
+        limits[:, known] = (
+            np.minimum(self._quantile(-multiple), values[known] - inside),
+            np.maximum(self._quantile(multiple), values[known] + inside),
+        )
+        if self.mixture.means.min() >= 0:
+            limits[0] = np.maximum(limits[0], 0.0)
+        return limits[0], limits[1]
 
-    def _quantile(self, multiple: Array, freedom: Array) -> Array:
+    def _quantile(self, multiple: Array) -> Array:
         """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
         assert self.mixture is not None
         weights, means, variances = self.mixture
-        spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
-        each = means + spreads * multiple[:, None]
-        each = np.where(weights > 0, each, each[:, :1])
-        low, high, share = each.min(axis=1), each.max(axis=1), ndtr(wanted)
-        for _ in range(BISECTIONS if weights.shape[1] > 1 else 0):
+        freedom, spreads = self.freedom[np.isfinite(self.values)], np.sqrt(variances)
+        share = ndtr(_as_normal(multiple, freedom))
+        parts = np.where(weights > 0, means + spreads * multiple[:, None], np.nan)
+        low, high = np.nanmin(parts, axis=1), np.nanmax(parts, axis=1)
+        for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            inside = ndtr(_as_normal((middle[:, None] - means) / spreads, many))
-            below = np.einsum("tc,tc->t", weights, inside)
+            apart = (middle[:, None] - means) / spreads
+            below = np.sum(weights * ndtr(_as_normal(apart, freedom[:, None])), axis=1)
             low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
         return np.asarray((low + high) / 2)
 
 
 def _as_normal(multiple: Array, freedom: Array) -> Array:
     """Return the normal deviate with the probability of Student's t, to 0.2 % (Wallace 1959)."""
-    shrunk = (
-        np.sqrt(freedom * np.log1p(multiple**2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
-    )
-    return np.asarray(np.copysign(shrunk, multiple))
+    root = np.sqrt(freedom * np.log1p(multiple**2 / freedom))
+    return np.asarray(np.copysign(root * (8 * freedom + 1) / (8 * freedom + 3), multiple))
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -120,42 +125,32 @@ class AdaptiveModel(Model):
         if self.reflex is None:
             return super()._pathways(ensemble)
         found, (angle, velocity) = self.reflex.pathways(ensemble), ensemble.derivatives(1)
-        found["intrinsic"] = (
-            found["intrinsic"]
-            + (self.stiffness - self.reflex.stiffness) * angle
-            + (self.viscosity - self.reflex.viscosity) * velocity
-        )
+        more = self.stiffness - self.reflex.stiffness, self.viscosity - self.reflex.viscosity
+        found["intrinsic"] = found["intrinsic"] + more[0] * angle + more[1] * velocity
         return found
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        return {**_columns("switch", self.switches), **_columns("smoothness", self.smoothness)}, {}
+        tables: dict[str, tuple[NamedTuple, ...]] = {
+            "switch": self.switches,
+            "smoothness": self.smoothness,
+        }
+        return {
+            f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows])
+            for axis, rows in tables.items()
+            for name in (rows[0]._fields if rows else ())
+        }, {}
 
 
-def _columns(axis: str, rows: tuple[NamedTuple, ...]) -> Labelled:
-    """Return a table by columns, over an axis of its own."""
-    if not rows:
-        return {}
-    return {
-        f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows])
-        for name in rows[0]._fields
-    }
-
-
-MIN_PROBABILITY, MIN_SWITCH_PROBABILITY = 0.01, 0.05  # of what is listed
-CERTAIN = 0.995  # probability of a switch that is not mentioned
-
-
-def smoothness_of(quantity: str, posterior: Posterior, rate: float) -> Iterator[Smoothness]:
+def smoothness_of(quantity: str, posterior: Posterior, rate: float) -> list[Smoothness]:
     """Return the smooth parts that are likely, the most probable first."""
-    size = posterior.candidates[0].smooth.estimate.size
-    probabilities: dict[tuple[str, float, float], float] = {}
+    size, total = posterior.candidates[0].smooth.estimate.size, Counter[tuple[str, float, float]]()
     for each, probability in zip(posterior.candidates, posterior.probabilities, strict=True):
-        key = each.smooth.prior[:3]
-        probabilities[key] = probabilities.get(key, 0.0) + float(probability)
-    for key in sorted(probabilities, key=lambda each: -probabilities[each]):
-        if probabilities[key] >= MIN_PROBABILITY:
-            kind, amplitude, length = key
-            yield Smoothness(quantity, kind, amplitude * size, length / rate, probabilities[key])
+        total[each.smooth.prior[:3]] += float(probability)  # type: ignore[assignment]
+    return [
+        Smoothness(quantity, kind, amplitude * size, length / rate, probability)
+        for (kind, amplitude, length), probability in total.most_common()
+        if probability >= MIN_PROBABILITY
+    ]
 
 
 def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) -> list[Switch]:
@@ -163,41 +158,32 @@ def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) 
 
     Those of a candidate are left out where a better candidate has one nearby.
     """
-    estimate = posterior.candidates[0].smooth.estimate
-    axis, scale, weights = estimate.axis, estimate.size, posterior.weights
-
-    def has_near(positions: Array, position: float) -> bool:
-        return bool((np.abs(axis.offset(positions, position)) < CLOSE).any())
-
-    rows, listed = list[Switch](), np.zeros(0)
-    for candidate, own in zip(posterior.candidates, posterior.over_time, strict=False):
-        before, switches = listed, candidate.switches
-        for place, position in enumerate(switches.positions.tolist()):
-            if has_near(before, position):
+    rows, counted = list[Switch](), posterior.candidates[: len(posterior.weights)]
+    estimate = counted[0].smooth.estimate
+    for rank, (candidate, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
+        for index, position in enumerate(candidate.switches.positions):
+            distances = (
+                estimate.axis.offset(each.switches.positions, position) for each in counted
+            )
+            near = np.array([(np.abs(each) < CLOSE).any() for each in distances])
+            probability = min(float(posterior.weights @ near), 1.0)  # rounding may exceed it
+            if near[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
                 continue
-            listed = np.append(listed, position)
-            near = [
-                has_near(each.switches.positions, position)
-                for each in posterior.candidates[: len(weights)]
-            ]
-            offsets = axis.offset(switches.windows[place], position)
-            order = np.argsort(offsets)
-            total = np.cumsum(switches.probabilities[place][order])
-            ends = np.minimum(np.searchsorted(total, [0.025, 0.975]), len(order) - 1)
-            early, late = (offsets[order][ends] / rate).tolist()
-            time = (position + missing) / rate
+            window, probabilities = candidate.switches.places[index]
+            late = estimate.axis.offset(window, position)
+            ends = np.quantile(late, [0.025, 0.975], weights=probabilities, method="inverted_cdf")
+            time = float(position + missing)
             row = Switch(
                 quantity,
-                time,
-                earliest=time + min(early, 0.0),
-                latest=time + max(late, 0.0),
-                size=scale * float(own.sizes[0, place]),
-                size_error=scale * math.sqrt(own.covariance[0, place, place]),
-                probability=min(float(weights @ near), 1.0),  # rounding may exceed it
+                time / rate,
+                earliest=(time + min(ends[0], 0.0)) / rate,
+                latest=(time + max(ends[1], 0.0)) / rate,
+                size=estimate.size * float(own.sizes[0, index]),
+                size_error=estimate.size * math.sqrt(own.covariance[0, index, index]),
+                probability=probability,
             )
-            if row.probability >= MIN_SWITCH_PROBABILITY:
-                rows.append(row)
-    return sorted(rows, key=lambda row: row.time)
+            rows.append(row)
+    return sorted(rows, key=attrgetter("time"))
 
 
 def changes(model: AdaptiveModel) -> list[str]:
@@ -207,22 +193,17 @@ def changes(model: AdaptiveModel) -> list[str]:
     """
     lines, where = [], ""
     for each in model.switches:
-        if each.quantity != "stiffness":
-            continue
-        sure, share = each.probability >= CERTAIN, f", probability {100 * each.probability:.0f} %"
-        kind = (
-            "switch" if sure else "probable switch" if each.probability > 0.5 else "possible switch"
-        )
-        lines.append(
-            f"{kind} at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} "
-            f"N·m/rad{'' if sure else share}"
-        )
-        where = " between switches" if each.probability > 0.5 else where
-    constant = sum(
-        row.probability
-        for row in model.smoothness
-        if (row.quantity, row.kind) == ("stiffness", "none")
-    )
+        if each.quantity == "stiffness":
+            is_probable, share = each.probability > 0.5, f"{100 * each.probability:.0f} %"
+            kind = "probable switch" if is_probable else "possible switch"
+            text = f"at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
+            if each.probability >= CERTAIN:
+                lines.append(f"switch {text}")
+            else:
+                lines.append(f"{kind} {text}, probability {share}")
+            where = " between switches" if is_probable else where
+    none = [row for row in model.smoothness if row[:2] == ("stiffness", "none")]
+    constant = sum(row.probability for row in none)
     lines.append(f"smooth change{where}: probability {100 * max(0.0, 1 - constant):.0f} %")
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")

@@ -31,7 +31,7 @@ from tvsysid.methods.adaptive.search import (
     Grid,
     Switches,
     Windows,
-    first_proposals,
+    first_proposal,
     propose_switches,
 )
 from tvsysid.numerics import Array
@@ -131,10 +131,9 @@ class Candidate(NamedTuple):
         apart = np.abs(axis.offset(np.arange(axis.times)[:, None], switches.positions))
         nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_POSITIONS * weight))
         out = np.empty((3, axis.times, count))
-        for place, window in enumerate(zip(switches.windows, switches.probabilities, strict=True)):
-            rows = nearest == place
-            positions = np.repeat(switches.positions[None], count, axis=0)
-            positions[:, place], shares = thinned(*window, count)
+        for index, place in enumerate(switches.places):
+            rows, positions = nearest == index, np.tile(switches.positions, (count, 1))
+            positions[:, index], shares = thinned(*place, count)
             moved = self.over_time(positions)
             out[0, rows] = weight * shares
             out[1:, rows] = moved.means[rows], moved.variances[rows]
@@ -296,7 +295,7 @@ def plausible(
     smooths, others = list(fits.values()), [tied] if tied and len(tied.positions) else []
     if search:
         grid = Grid(estimate)
-        first = first_proposals(smooths, grid)
+        first = [first_proposal(smooth, grid) for smooth in smooths]
         if tied and not len(first[0].positions):
             evidence = [each.evidence for each in weighed(smooths, others)]
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import cumulative_trapezoid
 from scipy.special import ndtr
 
 from tvsysid.numerics import Array
@@ -57,8 +58,8 @@ class SizePrior(NamedTuple):
 
 def size_priors(periodic: bool) -> list[SizePrior]:
     """Return the priors of the sizes of switches, which are equally likely."""
-    kinds = (False, True) if periodic else (False,)
-    return [SizePrior(spread, balanced) for balanced in kinds for spread in SWITCH_SIZES]
+    kinds = range(1 + periodic)
+    return [SizePrior(spread, bool(balanced)) for balanced in kinds for spread in SWITCH_SIZES]
 
 
 class Axis(NamedTuple):
@@ -125,18 +126,17 @@ def _smeared_step(taps: float) -> tuple[Array, Array]:
     """Return times and a unit step after a decimation filter, which is a Hamming-windowed sinc."""
     late = np.linspace(-taps, taps, 1201)
     response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / taps))
-    step = np.concatenate([[0.0], np.cumsum((response[1:] + response[:-1]) / 2)])
+    step = cumulative_trapezoid(response, initial=0.0)
     return late, step / step[-1]
 
 
 def fourier_features(axis: Axis) -> Array:
     """Return a constant, and cosines and sines of the harmonics, shape (time, feature)."""
     cycles = np.outer(np.arange(axis.times), np.arange(1, axis.harmonics + 1)) / axis.period
-    waves = np.stack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)], axis=2)
-    return np.column_stack([np.ones(axis.times), waves.reshape(axis.times, -1)])
+    return np.hstack([np.ones((axis.times, 1)), np.exp(2j * np.pi * cycles).view(np.float64)])
 
 
-def smooth_priors(axis: Axis) -> tuple[SmoothPrior, ...]:
+def smooth_priors(axis: Axis) -> list[SmoothPrior]:
     """Return the priors of the smooth part, the first of which is none.
 
     None has probability 1/2. Squared-exponential processes and Matérn 3/2 processes, which suit
@@ -146,22 +146,21 @@ def smooth_priors(axis: Axis) -> tuple[SmoothPrior, ...]:
     shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))
     count = math.ceil(math.log(axis.period * MAX_LENGTH / shortest, LENGTH_RATIO))
     lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
-    spectra = [
-        *(("smooth", x, AMPLITUDES, np.exp(-((harmonic * x) ** 2) / 2)) for x in lengths),
-        *(
-            ("with corners", x, AMPLITUDES[1:], (1 + (harmonic * x) ** 2 / 3) ** -2.0)
-            for x in lengths[2::2]
-        ),
+    kinds = [
+        ("smooth", x, np.exp(-((harmonic * x) ** 2) / 2), a) for x in lengths for a in AMPLITUDES
+    ]
+    kinds += [
+        ("with corners", x, (1 + (harmonic * x) ** 2 / 3) ** -2.0, a)
+        for x in lengths[2::2]
+        for a in AMPLITUDES[1:]
     ]
     # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
     # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
     # 40 s of PRBS.
-    log_prior = math.log(0.5 / max(sum(len(amplitudes) for _, _, amplitudes, _ in spectra), 1))
-    none = np.zeros(2 * axis.harmonics + 1)
-    none[0] = LEVEL**2
+    none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
     out = [SmoothPrior("none", 0.0, math.inf, math.log(0.5), none)]
-    for kind, length, amplitudes, spectrum in spectra:
-        kept = np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0)
-        shape = np.concatenate([[0.0], np.repeat(kept / kept.sum(), 2)])
-        out += [SmoothPrior(kind, a, length, log_prior, none + a**2 * shape) for a in amplitudes]
-    return tuple(out)
+    for kind, length, spectrum, amplitude in kinds:
+        kept = np.repeat(np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0), 2)
+        variances = np.append(LEVEL**2, amplitude**2 * kept / (kept.sum() / 2))
+        out.append(SmoothPrior(kind, amplitude, length, math.log(0.5 / len(kinds)), variances))
+    return out

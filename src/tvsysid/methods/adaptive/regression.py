@@ -46,8 +46,9 @@ class FreeEstimates:
     """
 
     constants: Constants
+    coefficients: Array
     misfit: Array
-    of_viscosity: FreeCoefficient
+    weights: tuple[Weighted, Weighted, Array]
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
         self.ensemble, self.signals, self.whitens = ensemble, signals, True
@@ -60,11 +61,9 @@ class FreeEstimates:
             taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
             realizations=at_times.shape[-1],
         )
-        power = np.einsum("tii->i", self.products)[V:-1]
-        beside = without_angle(self.products).sum(axis=0)[:-1]
-        self.constants = fit_constants(beside, power, signals.prior_precision, signals.positive)
-        mixed = self.products[:, U, V:] @ np.append(-self.constants.values, 1.0)
-        self._update(mixed / floored(self.products[:, U, U]), 0.0)
+        white = Weighted.by(signals.columns, np.eye(len(at_times)), low_band=False)
+        self.weights = white, white, np.ones(2)
+        self._solve(signals.prior_precision)
 
     def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
         """Estimate stiffness beside a viscosity, which is a constant if it is None."""
@@ -74,30 +73,22 @@ class FreeEstimates:
             self.coefficients[V] = known = viscosity.mean()
             variance = viscosity.variance()
             columns[-1] -= known * columns[V]
-        weighted, sandwich, noise, excess = self._weighted(columns)
-        free, self.of_viscosity = (
-            FreeCoefficient.of(signal, weighted, sandwich, excess) for signal in (U, V)
-        )
-        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
-        precision = signals.prior_precision / noise
-        precision[0] += (viscosity is not None) * UNKNOWN**2 * power[0]
-        beside = weighted.constants - weighted.low[U] @ free.solved
-        found = fit_constants(beside, power, precision, signals.positive)
-        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
-        covariance = found.covariance * np.outer(stronger, stronger)
-        self.constants = found._replace(covariance=covariance)
-        values = free.values(found.values)
-        self._update(values, known)
+        precision = signals.prior_precision / self._weigh(columns)
+        precision[0] += (viscosity is not None) * UNKNOWN**2 * self.weights[0].constants[0, 0]
+        free, values = self._solve(precision), self.coefficients[U]
+        self.coefficients[V] += known
         self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        return self._estimate(U, values, free.error(covariance, variance, self._misfit(1.0)))
+        covariance = self.constants.covariance
+        error = free.error(covariance, np.diag(variance) + self._alike(V), self._alike(A))
+        return self._estimate(U, values, error)
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
-        free, constants = self.of_viscosity, self.constants
-        moved = free.inverse @ (free.other @ stiffness.mean())
+        free, constants = FreeCoefficient.of(V, *self.weights), self.constants
         known = self.coefficients[V] - constants.values[0]
-        values = known + free.values(constants.values[1:]) - moved
-        error = free.error(constants.covariance[1:, 1:], stiffness.variance(), self._misfit(0.0))
+        values = known + free.values(constants.values[1:]) - free.moved @ stiffness.mean()
+        covariance = constants.covariance[1:, 1:]
+        error = free.error(covariance, np.diag(stiffness.variance()), self._alike(A))
         return self._estimate(V, values, error)
 
     def read_out(self) -> tuple[Array, Array]:
@@ -108,46 +99,55 @@ class FreeEstimates:
         covariance = self.constants.covariance
         return weights @ self.constants.values, np.sum(weights @ covariance * weights, axis=1)
 
-    def _update(self, stiffness: Array, viscosity: Array | float) -> None:
-        constants = np.repeat(self.constants.values[:, None], self.axis.times, axis=1)
-        self.coefficients = np.vstack([stiffness, constants])
-        self.coefficients[V] += viscosity
+    def _solve(self, precision: Array) -> FreeCoefficient:
+        """Estimate the constants, and stiffness beside them. Return that of the angle."""
+        weighted, sandwich, _ = self.weights
+        free = FreeCoefficient.of(U, *self.weights)
+        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
+        beside = weighted.constants - weighted.low @ free.solved
+        found = fit_constants(beside, power, precision, self.signals.positive)
+        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
+        covariance = found.covariance * np.outer(stronger, stronger)
+        self.constants = found._replace(covariance=covariance)
+        constants = np.repeat(found.values[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([free.values(found.values), constants])
+        return free
 
-    def _misfit(self, share: float) -> tuple[Array, Array]:
-        """Return covariances (time, time) of misfit: of a share of viscosity's, and of inertia."""
-        times = np.arange(self.axis.times) / self.ensemble.sampling_rate
-        correlation = toeplitz(np.exp(-times / MISFIT_TIME))
-        return share * self.misfit[0] * correlation, self.misfit[1] * correlation
+    def _alike(self, signal: int) -> Array:
+        """Return the covariance (time, time) of the misfit of viscosity or inertia."""
+        lags = np.arange(self.axis.times) / self.ensemble.sampling_rate
+        return np.asarray(self.misfit[signal - V] * toeplitz(np.exp(-lags / MISFIT_TIME)))
 
-    def _weighted(self, columns: Array) -> tuple[Weighted, Weighted, float, Array]:
-        """Return products that give the estimates and products that give their covariance.
+    def _weigh(self, columns: Array) -> float:
+        """Set the weights from the residual, and return the mean variance of the noise.
 
-        The third is the mean variance of the noise, and the fourth the excess of the residual. The
-        inverse of the first products around the second, a sandwich, gives the covariance. Both are
-        the same where the noise is whitened. It is not whitened where the residual's products with
-        velocity show that it is misfit, not noise, which whitening would amplify.
+        Weights are products that give the estimates, products that give their covariance (the
+        inverse of the first ones around these, a sandwich), and the excess of the residual. Both
+        products are the same where the noise is whitened. It is not whitened where the residual's
+        products with velocity show that it is misfit, not noise, which whitening would amplify.
         """
         signals, times = self.signals, self.axis.times
         residual = signals.residual(self.coefficients)
         covariance = residual.T @ residual / max(signals.independent - 1, 1)
         torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
-        noise = float(np.mean(np.diag(covariance))) + MIN_NOISE * torque_power
+        noise = float(np.trace(covariance)) / times + MIN_NOISE * torque_power
         covariance.flat[:: times + 1] += WHITE_SHARE * noise
-        filters = whitening_filters(
-            covariance, signals.independent, self.ensemble.sampling_rate, self.axis.periodic
-        )
+        rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
+        filters = whitening_filters(covariance, signals.independent, rate, periodic)
+        white = np.eye(times) / math.sqrt(noise)
+        excess = excess_variances(signals, filters, residual)
         # A reflex's differences take up what decimation does to the acceleration.
         low_band = signals.reflex is None
-        excess = excess_variances(signals, filters, residual)
         self.whitens = self.whitens and bool(excess[V] < MAX_EXCESS)
         if self.whitens:
-            weighted = Weighted.by(columns, filters, low_band)
-            return weighted, weighted, noise, excess
-        white = np.eye(times) / math.sqrt(noise)
-        coloured = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
-        excess = excess_variances(signals, white, residual)
-        weighted, sandwich = (Weighted.by(columns, each, low_band) for each in (white, coloured))
-        return weighted, sandwich, noise, excess
+            weighted = sandwich = Weighted.by(columns, filters, low_band)
+        else:
+            excess = excess_variances(signals, white, residual)
+            coloured = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
+            weighted = Weighted.by(columns, white, low_band)
+            sandwich = Weighted.by(columns, coloured, low_band)
+        self.weights = weighted, sandwich, excess
+        return noise
 
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
         """Return the free estimate of a signal's coefficient, with its error.
@@ -157,7 +157,7 @@ class FreeEstimates:
         """
         own = self.products[:, signal, signal]
         power = floored(own)
-        mean = float(np.sum(values * power) / np.sum(power))
+        mean = float(values @ power / np.sum(power))
         least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
         size, still = max(abs(mean), least), own < power
         whitener = size * inverse_root(error + np.diag(still * (UNKNOWN * size) ** 2))
@@ -198,12 +198,6 @@ def floored(power: Array) -> Array:
     return np.asarray(np.maximum(power, least))
 
 
-def without_angle(products: Array) -> Array:
-    """Return the products of all other signals after the angle is regressed out at each time."""
-    mixed, power = products[:, V:, U], floored(products[:, U, U])
-    return products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / power[:, None, None]
-
-
 def inverse_root(matrix: Array) -> Array:
     """Return W with WᵀW the inverse of a positive definite matrix."""
     none = np.zeros(len(matrix))
@@ -217,8 +211,7 @@ class Weighted(NamedTuple):
     :math:`W \circ \sum_r \theta_r \dot\theta_r^T`. ``free`` (2, signal, time) are products at each
     time of angle and velocity with every signal but the angle, such as :math:`\sum_r \theta_r \circ
     W \ddot\theta_r`. In the low band, ``constants`` (constant, signal) are products with every
-    signal but the angle, and ``low`` (2, constant, time) those with angle and velocity at each
-    time.
+    signal but the angle, and ``low`` (constant, time) those with the angle at each time.
     """
 
     squares: Array
@@ -242,23 +235,22 @@ class Weighted(NamedTuple):
             squares,
             np.einsum("frt,irt->fit", both, weighted),
             np.tensordot(slow, columns[V:], ((1, 2), (1, 2))),
-            np.einsum("frt,irt->fit", both, slow),
+            np.einsum("rt,irt->it", columns[U], slow),
         )
 
 
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``inverse`` (time, time) is that of its products, and ``other`` (time, time) are its products
-    with the other free signal. ``solved`` (time, signal) is the coefficient that explains each
-    further signal, the last of which is the torque. ``of_inertia`` (time,) is its change for a unit
-    of inertia, and ``covariance`` (time, time) that from noise.
+    ``solved`` (time, signal) is the coefficient that explains each further signal, the last of
+    which is the torque. ``of_inertia`` (time,) is its change for a unit of inertia, ``moved``
+    (time, time) that for the other free coefficient, and ``covariance`` (time, time) that from
+    noise.
     """
 
-    inverse: Array
-    other: Array
     solved: Array
     of_inertia: Array
+    moved: Array
     covariance: Array
 
     @classmethod
@@ -275,25 +267,22 @@ class FreeCoefficient(NamedTuple):
         if sandwich is not weighted:
             covariance = inverse @ sandwich.squares[signal, signal] @ inverse
         solved = inverse @ weighted.free[signal, signal:].T
-        covariance = covariance * max(excess[signal], 1.0)
-        other = weighted.squares[signal, 1 - signal]
-        return cls(inverse, other, solved, solved[:, A - V - signal], covariance)
+        moved = inverse @ weighted.squares[signal, 1 - signal]
+        return cls(solved, solved[:, A - V - signal], moved, covariance * max(excess[signal], 1.0))
 
     def values(self, constants: Array) -> Array:
         """Return the coefficient (time,) beside constants."""
         return np.asarray(self.solved @ np.append(-constants, 1.0))
 
-    def error(self, constants: Array, variance: Array, misfit: tuple[Array, Array]) -> Array:
+    def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.
 
-        ``constants`` is the covariance of the constants, ``variance`` (time,) that of the other
-        free coefficient. ``misfit`` are covariances (time, time) of misfit, of the other free
-        coefficient and of inertia.
+        ``constants`` is the covariance of the constants, ``other`` (time, time) that of the other
+        free coefficient, and ``inertia`` (time, time) that of misfit of the inertia.
         """
-        solved, moved = self.solved[:, :-1], self.inverse @ self.other
-        inertia = misfit[1] * np.outer(self.of_inertia, self.of_inertia)
-        other = moved @ (misfit[0] + np.diag(variance)) @ moved.T
-        return np.asarray(self.covariance + solved @ constants @ solved.T + other + inertia)
+        solved = self.solved[:, :-1]
+        error = self.covariance + solved @ constants @ solved.T + self.moved @ other @ self.moved.T
+        return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
 
 
 def excess_variances(signals: Signals, filters: Array, residual: Array) -> Array:
@@ -317,9 +306,9 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     the residual of the ``coefficients`` (regressor, time) is regressed on velocity and
     acceleration. The regression coefficients vary more than by chance where there is misfit.
     """
-    beside = without_angle(products)
-    gram = beside[:, :2, :2]
-    powers = floored(products[:, V, V]) * floored(products[:, A, A])
+    mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
+    beside = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
+    gram, powers = beside[:, :2, :2], powers[V] * powers[A]
     known = np.linalg.det(gram) > COLLINEAR * powers
     if independent < 6 or known.sum() < 20:
         return np.zeros(2)

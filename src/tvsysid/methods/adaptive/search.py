@@ -10,6 +10,7 @@ from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps
 from tvsysid.numerics import Array
@@ -63,17 +64,16 @@ class Windows:
 class Switches(NamedTuple):
     """Switches at ``positions`` beside a smooth part, and their ``score``.
 
-    Each may also lie in a window of positions with their ``probabilities``. ``log_volume`` is the
-    log of the weight of all positions together, in samples. ``gain`` is what the last step of the
-    search added to the score.
+    Each may also lie at other positions: ``places`` are these, and their probabilities.
+    ``log_volume`` is the log of the weight of all positions together, in samples. ``gain`` is what
+    the last step of the search added to the score.
     """
 
     positions: Array
     smooth: SmoothFit
     score: float = -math.inf
     gain: float = math.inf
-    windows: tuple[Array, ...] = ()
-    probabilities: tuple[Array, ...] = ()
+    places: Sequence[tuple[Array, Array]] = ()
     log_volume: float = 0.0
 
     @property
@@ -86,7 +86,7 @@ class Switches(NamedTuple):
         smooth, count = self.smooth, len(self.positions)
         axis, own = smooth.estimate.axis, smooth.steps(self.positions)
         prior = int(own.log_evidence(axis.periodic).argmax())
-        places = [(each, np.ones(1)) for each in self.positions[:, None]]
+        places = [(each, np.ones(1)) for each in own.positions[:, None]]
         for _ in range(SWEEPS if count > 1 else count):
             before = own.positions
             for _ in range(count):  # the first switch is moved, and becomes the last
@@ -97,17 +97,18 @@ class Switches(NamedTuple):
                 moved, place = own.take(slice(1)), places.pop(0)
                 if np.isfinite(value[best]):
                     moved = window.take(slice(best, best + 1))
-                    place = window.positions, np.exp(value - value[best])
+                    place = window.positions, softmax(value)
                 own, places = others.joined(moved), [*places, place]
             if np.array_equal(own.positions, before):
                 break
         order = np.argsort(own.positions)
+        # The sum of all weights is that of the best position over its probability.
+        volumes = [windows.spacing / probabilities.max() for _, probabilities in places]
         return self._replace(
             positions=own.positions[order],
             score=smooth.score_of(own),
-            windows=tuple(places[place][0] for place in order),
-            probabilities=tuple(places[place][1] / places[place][1].sum() for place in order),
-            log_volume=float(sum(math.log(each.sum() * windows.spacing) for _, each in places)),
+            places=[places[place] for place in order],
+            log_volume=sum(map(math.log, volumes)),
         )
 
     def without_doubles(self, windows: Windows) -> Switches:
@@ -115,13 +116,12 @@ class Switches(NamedTuple):
 
         On the grid of the search, two switches may represent one.
         """
-        previous = np.roll(self.positions, 1)
-        gaps = np.abs(self.smooth.estimate.axis.offset(self.positions, previous))
+        own, axis = self.positions, self.smooth.estimate.axis
+        is_close = np.abs(axis.offset(own, np.roll(own, 1))) < CLOSE
         tried = [
-            self._replace(positions=np.delete(self.positions, place)).refined(windows)
-            for gap in np.flatnonzero(gaps < CLOSE)
-            for place in (gap, gap - 1)
-            if len(gaps) > 1
+            self._replace(positions=np.delete(own, place)).refined(windows)
+            for later in np.flatnonzero(is_close & (len(own) > 1))
+            for place in (later, later - 1)
         ]
         best = max(tried, key=attrgetter("total"), default=self)
         return best.without_doubles(windows) if best.total > self.total else self
@@ -145,24 +145,11 @@ class Grid:
         self.windows = Windows(estimate, SEARCHED, SEARCH_REACH * max(1.0, spacing))
 
 
-def first_proposals(smooths: Sequence[SmoothFit], grid: Grid) -> list[Switches]:
-    """Return the best of no switch, one switch and two opposite ones beside each smooth part.
-
-    Switches add at most half of the chi-square that a smooth part leaves, less a log prior. If even
-    this bound is far below the best score, no switches are searched for. The bound is not sharp,
-    because it includes the noise of all samples.
-    """
-    best, first = max(map(BY_SCORE, smooths)), list[Switches]()
-    for smooth in smooths:
-        bound = smooth.score + smooth.residual / 2 - grid.log_positions
-        found = Switches(np.zeros(0), smooth, smooth.score, -math.inf)
-        if bound > best - REACH:
-            value, positions = max(one_or_two(smooth, grid), key=itemgetter(0))
-            # Searched only if a gain as large, and REACH more, would make it the best.
-            gain = max(value, REACH) + REACH
-            found = Switches(positions, smooth, smooth.score + value, gain)
-        first.append(found)
-    return first
+def first_proposal(smooth: SmoothFit, grid: Grid) -> Switches:
+    """Return the best of no switch, one switch and two opposite ones beside a smooth part."""
+    value, positions = max(one_or_two(smooth, grid), key=itemgetter(0))
+    # Searched only if a gain as large, and REACH more, would make it the best.
+    return Switches(positions, smooth, smooth.score + value, max(value, REACH) + REACH)
 
 
 def one_or_two(smooth: SmoothFit, grid: Grid) -> Iterator[tuple[float, Array]]:

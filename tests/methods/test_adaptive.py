@@ -94,7 +94,7 @@ def test_a_smooth_part_has_its_variance_and_its_correlation(axis):
 
 
 @pytest.mark.parametrize(("rate", "taps"), [(100, 1.5), (200, 3.0)])
-def test_steps_are_seen_as_the_decimation_smears_them(rate, taps):
+def test_steps_are_recorded_as_the_decimation_smears_them(rate, taps):
     time = np.arange(2000) / 1000
     recording = tv.Recording(np.sin(time), (time >= 1.0037).astype(float), 1000.0)
     torque = tv.preprocess.decimate(recording, rate).torque

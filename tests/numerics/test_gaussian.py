@@ -90,22 +90,6 @@ def test_a_column_of_zeros_keeps_its_prior():
     assert found.determined[4] == pytest.approx(0)
 
 
-def test_parts_of_the_moments(random):
-    columns, output, _ = proper_problem(1)
-    moments = moments_of(columns, output)
-    both = np.column_stack([columns, output])
-    for whole in (
-        Moments.of(both.T @ both, len(output)),
-        moments.times(3.0).without(moments.times(2.0)),
-        moments.take(np.ones(7, dtype=bool)),
-    ):
-        for own, expected in zip(whole, moments, strict=True):
-            np.testing.assert_allclose(own, expected)
-    np.testing.assert_array_equal(
-        moments.take(np.array([4, 2])).gram, moments.gram[[4, 2]][:, [4, 2]]
-    )
-
-
 @pytest.fixture
 def problem(random):
     columns = random.normal(size=(400, 8)) * np.array([1, 1, 1, 1, 1, 1, 1, 10.0])
@@ -184,9 +168,6 @@ def test_relevance_of_noise_is_nothing(random):
     found = relevance(moments_of(columns, random.normal(size=2000)))
     assert np.abs(found.mean).max() < 0.1
     assert found.noise_variance == pytest.approx(1.0, rel=0.1)
-    alone = relevance(Moments(np.diag([5.0, 6.0]), np.array([1e-9, 1e-8]), 4.0, 5))
-    assert not alone.mean.any()
-    assert (alone.effective, alone.noise_variance) == (0, pytest.approx(0.8))
 
 
 def test_relevance_of_columns_that_are_alike(problem):

@@ -53,12 +53,8 @@ def test_law_of_many_realizations_is_found_and_goes_on():
     # 1.96 * 30 / sqrt(n) <= 6
     assert falls.needed(6 / HALF_BAND, 1000) == 97
     assert falls.needed(6 / HALF_BAND, 96) is None
-
-
-def test_law_of_few_realizations():
     # That of least squares with 4 coefficients at each time.
-    exact = 30 / np.sqrt(COUNTS - 4)
-    law = curve(exact)
+    law, exact = curve(30 / np.sqrt(COUNTS - 4)), 30 / np.sqrt(COUNTS - 4)
     np.testing.assert_allclose([law.at(count).random for count in COUNTS], exact, rtol=0.06)
     assert np.isnan(law.at(4).random)
 

@@ -79,7 +79,8 @@ class FreeEstimates:
         self.coefficients[V] += known
         self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
         covariance = self.constants.covariance
-        error = free.error(covariance, np.diag(variance) + self._alike(V), self._alike(A))
+        viscosity_error = np.diag(variance) + self._misfit_covariance(V)
+        error = free.error(covariance, viscosity_error, self._misfit_covariance(A))
         return self._estimate(U, values, error)
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
@@ -88,7 +89,7 @@ class FreeEstimates:
         known = self.coefficients[V] - constants.values[0]
         values = known + free.values(constants.values[1:]) - free.moved @ stiffness.mean()
         covariance = constants.covariance[1:, 1:]
-        error = free.error(covariance, np.diag(stiffness.variance()), self._alike(A))
+        error = free.error(covariance, np.diag(stiffness.variance()), self._misfit_covariance(A))
         return self._estimate(V, values, error)
 
     def read_out(self) -> tuple[Array, Array]:
@@ -113,8 +114,8 @@ class FreeEstimates:
         self.coefficients = np.vstack([free.values(found.values), constants])
         return free
 
-    def _alike(self, signal: int) -> Array:
-        """Return the covariance (time, time) of the misfit of viscosity or inertia."""
+    def _misfit_covariance(self, signal: int) -> Array:
+        """Return the covariance (time, time) of misfit of viscosity (V) or inertia (A)."""
         lags = np.arange(self.axis.times) / self.ensemble.sampling_rate
         return np.asarray(self.misfit[signal - V] * toeplitz(np.exp(-lags / MISFIT_TIME)))
 

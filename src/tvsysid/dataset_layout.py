@@ -32,12 +32,19 @@ UNITS = {
 """Units of the quantities that the package estimates or simulates."""
 
 Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # axes and values, by name
+Variable = tuple[tuple[str, ...], NDArray[Any], dict[str, str]]  # axes, values, attributes
+Variables = dict[str, Variable]
 
 
 def to_dataset(model: Model, ensemble: Ensemble | None) -> xr.Dataset:
     """Return the dataset of :meth:`tvsysid.Model.to_xarray`."""
     import xarray as xr  # noqa: PLC0415  # heavy
 
+    return xr.Dataset(*layout(model, ensemble))
+
+
+def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variables, dict[str, Any]]:
+    """Return the variables, coordinates and attributes of a model's dataset."""
     rows: list[tuple[str, tuple[str, ...], ArrayLike, str | None]] = []
     for name, estimate in model.estimates.items():
         axes, unit = estimate.axes, estimate.unit
@@ -72,7 +79,7 @@ def to_dataset(model: Model, ensemble: Ensemble | None) -> xr.Dataset:
         raise InputError(
             f"to_xarray: two variables have the name {name!r}; give the estimate another name"
         )
-    return xr.Dataset(
+    return (
         {name: _with_unit(axes, values, unit) for name, axes, values, unit in rows},
         {name: _with_unit(*each, UNITS.get(name)) for name, each in coordinates.items()},
         {

@@ -7,6 +7,7 @@ import math
 import attrs
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.numerics.decimation import TAPS, decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
@@ -49,8 +50,10 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     def resampled(values: Array) -> Array:
         half = TAPS // 2
         extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
-        taps = decimation_weights(step)[None]
-        smooth = scipy.signal.oaconvolve(extended, taps, mode="valid", axes=1)
+        windows = sliding_window_view(extended, TAPS, axis=1)
+        smooth = np.einsum("rtk,k", windows, decimation_weights(step))
+        if step.is_integer():
+            return np.asarray(smooth[:, places.astype(int)])
         time = np.arange(values.shape[1])
         return np.asarray(scipy.interpolate.make_interp_spline(time, smooth, axis=1)(places))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import multiprocessing
 import os
 import signal
@@ -55,7 +56,9 @@ def run_isolated(size: int, function: Callable[..., Result], *arguments: object)
 @cache
 def _executor(process: int) -> ProcessPoolExecutor:
     """Return the executor of this process, which a fork cannot share."""
-    spawn = multiprocessing.get_context("spawn")  # a fork would inherit locks of other threads
+    if sys.platform == "linux" and threading.active_count() == 1:  # a fork takes no locks along
+        return ProcessPoolExecutor(1, multiprocessing.get_context("fork"), initializer=_initialize)
+    spawn = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(1, spawn, initializer=_initialize)
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")  # else the new process runs the user's script
@@ -69,6 +72,7 @@ def _executor(process: int) -> ProcessPoolExecutor:
 def _initialize() -> None:
     """Silence the process, leave Ctrl-C to its parent, and end it with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    faulthandler.disable()
     for stream in (1, 2):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
     threading.Thread(target=_end_with_parent, daemon=True).start()

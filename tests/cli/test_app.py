@@ -49,7 +49,7 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),
         (IDENTIFY_JOINT + "--torque angle", "angle and torque are both 'angle'; name the"),
-        (IDENTIFY_JOINT + "--out joint.mat", "joint.mat: cannot write to this folder: File exists"),
+        (IDENTIFY_JOINT + "--out joint.mat", "tvsysid: joint.mat: File exists"),
         (IDENTIFY_JOINT + "--channel emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_"),
         ("inspect joint.mat --diagnose --period 2", "angle is missing; give it (--angle)"),
         (

@@ -9,7 +9,8 @@ import attrs
 
 from tvsysid.cli.console import errors, remark, say
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
-from tvsysid.cli.running import command_line, run_study, show_study
+from tvsysid.cli.results import show_study
+from tvsysid.cli.running import command_line, run_study
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:

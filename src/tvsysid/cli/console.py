@@ -31,15 +31,15 @@ def say(text: str, style: str = "") -> None:
     output.print(Text(printable(text), style), soft_wrap=True)
 
 
+def say_written(out: Path, names: Iterable[str]) -> None:
+    """Print which files were written to a folder."""
+    say(f"wrote {', '.join(names)} to {out}/")
+
+
 def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
     """Print a line on standard error."""
     style = "red" if kind == "error" else "yellow"
     errors.print(Text.assemble((f"{kind}:", style), f" {one_line(text)}"), soft_wrap=True)
-
-
-def say_written(out: Path, names: Iterable[str]) -> None:
-    """Print which files were written to a folder."""
-    say(f"wrote {', '.join(names)} to {out}/")
 
 
 def show_table(
@@ -85,15 +85,15 @@ def show_table(
 
 
 def _cell(value: object, form: str) -> str:
-    is_known = value is not None and not (isinstance(value, float) and math.isnan(value))
-    return printable(format(value, form)) if is_known else "-"
+    is_missing = value is None or (isinstance(value, float) and math.isnan(value))
+    return "-" if is_missing else printable(format(value, form))
 
 
 @contextmanager
 def shown_progress(title: str) -> Iterator[Progress]:
     """Show a progress bar on a terminal, and yield the function that advances it.
 
-    Say so if the first call reports steps that are done: the work is resumed.
+    Print a line if the first call reports steps that are done, because the work is resumed then.
     """
     # A thread that refreshes the bar would make it unsafe to fork this process.
     bar = Bar(console=errors, transient=True, auto_refresh=False, disable=not errors.is_terminal)

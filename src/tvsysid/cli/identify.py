@@ -19,7 +19,7 @@ from tvsysid.cli.console import (
     shown_warnings,
 )
 from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, rate_options
-from tvsysid.cli.running import command_line, make_folder
+from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
@@ -177,7 +177,7 @@ def identify(
         recording = reading.read(file)
         if scheduling is None and segmentation.period is None:
             raise InputError(NO_PERIOD)
-        make_folder(out)
+        out.mkdir(parents=True, exist_ok=True)
         rate = recording.sampling_rate
         if segmentation.decimate is None and rate > SLOW_RATE:
             remark("note", f"at {rate:g} Hz this takes minutes; seconds with {rate_options(rate)}")

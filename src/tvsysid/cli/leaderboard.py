@@ -6,7 +6,8 @@ from pathlib import Path
 
 from tvsysid.cli.console import errors, remark, show_table, shown_warnings
 from tvsysid.cli.options import Methods, WorkerOptions, Workers, given
-from tvsysid.cli.running import run_study, show_end
+from tvsysid.cli.results import show_end
+from tvsysid.cli.running import run_study
 
 
 def leaderboard(

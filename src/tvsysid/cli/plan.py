@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
 from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, given
-from tvsysid.cli.running import make_folder
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
@@ -113,7 +112,7 @@ def plan(
         for name in perturbation or (first.perturbation,)
         for size in amplitude or (first.amplitude,)
     ]
-    make_folder(out)
+    out.mkdir(parents=True, exist_ok=True)
     with shown_progress("planning") as advance:
         found = tvsysid.plan(setups, precision, resolution, method, seed=seed, progress=advance)
     _show(found)

@@ -1,0 +1,83 @@
+"""Print the results of a study, and what became of its tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tvsysid.cli.console import remark, say, say_written, show_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from tvsysid.report.sections import Problem
+    from tvsysid.studies.published_study import Written
+
+SCORES = {  # names and formats, by heading
+    "method": "method",
+    "drawn": "realizations:d",
+    "mean": "mean_stiffness:.1f",
+    "bias": "bias_error:.1f",
+    "random": "random_error:.1f",
+    "total": "total_error:.1f",
+    "rise": "rise_time:.2f",
+    "VAF": "vaf:.1f",
+    "VAF\n1-10 Hz": "bandpassed_vaf:.1f",
+    "reflex\ngain": "reflex_gain total_error:.1f",
+    "reflex\nVAF": "reflex pathway_vaf:.1f",
+    "time": "seconds:.3f",
+}
+UNITS = (
+    "stiffness and its errors in N·m/rad (those of the reflex gain in N·m·s/rad), rise and time in "
+    "s, VAF in %"
+)
+
+
+def show_study(
+    tables: Iterable[tuple[str, pd.DataFrame]],
+    written: Written,
+    results: xr.Dataset,
+    out: Path,
+    need: str,
+) -> int:
+    """Print what was written of a study, and return the exit code: 1 if a method failed.
+
+    Parameters
+    ----------
+    tables
+        Title and summary of each table of scores.
+    need
+        What the claims that were not studied need.
+    """
+    from tvsysid.report import problems
+
+    for title, summary in tables:
+        labels = [name for name in ("method", "realizations") if name in summary]
+        scores = summary.pivot_table("value", labels, "metric", sort=False).reset_index()
+        show_table(title, scores.to_dict("records"), SCORES)
+    say(UNITS)
+    studied = written.claims[written.claims.verdict != "not studied"]
+    missing = len(written.claims) - len(studied)
+    more = f"; {missing} more need {need}" if missing else ""
+    columns = {"claim": "claim", "verdict": "verdict"}
+    show_table(f"published claims{more}", studied.to_dict("records"), columns)
+    for label, diagnosis in written.diagnoses.items():
+        if names := ", ".join(finding.name for finding in diagnosis.findings):
+            remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
+    if written.alignment:
+        remark("warning", written.alignment)
+    return show_end(out, written.files, problems(results))
+
+
+def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> int:
+    """Print failures, warnings and files; return the exit code, 1 if a method failed."""
+    code = 0
+    for each in problems:
+        failed = each["kind"] == "failed"
+        text = "{method}: {kind} in {count} of {trials}; the first: {first}"
+        remark("error" if failed else "warning", text.format(**each))
+        code |= failed
+    say_written(out, [*files, "results.nc"])
+    return code

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import attrs
+
 from tvsysid.comparison import Comparison
 from tvsysid.figures import (
-    identified_impedance,
     save,
     scheduled_estimates,
     tuning_curves,
@@ -16,6 +17,7 @@ from tvsysid.figures.words import count
 from tvsysid.recordings import describe_models, write_models, write_table
 from tvsysid.report.answer import Account, taken
 from tvsysid.report.identification import write_identification
+from tvsysid.report.outcome import illustrations
 from tvsysid.report.sheet import facts, group_name, write_sheet
 
 
@@ -49,15 +51,18 @@ def write_folder(
     """
     found, names = account.found, ["report.html"]
     describe_models(folder / "models.nc", facts(account))
-    write_identification(folder / "report.html", account, command)
+    title, variable = _title(account), variable_of(found.models, found.ensemble)
+    on_page = illustrations(account)
+    stem = "methods" if "methods" in on_page else "answer"
+    impedance = on_page[stem].draw()
+    impedance.suptitle(title)
+    on_page[stem] = attrs.evolve(on_page[stem], draw=lambda: impedance)
+    write_identification(folder / "report.html", account, command, on_page)
     if sheet:
         write_sheet(folder / "sheet.html", [folder])
         names.append("sheet.html")
     names += ["models.nc", "stiffness.csv"]
-    title, variable = _title(account), variable_of(found.models, found.ensemble)
-    figures = {
-        "stiffness": identified_impedance(found.models, found.time_varying_vaf, title, variable)
-    }
+    figures = {"stiffness": impedance}
     if not (table := found.over_variables()).empty:
         write_table(folder / "scheduled.csv", table)
         names.append("scheduled.csv")

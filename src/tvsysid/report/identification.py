@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from tvsysid.errors import by_text
-from tvsysid.figures import (
-    draw_all,
-)
+from tvsysid.figures import Illustration, draw_all
 from tvsysid.figures.words import count
 from tvsysid.recommendation.trust import sentence
 from tvsysid.report import page
@@ -25,7 +24,12 @@ from tvsysid.report.outcome import VAF, illustrations, outcome
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
 
 
-def write_identification(path: str | Path, account: Account, command: str = "") -> None:
+def write_identification(
+    path: str | Path,
+    account: Account,
+    command: str = "",
+    figures: Mapping[str, Illustration] | None = None,
+) -> None:
     """Write one HTML file that says what was identified and how, and needs nothing else.
 
     Parameters
@@ -36,6 +40,8 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         What was found, and what is known of it.
     command
         What was typed, if it is to be mentioned.
+    figures
+        Figures by name, if they are drawn already; as :func:`illustrations` returns them.
 
     Examples
     --------
@@ -51,18 +57,18 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
     """
     found = account.found
     name = account.source.get("file", "an ensemble")
-    pictures = draw_all(illustrations(account))
-    figures: list[page.Block] = [
+    pictures = draw_all(figures or illustrations(account))
+    shown: list[page.Block] = [
         page.Figure(f"{stem}-figure", picture, place, saved=False)
         for place, (stem, picture) in enumerate(pictures.items(), 1)
     ]
     in_front = ("answer" in pictures) + ("variable" in pictures)
     parts = [
-        outcome(account, figures[:in_front]),
+        outcome(account, shown[:in_front]),
         _made(account),
         _diagnosed(account),
         _suited(account),
-        _methods(account, figures[in_front:]),
+        _methods(account, shown[in_front:]),
         *_beside(account),
         _met(account),
         *_paragraph(account),

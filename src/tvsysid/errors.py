@@ -80,11 +80,12 @@ def describe_error(error: BaseException) -> str:
     outside this package counts.
     """
     package, *_ = library_folders()
-    frames = [
-        (frame.filename, frame.lineno)
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(package)
+    # A method that was sent to a worker has lost the file name in its code.
+    lines = [
+        (frame.f_globals.get("__file__") or frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
     ]
+    frames = [line for line in lines if not line[0].startswith(package)]
     own = [frame for frame in frames if not frame[0].startswith(("<", *library_folders()))]
     kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
     place = "".join(f" ({Path(file).name}, line {line})" for file, line in (own or frames)[-1:])

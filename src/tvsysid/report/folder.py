@@ -7,6 +7,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.comparison import Comparison
+from tvsysid.errors import printable
 from tvsysid.figures import (
     save,
     scheduled_estimates,
@@ -55,7 +56,7 @@ def write_folder(
     on_page = illustrations(account)
     stem = "methods" if "methods" in on_page else "answer"
     impedance = on_page[stem].draw()
-    impedance.suptitle(title)
+    impedance.suptitle(printable(title))
     on_page[stem] = attrs.evolve(on_page[stem], draw=lambda: impedance)
     write_identification(folder / "report.html", account, command, on_page)
     if sheet:

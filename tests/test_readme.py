@@ -50,24 +50,6 @@ def test_python_example_runs(tmp_path, monkeypatch):
     assert np.isfinite(names["model"].stiffness).all()
 
 
-@pytest.mark.slow
-def test_python_study_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("tvsysid.study.workers.cores", lambda: 1)
-    monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).parents[1] / "docs" / "own-method.md").read_text(encoding="utf-8")
-    method = re.search(r"^```python\n(.+?)\n^```", page, re.MULTILINE | re.DOTALL)[1]
-    (tmp_path / "mymethod.py").write_text(method, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    (code,) = blocks("The methods")
-    shorter = code.replace("trials=50", 'trials=2, duration_s=[20], perturbation=["prbs"]')
-    assert shorter != code
-    exec(shorter, {"__name__": "__main__"})
-    shown = capsys.readouterr().out
-    assert "SlidingFit(window=0.1)" in shown
-    assert "standard_error" in shown
-    assert "..." not in shown
-
-
 @pytest.mark.usefixtures("sketched")
 def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

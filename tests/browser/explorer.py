@@ -1,4 +1,4 @@
-"""Walk through the explorer by its keyboard in headless Chromium; CONTRIBUTING.md says how.
+"""Walk through the explorer by its keyboard in headless Chromium; README.md beside it says how.
 
     python -m tests.browser.explorer FOLDER
 

@@ -139,7 +139,10 @@ def fork_workers():
 @pytest.fixture
 def quick_workers(monkeypatch, forking):
     """Start workers of this process at once, where the start of an interpreter is not tested."""
-    monkeypatch.setattr(multiprocessing, "get_context", lambda method=None: forking)
+    contexts = {"fork": multiprocessing.get_context("fork")} if sys.platform == "linux" else {}
+    monkeypatch.setattr(
+        multiprocessing, "get_context", lambda method=None: contexts.get(method, forking)
+    )
 
 
 @pytest.fixture

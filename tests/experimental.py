@@ -8,8 +8,7 @@ import pandas as pd
 import xarray as xr
 
 import tvsysid as tv
-from tvsysid import metrics
-from tvsysid.numerics.bands import mean_known
+from tvsysid.study import summarize as summary_of
 
 # Bias in N·m/rad, spread over bootstraps of 75 realizations in N·m/rad, VAF in per cent, time in s.
 METHODS = {
@@ -31,7 +30,6 @@ STEPS = {
 LATE = 20
 """Further realizations that a PRBS makes come late."""
 RATE = 128.0
-MEASURED = ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds")
 
 
 def results_of(
@@ -113,7 +111,7 @@ def results_of(
         },
         coords={
             "recording": [f"{person}-{signal}" for person, signal in recordings],
-            "quantity": ["stiffness"],
+            "quantity": ["stiffness"], "unit": ("quantity", ["N m/rad"]),
             "participant": ("recording", [person for person, _ in recordings]),
             "perturbation": ("recording", [signal for _, signal in recordings]),
             "analysis": [f"{method}-{amount}" for method, amount in analyses],
@@ -166,43 +164,6 @@ def fail(results, reason, recording=None, analysis=None):
         ):
             results[name].loc[at] = 0
     return results
-
-
-def summary_of(results):
-    """Rows as those of the study's engine."""
-    rows, stiffness = [], results.sel(quantity="stiffness")
-    every = {name: stiffness[name].values for name in MEASURED}
-    labels = (results.participant, results.perturbation), (results.method_key, results.realizations)
-    recordings, analyses = (
-        list(zip(*(each.values.tolist() for each in pair), strict=True)) for pair in labels
-    )
-    for row, recording in enumerate(recordings):
-        for column, analysis in enumerate(analyses):
-            cell = {name: values[row, column] for name, values in every.items()}
-            rows += [
-                (*recording, *analysis, *each)
-                for each in _metrics(cell, stiffness.truth.values[row])
-            ]
-    names = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
-    return pd.DataFrame(rows, columns=names)
-
-
-def _metrics(cell, truth):
-    estimates, unit = cell["estimate"], "N·m/rad"
-    known = estimates[:, np.isfinite(estimates).all(axis=0)]
-    there = known.size > 0
-    yield "mean_stiffness", known.mean() if there else np.nan, unit
-    yield "random_error", metrics.random_error(estimates), unit
-    for name in ("vaf", "bandpassed_vaf"):
-        yield name, float(np.nanmean(cell[name])) if there else np.nan, "%"
-    lowest = float(mean_known(cell["time_varying_vaf"]).min()) if there else np.nan
-    yield "lowest_time_varying_vaf", lowest, "%"
-    if np.isfinite(truth).any():
-        off = mean_known(estimates) - truth
-        yield "bias_error", metrics.bias_error(estimates, truth), unit
-        yield "mean_bias", float(off[np.isfinite(off)].mean()) if there else np.nan, unit
-    yield "seconds", float(cell["seconds"]), "s"
-    yield "failed", float(np.isnan(cell["vaf"]).sum()), "draws"
 
 
 def exclusions_of(results):

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pandas as pd
+import pytest
 import xarray as xr
 
-from tvsysid import metrics
-from tvsysid.numerics.bands import mean_known
 from tvsysid.simulate import PROFILES
+from tvsysid.study import summarize
 from tvsysid.study.scores import METRICS
 
 # Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see
@@ -21,15 +21,6 @@ METHODS = {
     "kbr": (9, 1.9, 0.90),
 }
 TIME = np.arange(200) / 100
-MEASURED = (
-    "estimate",
-    "time_varying_vaf",
-    "covered",
-    "vaf",
-    "bandpassed_vaf",
-    "seconds",
-    "failure",
-)
 DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)
 SQUARE = [
     ("square", perturbation, duration, 10.0)
@@ -100,6 +91,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
         coords={
             "scenario": labels,
             "quantity": ["stiffness"],
+            "unit": ("quantity", ["N m/rad"]),
             **{
                 name: ("scenario", [scenario[place] for scenario in scenarios])
                 for place, name in enumerate(("profile", "perturbation", "duration_s", "snr_db"))
@@ -141,66 +133,10 @@ def fail(results, method, trial, reason):
 
 
 def summary_of(results):
-    """Rows as those of tvsysid.study.summarize; standard errors only roughly."""
-    rows, stiffness, trials = [], results.sel(quantity="stiffness"), results.sizes["trial"]
-    every = {name: stiffness[name].values for name in MEASURED}
-    labels = [
-        results[name].values.tolist()
-        for name in ("scenario", "profile", "perturbation", "duration_s", "snr_db", "viscosity")
-    ]
-    for row, label in enumerate(zip(*labels, strict=True)):
-        for column, method in enumerate(results.method_key.values.tolist()):
-            cell = {name: values[row, :, column] for name, values in every.items()}
-            found = _metrics(cell, stiffness.truth.values[row], switches=label[1] == "square")
-            rows += [(*label, method, trials, *each) for each in found]
-    names = (
-        "scenario", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "method",
-        "trials", "metric",
-        "value", "standard_error", "unit",
-    )  # fmt: skip
-    return pd.DataFrame(rows, columns=list(names))
-
-
-def _metrics(cell, truth, switches):
-    nan, unit, left = np.nan, "N·m/rad", cell["estimate"][cell["failure"] == ""]
-    if len(left) > 1:
-        random = metrics.random_error(left)
-        error = random / np.sqrt(2 * len(left) * 20)
-        yield "bias_error", metrics.bias_error(left, truth), error, unit
-        yield "debiased_bias_error", metrics.debiased_bias_error(left, truth), error, unit
-        yield "random_error", random, error, unit
-        yield "total_error", metrics.total_error(left, truth), error, unit
-        if switches:
-            rise = metrics.rise_time(TIME, left, 60, 140, switch=0.5)
-            yield "rise_time", rise, 0.004, "s"
-    else:
-        bias = metrics.bias_error(left, truth) if len(left) else nan
-        yield "bias_error", bias, nan, unit
-        for name in ("debiased_bias_error", "random_error"):
-            yield name, nan, nan, unit
-        yield "total_error", bias, nan, unit
-    mean, _, lowest = np.moveaxis(cell["vaf"], -1, 0)
-    for name, means in (("vaf", mean), ("bandpassed_vaf", cell["bandpassed_vaf"][:, 0])):
-        values = means[np.isfinite(means)]
-        count = len(values)
-        yield (
-            name,
-            values.mean() if count else nan,
-            values.std(ddof=1) / count**0.5 if count > 1 else nan,
-            "%",
-        )
-    yield "lowest_vaf", float(np.fmin.reduce(lowest)), nan, "%"
-    yield (
-        "lowest_time_varying_vaf",
-        float(np.fmin.reduce(mean_known(cell["time_varying_vaf"]))),
-        nan,
-        "%",
-    )
-    yield "coverage", 100 * float(mean_known(cell["covered"].ravel())), nan, "%"
-    yield "without_band", 100 * float(np.isnan(cell["covered"]).mean()), nan, "%"
-    yield "left_out", 0.0, nan, "samples"
-    yield "failed", float((cell["failure"] != "").sum()), nan, "trials"
-    yield "seconds", float(mean_known(cell["seconds"])), nan, "s"
+    """Summary with standard errors from few bootstrap draws, which take less time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tvsysid.study.scores.DRAWS", 10)
+        return summarize(results)
 
 
 def claims():

@@ -135,7 +135,8 @@ def test_a_single_trial_of_a_single_method(profile):
     draw(figure)
     assert not figure.axes[0].collections  # no spread of one trial
     assert [axes.get_ylabel().partition("\n")[0] for axes in figure.axes] == [
-        "stiffness", "time-varying VAF", "bias error", "total error", "VAF",
+        "stiffness", "time-varying VAF", "bias error", "total error",
+        *["rise time"] * (profile == "square"), "VAF",
     ]  # fmt: skip
     low, high = figure.axes[0].get_ylim()
     assert low < results.truth.sel(quantity="stiffness").min()

@@ -16,7 +16,6 @@ import tvsysid as tv
 METHODS = {
     "eirf": tv.EnsembleIRF(),
     "eirf full": tv.EnsembleIRF(solver="full"),
-    "eirf lstsq": tv.EnsembleIRF(solver="lstsq"),
     "eirf output": tv.EnsembleIRF(order="output"),
     "sds": tv.ShortDataSegments(),
     "birf": tv.BasisIRF(),

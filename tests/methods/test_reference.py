@@ -38,7 +38,7 @@ def wrapped(reference):
         ({"solver": "mdl"}, "eirf_mdl"),
         ({"solver": "mdl", "order": "output"}, "eirf_mdl_sorted"),
         ({"solver": "full"}, "eirf_corr"),
-        ({"solver": "lstsq"}, "eirf_lstsq"),
+        ({"solver": "full"}, "eirf_lstsq"),
     ],
 )
 def test_ensemble_irf_equals_the_reference(reference, ensemble, settings, name):

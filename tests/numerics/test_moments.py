@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import toeplitz
 
 from tvsysid.numerics import moments
 
@@ -61,20 +60,3 @@ def test_convolution_equals_a_loop(random, times):
             weights[i, before + lag] * u[:, i + after - lag] for lag in range(-before, after + 1)
         )
         np.testing.assert_allclose(found[:, i], expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(("lags", "half"), [(3, 4), (2, 0), (0, 3), (4, 1)])
-def test_coloured_moments_are_those_of_the_dense_noise(random, lags, half):
-    u = random.normal(size=(5, 40))
-    times = 40 - 2 * (lags + half)
-    weights, correlation = (
-        random.normal(size=(times, 2, 2 * lags + 1)),
-        0.7 ** np.arange(2 * half + 1),
-    )
-    lagged = np.lib.stride_tricks.sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1]
-    products = moments.diagonal_moments(u, u, 2 * (lags + half))
-    found = moments.coloured_moments(products, weights, correlation)
-    for time in range(times):
-        answers = lagged[:, time : time + 2 * half + 1] @ weights[time].T
-        expected = np.einsum("rwm,wv,rvm->m", answers, toeplitz(correlation), answers) / 5
-        np.testing.assert_allclose(found[time], expected, rtol=1e-10)

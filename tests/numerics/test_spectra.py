@@ -21,15 +21,6 @@ def test_spectra_equal_those_of_segments(random, length, realizations):
             np.testing.assert_allclose(values, expected.mean(axis=0) / length, atol=1e-10)
 
 
-@pytest.mark.parametrize("length", [2, 7, 30, 64])
-def test_both_ways_give_the_same(random, length):
-    u, y = random.normal(size=(30, 150)), random.normal(size=(30, 150))
-    for one, other in zip(
-        spectra._from_moments(u, y, length, None), spectra._from_segments(u, y, length), strict=True
-    ):
-        np.testing.assert_allclose(one, other, atol=1e-12)
-
-
 @pytest.mark.parametrize("length", [30, 31])
 def test_window_peaks_at_its_centre_and_is_symmetric_about_it(length):
     window = spectra.hann(length)

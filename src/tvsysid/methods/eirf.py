@@ -15,7 +15,7 @@ from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
 
-Solving = Literal["mdl", "full", "lstsq"]
+Solving = Literal["mdl", "full"]
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best
 
@@ -35,9 +35,8 @@ class EnsembleIRF(Method):
     max_lag
         Lags to either side in s.
     solver
-        ``"mdl"``: correlations, pseudo-inverse truncated by minimum description length (Lortie &
-        Kearney 2001); ``"full"``: correlations, full rank; ``"lstsq"``: singular value
-        decomposition of the lagged inputs themselves (MacNeil et al. 1992).
+        ``"mdl"``: pseudo-inverse truncated by minimum description length (Lortie & Kearney 2001);
+        ``"full"``: least squares (MacNeil et al. 1992).
     order
         In which order ``"mdl"`` takes singular values: ``"natural"``, from the largest on, or
         ``"output"``, by the share of the output that they explain.
@@ -92,10 +91,9 @@ class EnsembleIRF(Method):
         enough = np.full(len(windows.weights), independent > unknowns)
         return shared.window_model(ensemble, windows, enough, why)
 
-    def _solve(self, angle: Array, torque: Array, *correlations: Array) -> pseudoinverse.Solution:
-        phi_uu, phi_uy, variance, count = correlations
-        if self.solver == "lstsq":
-            return pseudoinverse.direct(angle, torque, phi_uu.shape[1] // 2)
+    def _solve(
+        self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array
+    ) -> pseudoinverse.Solution:
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)

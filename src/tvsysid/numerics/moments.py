@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided, sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 
 from tvsysid.numerics import Array
 
@@ -137,49 +137,6 @@ def expanded(moments: Array, functions: Array) -> Array:
         .transpose(0, 2, 1, 3)
         .reshape(unknowns * count, -1)
     )
-
-
-def coloured_moments(products: Array, weights: Array, correlation: Array) -> Array:
-    r"""Return mean products of weighted sums of lagged inputs over a window.
-
-    Each product is weighted by the correlation at the distance of its two samples.
-
-    .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
-              z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
-
-    ``products`` are the input's :func:`diagonal_moments` up to 2 n + 2 h samples later;
-    ``weights`` are a, shape (time - 2 n - 2 h, quantity, 2 n + 1), row 0 of which belongs to
-    sample n + h; ``correlation`` is :math:`\rho` from lag 0 to 2 h. All windows follow from
-    running sums at each distance, so that the cost hardly depends on the window.
-    """
-    times, quantities, length = weights.shape
-    reach = len(correlation) - 1
-    half, farthest = reach // 2, length - 1 + reach
-    samples = len(products)
-    # Row farthest + f, column p + 1: running sum of u(p) u(p + f), shifted along so that it covers
-    # products up to p.
-    sums = np.zeros((2 * farthest + 1, samples + 1))
-    for offset in range(farthest + 1):
-        known = products[: samples - offset, offset]
-        sums[farthest + offset, 1 : samples - offset + 1] = known
-        sums[farthest - offset, offset + 1 :] = known
-    np.cumsum(sums, axis=1, out=sums)
-    # Row e, column p: the double sum over the windows about p and about p + e.
-    inner = samples - 2 * half
-    double = np.zeros((length, inner))
-    for distance in range(-reach, reach + 1):
-        begin, end = half + max(-half, -half - distance), half + min(half, half - distance) + 1
-        rows = sums[farthest + distance : farthest + distance + length]
-        double += correlation[abs(distance)] * (
-            rows[:, end : end + inner] - rows[:, begin : begin + inner]
-        )
-    out = np.zeros((times, quantities))
-    for apart in range(length):
-        pairs = weights[:, :, apart:] * weights[:, :, : length - apart]
-        # Weight k belongs to the input n - k samples from the window's centre.
-        near = sliding_window_view(double[apart], length - apart)[:times, ::-1]
-        out += (1 + (apart > 0)) * np.einsum("tqk,tk->tq", pairs, near)
-    return out
 
 
 def sliding_sum(x: Array, before: int, after: int) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.numerics import Array
@@ -109,27 +108,6 @@ def _solution(
     inverse = (vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1)
     explained = np.sum(projections**2 * reciprocal, axis=1)
     return Solution(weights, rank, inverse, np.count_nonzero(reciprocal, axis=1), explained)
-
-
-def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
-    """Solve least squares on the lagged inputs at each time by singular value decomposition.
-
-    The solution has minimum norm (MacNeil, Kearney & Hunter 1992). u and y are (realization, time).
-    Solving a ``block`` of times at once bounds the memory.
-    """
-    windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
-    parts = []
-    for start in range(0, len(windows), block):
-        stop = min(start + block, len(windows))
-        left, values, right = np.linalg.svd(windows[start:stop], full_matrices=False)
-        usable = values > max(windows.shape[1:]) * np.finfo(float).eps * values[:, :1]
-        projections = (y[:, lags + start : lags + stop].T[:, None, :] @ left)[:, 0]
-        reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
-        weights = ((projections * reciprocal)[:, None, :] @ right)[:, 0]
-        inverse = len(u) * (right.transpose(0, 2, 1) * reciprocal[:, None, :] ** 2) @ right
-        rank, explained = usable.sum(axis=1), np.sum(projections**2 * usable, axis=1) / len(u)
-        parts.append((weights, rank, inverse, rank, explained))
-    return Solution(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def solve_regularized(gram: Array, cross: Array) -> Array:

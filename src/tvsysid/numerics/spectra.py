@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +15,6 @@ from tvsysid.numerics.moments import diagonal_moments
 
 ComplexArray = NDArray[np.complex128]
 
-# time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)
-TRANSFORMS = 30.0
-SEGMENTS = 2**18  # samples of segments that are transformed at once, so that they stay in the cache
-
 
 class ShortTimeSpectra(NamedTuple):
     """Spectral densities, shape (time, frequency): input, output with input, output."""
@@ -32,24 +27,16 @@ class ShortTimeSpectra(NamedTuple):
 def short_time_spectra(
     u: Array, y: Array, length: int, products: Array | None = None
 ) -> ShortTimeSpectra:
-    r"""Spectral densities of Hann-windowed segments about each time, averaged over realizations.
+    r"""Return spectral densities of Hann-windowed segments, averaged over realizations.
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
 
     (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of
-    the windowed segments of N = ``length`` samples; no mean is subtracted. Row 0 belongs to
-    sample N // 2; for an even N the segment about t is t - N/2 ... t + N/2 - 1. For short
-    segments of many realizations they are the Fourier transforms of the segments' correlations
-    at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise
-    every segment is transformed, which costs as :math:`R N \log N`. Both give the same to
-    rounding; the quicker is taken. ``products`` are the input's moments along the diagonals, if
-    they are known.
+    the windowed segments of N = ``length`` samples. No mean is subtracted. Row 0 belongs to sample
+    N // 2; for an even N the segment about t is t - N/2 ... t + N/2 - 1. The densities are the
+    Fourier transforms of the segments' correlations at each distance, which follow from the second
+    moments. ``products`` are the input's moments along the diagonals, if they are known.
     """
-    quicker_apart = length**2 > TRANSFORMS * len(u) * math.log2(max(length, 2))
-    return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length, products)
-
-
-def _from_moments(u: Array, y: Array, length: int, products: Array | None) -> ShortTimeSpectra:
     window = hann(length)
     taper = window * hankel(window)  # of a sample and the one that comes d later, shape (d, sample)
     turns = 2 * np.pi / length * np.outer(np.arange(length), np.arange(length // 2 + 1))
@@ -70,22 +57,6 @@ def _from_moments(u: Array, y: Array, length: int, products: Array | None) -> Sh
     )
     uu, yy = (each @ (twice * np.cos(turns)) for each in (correlation(products[:, :length]), yy))
     return ShortTimeSpectra(uu, yu, yy)
-
-
-def _from_segments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
-    window, centres = hann(length), u.shape[1] - length + 1
-    shape = (centres, length // 2 + 1)
-    out = ShortTimeSpectra(np.empty(shape), np.empty(shape, dtype=np.complex128), np.empty(shape))
-    segments = [sliding_window_view(signal, length, axis=1) for signal in (u, y)]
-    step = max(1, SEGMENTS // (len(u) * length))
-    for start in range(0, centres, step):
-        block = slice(start, start + step)
-        a, b = (rfft(each[:, block] * window, axis=2) for each in segments)
-        out.uu[block] = np.sum(a.real**2 + a.imag**2, axis=0)
-        out.yu[block] = np.sum(b * a.conj(), axis=0)
-        out.yy[block] = np.sum(b.real**2 + b.imag**2, axis=0)
-    samples = len(u) * length
-    return ShortTimeSpectra(out.uu / samples, out.yu / samples, out.yy / samples)
 
 
 def hann(length: int) -> Array:

@@ -19,19 +19,17 @@ from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, LaggedReference
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.instrument import lag_samples
 from tvsysid.numerics.moments import (
-    coloured_moments,
     diagonal_moments,
     lagged_moments,
     sliding_sum,
     time_chunks,
-    window_matrices,
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, full, truncated
 from tvsysid.numerics.second_order import agreement, second_order_readout, static_stiffness
 from tvsysid.signals import Array, Ensemble
 
-Solver = Callable[[Array, Array, Array, Array, Array, Array], Solution]
+Solver = Callable[[Array, Array, Array, Array], Solution]
 
 
 class Windows(NamedTuple):
@@ -81,18 +79,17 @@ def solve_windows(
     ensemble: Ensemble,
     lags: int,
     half: int,
-    solve: Solver | None = None,
+    solve: Solver = truncated,
     instruments: LaggedReference | None = None,
 ) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)` at each time.
 
     The correlations are means over realizations and a window of time. The window reaches ``half``
     samples to either side, and is cut short where the context ends. ``solve`` gives the solution
-    from angle, torque, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of
-    samples averaged; the default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is
-    the residual of all directions of the lagged angles. The residual of the truncated solution
-    would be too small, because the same noise chose its directions. With ``instruments`` the
-    correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
+    from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
+    The noise is the residual of all directions of the lagged angles. The residual of the truncated
+    solution would be too small, because the same noise chose its directions. With ``instruments``
+    the correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
@@ -114,8 +111,7 @@ def solve_windows(
             solution = full(phi_uu, phi_uy, UNIDENTIFIABLE)
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
-            correlations = phi_uu, phi_uy, variance, count
-            solution = solve(*signals, *correlations) if solve else truncated(*correlations)
+            solution = solve(phi_uu, phi_uy, variance, count)
         readout, fitted = second_order_readout(
             phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
         )
@@ -139,38 +135,28 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2}
               \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
-    with the autocorrelation :math:`\rho` of the residual at all times
-    (:func:`tvsysid.numerics.moments.coloured_moments`). ``products`` and ``noise`` are the
-    windows' own, from the ensemble.
+    with the autocorrelation :math:`\rho` of the residual at all times, ``noise`` (distance,). The
+    ``products`` are those of the angle along the diagonals.
     """
     half, margin, length = windows.half, windows.margin, 2 * windows.lags + 1
-    noise = noise[: 2 * half + 1]
-    times, cut = len(windows.weights), half - margin
     last = len(products) - length  # the latest centre of lagged angles
-    out = np.empty((times, 3))
-    if not half:  # noise at one time is white, and running sums would lose digits
-        moments = window_matrices(products, products)[:, ::-1, ::-1]
-        out[:] = np.einsum("tmk,tmk->tm", windows.readout @ moments, windows.readout)
-        return out * (windows.noise / windows.samples)[:, None]
-    whole = slice(cut, max(cut, times - cut))
-    if whole.stop > whole.start:
-        out[whole] = coloured_moments(products, windows.readout[whole], noise) / len(noise)
-    for time in (*range(min(cut, times)), *range(max(cut, times - cut), times)):
+    correlation = toeplitz(noise[: 2 * half + 1])
+    out = np.empty((len(windows.weights), 3))
+    for time, readout in enumerate(windows.readout[:, :, ::-1]):
         # Where the context ends, a window is cut short.
         begin, end = max(0, time + margin - half), min(last, time + margin + half) + 1
         count = end - begin
-        reach = count + length - 1
-        index = np.arange(reach)
+        index = np.arange(count + length - 1)
         moments = products[
             begin + np.minimum.outer(index, index), np.abs(np.subtract.outer(index, index))
         ]
-        # Of each quantity and sample, from the angles about the window.
-        answers = np.zeros((3, count, reach))
+        # z at each sample of the window, as weights of the angles about the window
+        weights = np.zeros((3, count, len(index)))
         for sample in range(count):
-            answers[:, sample, sample : sample + length] = windows.readout[time, :, ::-1]
-        mixed = answers @ moments @ answers.transpose(0, 2, 1)
-        out[time] = np.einsum("mvw,vw->m", mixed, toeplitz(noise[:count])) / count
-    return np.asarray(np.maximum(out, 0.0) * (windows.noise / windows.samples)[:, None])
+            weights[:, sample, sample : sample + length] = readout
+        mixed = weights @ moments @ weights.transpose(0, 2, 1)
+        out[time] = np.sum(mixed * correlation[:count, :count], axis=(1, 2)) / count
+    return np.asarray(out * (windows.noise / windows.samples)[:, None])
 
 
 def window_errors(

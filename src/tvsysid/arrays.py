@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,11 @@ def to_array(values: ArrayLike) -> Array:
     return read_only(
         np.asarray(array, np.float64, order="C") if array.dtype.kind in "iuf" else array
     )
+
+
+def to_arrays(values: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Convert each item of a mapping by :func:`to_array`."""
+    return {name: to_array(each) for name, each in values.items()}
 
 
 def check_finite(name: str, array: NDArray[Any], axes: tuple[str, ...]) -> None:

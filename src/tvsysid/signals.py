@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tvsysid.arrays import check_finite, read_only, to_array
+from tvsysid.arrays import check_finite, read_only, to_array, to_arrays
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most modules import it from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 # Peaks of angle and torque outside these limits would overflow or vanish in fourth powers.
 MIN_PEAK, MAX_PEAK = 1e-30, 1e30
-
-
-def _channels(channels: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    return {name: to_array(values) for name, values in channels.items()}
 
 
 def _check_array(signals: Signals, field: attrs.Attribute[Any], values: Array) -> None:
@@ -72,7 +68,7 @@ class Signals:
     torque: Array = attrs.field(converter=to_array, validator=_check_array)
     sampling_rate: float = attrs.field(converter=to_float, validator=frequency)
     channels: Mapping[str, Array] = attrs.field(
-        factory=dict, kw_only=True, converter=_channels, validator=_check_channels
+        factory=dict, kw_only=True, converter=to_arrays, validator=_check_channels
     )
     origin: float = attrs.field(default=0.0, kw_only=True)
     delay_removed: float = attrs.field(default=0.0, kw_only=True)

@@ -79,7 +79,7 @@ def test_a_wrong_request_is_refused(mat, settings, message):
         ("gap.csv", b"pos,tq\n1,2\n,4\n5,6\n", "1 of 3 values are NaN .*, the first at time 1"),
         ("longer.csv", b"pos,tq\n1,2,3\n3,4,5\n", "cannot be read"),
         ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "Expected 2 fields in line 3, saw 4"),
-        ("cut.csv", b"pos,tq,emg\n1,2,3\n\n3,4\n5,6,7\n", "line 4 has 2 of 3 columns; complete"),
+        ("cut.csv", b"emg,pos,tq\n1,2,3\n\n3,4\n5,6,7\n", "torque: 1 of 3 values are NaN"),
         ("other.xls", b"pos,tq\n", "unknown ending '.xls'; files that can be read end in .mat, "),
         ("nowhere.mat", None, r"nowhere\.mat: no such file"),
         ("", None, "expected a file, got a folder"),

@@ -18,15 +18,13 @@ from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.reading import Reading, read_recording
 from tvsysid.signals import Array, Recording
 
-RAD_PER_UNIT = {"rad": 1.0, "deg": math.pi / 180}
-NM_PER_UNIT = {"Nm": 1.0, "Nmm": 1e-3}
 MAX_ANGLE_RMS_RAD = 0.2  # about the mean; more is probably in degrees
 RATE_TOLERANCE = 1e-3  # relative: files round their rates
-UNIT_SPELLINGS = {
-    "rad": r"rad(ians?)?",
-    "deg": r"deg(rees?)?|°",
-    "Nm": r"nm|newtonmet(er|re)s?",
-    "Nmm": r"nmm|newtonmillimet(er|re)s?",
+UNITS = {  # factor to rad or N·m, and how files spell the unit
+    "rad": (1.0, r"rad(ians?)?"),
+    "deg": (math.pi / 180, r"deg(rees?)?|°"),
+    "Nm": (1.0, r"nm|newtonmet(er|re)s?"),
+    "Nmm": (1e-3, r"nmm|newtonmillimet(er|re)s?"),
 }
 
 
@@ -217,8 +215,8 @@ def _recording(
 ) -> Recording:
     """Return the recording of signals of shape (time,), by their names in the recording."""
     return Recording(
-        angle=signals["angle"] * RAD_PER_UNIT[reading.angle_unit],
-        torque=signals["torque"] * (reading.torque_sign * NM_PER_UNIT[reading.torque_unit]),
+        angle=signals["angle"] * UNITS[reading.angle_unit][0],
+        torque=signals["torque"] * (reading.torque_sign * UNITS[reading.torque_unit][0]),
         sampling_rate=reading.sampling_rate or math.nan,
         start=reading.start,
         channels={name: signals[name] for name in reading.channels},
@@ -244,7 +242,7 @@ def _doubts(
     for own, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
         stated = channels[own].unit
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
-        if stated and not re.fullmatch(UNIT_SPELLINGS[unit], plain):
+        if stated and not re.fullmatch(UNITS[unit][1], plain):
             yield (
                 f"the file states the unit {stated!r} for {names[own]}, and is read in {unit}; "
                 "convert it, or name its unit"

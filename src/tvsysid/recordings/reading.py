@@ -131,8 +131,7 @@ class Reading:
         -----
         DataQualityWarning
             If the angle, said to be in rad, is so large that it is probably in degrees; if the file
-            states another unit or sampling rate; if angle or torque stand still while the joint
-            moves, or a channel does throughout.
+            states another unit or sampling rate; if a channel is constant.
         """
         from tvsysid.recordings.read import read  # noqa: PLC0415
 

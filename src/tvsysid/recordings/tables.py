@@ -57,14 +57,6 @@ def _read_table(file: Path) -> tuple[list[str], list[Any]]:
             encoding="utf-8-sig",
             low_memory=False,
         )
-    if table.iloc[:, -1].isna().any():  # pandas fills up short rows
-        with file.open(encoding="utf-8-sig") as stream:
-            for number, line in enumerate(stream, start=1):
-                if line.strip() and (count := 1 + line.count(separator)) < len(first):
-                    raise InputError(
-                        f"line {number} has {count} of {len(first)} columns; complete it, or copy "
-                        "the file again"
-                    )
     names = [cell or f"Unnamed: {number}" for number, cell in enumerate(first) if has_names]
     return names, [values.to_numpy() for _, values in table.items()]
 

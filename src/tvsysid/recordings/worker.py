@@ -27,18 +27,14 @@ Result = TypeVar("Result")
 def run_isolated(size: int, function: Callable[..., Result], *arguments: object) -> Result:
     """Call a function of a module in another process, with limits for memory and time.
 
-    ``size`` is that of the file and of the values that are read, in bytes.
-
-    Raises
-    ------
-    InputError
-        If the process crashes or takes too long. The function's own errors are raised as well.
+    ``size`` is that of the file and of the values that are read, in bytes. An InputError is raised
+    if the process crashes or takes too long; the function's own errors are raised as well.
     """
     if multiprocessing.current_process().daemon:  # which cannot start processes
         return function(*arguments)
     seconds, executor = WAIT_S + WAIT_S_PER_BYTE * size, _executor(os.getpid())
+    memory = MEMORY_BYTES + MEMORY_PER_BYTE * size
     try:
-        memory = MEMORY_BYTES + MEMORY_PER_BYTE * size
         return executor.submit(_limited, memory, function, *arguments).result(seconds)
     except (BrokenProcessPool, TimeoutError, KeyboardInterrupt) as error:
         _executor.cache_clear()
@@ -57,9 +53,8 @@ def run_isolated(size: int, function: Callable[..., Result], *arguments: object)
 def _executor(process: int) -> ProcessPoolExecutor:
     """Return the executor of this process, which a fork cannot share."""
     if sys.platform == "linux" and threading.active_count() == 1:  # a fork takes no locks along
-        return ProcessPoolExecutor(1, multiprocessing.get_context("fork"), initializer=_initialize)
-    spawn = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(1, spawn, initializer=_initialize)
+        return ProcessPoolExecutor(1, multiprocessing.get_context("fork"), _initialize)
+    executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _initialize)
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")  # else the new process runs the user's script
     try:
@@ -87,8 +82,8 @@ def _limited(memory: int, function: Callable[..., Result], *arguments: object) -
     if sys.platform == "linux":  # others do not limit memory, or do not tell what is used
         import resource  # noqa: PLC0415  # not on Windows
 
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        limit = pages * resource.getpagesize() + memory
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        resource.setrlimit(resource.RLIMIT_AS, (min(limit, hard) if hard > 0 else limit, hard))
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = min(used + memory, hard if hard > 0 else sys.maxsize)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     return function(*arguments)

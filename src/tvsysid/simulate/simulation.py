@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import attrs
 import numpy as np
-from numpy.typing import ArrayLike
 
-from tvsysid.arrays import check_finite, to_array
+from tvsysid.arrays import check_finite, to_arrays
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
@@ -35,10 +34,6 @@ class System(Protocol):
     ) -> Simulation:
         """Record so many seconds; see :meth:`Joint.simulate`."""
         ...  # pragma: no cover
-
-
-def _read_only(values: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    return {name: to_array(each) for name, each in values.items()}
 
 
 def _check(simulation: Simulation, _: object, values: Mapping[str, Array]) -> None:
@@ -71,8 +66,8 @@ class Simulation:
     """
 
     recording: Recording
-    truth: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_check)
-    pathways: Mapping[str, Array] = attrs.field(converter=_read_only, validator=_check)
+    truth: Mapping[str, Array] = attrs.field(converter=to_arrays, validator=_check)
+    pathways: Mapping[str, Array] = attrs.field(converter=to_arrays, validator=_check)
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""

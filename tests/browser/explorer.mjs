@@ -78,7 +78,7 @@ let passed = await tabTo(page, "angle");
 await choose(page, angle);
 passed.push(...(await tabTo(page, "torque")));
 await choose(page, torque);
-passed.push(...(await tabTo(page, "rate")));
+passed.push(...(await tabTo(page, "sampling_rate")));
 await typed(page, "1000");
 passed.push(...(await tabTo(page, "reversed")));
 await page.keyboard.press("Space");
@@ -112,7 +112,7 @@ check(live.join() === "polite,polite,off,off,off", `what is announced: ${live}`)
 check(await page.evaluate(() => document.querySelector("figure img").alt.length > 20 && document.querySelectorAll("#numbers tbody tr").length > 8), "the picture has a text and a table");
 console.log(`order of focus: ${[...new Set(passed.map((each) => each.id || each.label))].join(", ")}`);
 const phone = await opened({ colorScheme: "dark", viewport: { width: 360, height: 740 } });
-for (const [id, act] of [["angle", () => choose(phone, angle)], ["torque", () => choose(phone, torque)], ["rate", () => typed(phone, "1000")], ["reversed", () => phone.keyboard.press("Space")], ["period", () => typed(phone, "2")]]) {
+for (const [id, act] of [["angle", () => choose(phone, angle)], ["torque", () => choose(phone, torque)], ["sampling_rate", () => typed(phone, "1000")], ["reversed", () => phone.keyboard.press("Space")], ["period", () => typed(phone, "2")]]) {
   await tabTo(phone, id);
   await act();
 }

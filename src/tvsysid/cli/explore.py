@@ -10,7 +10,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import NAMES, Cutting, ReadingOptions, given
+from tvsysid.cli.options import Cutting, ReadingOptions, given
 from tvsysid.recordings.reading import Reading, Segmentation
 
 
@@ -56,9 +56,8 @@ def explore(
     """
     from tvsysid.explorer import explore as open_page
 
-    options = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
-    named = {NAMES.get(name, name): value for name, value in options.items()}
-    page = open_page(file, port=port, method=method, align_channels=align_channels, **named)
+    settings = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
+    page = open_page(file, port=port, method=method, align_channels=align_channels, **settings)
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
     has_screen = {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() or sys.platform != "linux"
     if browser and has_screen:  # a text browser would take over the terminal

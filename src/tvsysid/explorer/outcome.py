@@ -1,14 +1,12 @@
-"""From settings to what is shown of them.
-
-What does not change is kept from one change to the next.
-"""
+"""Identify with the settings of the page. Steps whose settings do not change are kept."""
 
 from __future__ import annotations
 
 import asyncio
 import warnings
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import lru_cache
+from pathlib import Path
 from threading import Lock
 from typing import TypeVar
 
@@ -16,119 +14,108 @@ import attrs
 
 from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare_recording
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.explorer.settings import Cutting, Settings, SourceFile, command, python
+from tvsysid.explorer.settings import Settings
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import centered_channels, parse
 from tvsysid.quality import Diagnosis, diagnose
+from tvsysid.recordings import Reading, Segmentation
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Recording
 
 T = TypeVar("T")
-TURN_S = 0.02  # between two looks whether it is one's turn
-Noted = tuple[T, tuple[str, ...]]  # what a step made, and what it warned of
-ONE_AT_A_TIME = Lock()  # warnings and the figures' look are those of all threads
+POLL_S = 0.02
+Warned = tuple[T, tuple[str, ...]]  # the result of a step, and its warnings
+ONE_AT_A_TIME = Lock()  # warnings and the figures' style belong to all threads
 
 
 @attrs.frozen(eq=False)
 class Outcome:
-    """What was found with some settings, and the package's warnings."""
+    """Everything that the page shows of an identification."""
 
     settings: Settings
-    cut: PreparedRecording
+    prepared: PreparedRecording
     found: Comparison
     notes: tuple[str, ...]
-
-    @property
-    def lines(self) -> list[str]:
-        """The answer in words, as ``tvsysid identify`` prints it; takes a while."""
-        with ONE_AT_A_TIME:
-            return answer(Account(self.found))
-
-    @property
-    def command(self) -> str:
-        """The same on the command line."""
-        return command(self.settings)
-
-    @property
-    def python(self) -> str:
-        """The same in Python."""
-        delay = float(self.cut.ensemble.delay_removed)
-        return python(self.settings, delay, self.cut.mains, self.cut.deviating)
-
-    @cached_property
-    def diagnosis(self) -> Diagnosis | str:
-        """What may be wrong with the ensemble, or why nobody can say; takes a while."""
-        with ONE_AT_A_TIME:
-            try:
-                return self.found.recommendation.diagnosis or diagnose(self.found.ensemble)
-            except InputError as error:
-                return str(error)
-
-    def picture(self, quantity: str = "stiffness", simultaneous: bool = False) -> bytes:
-        """Return a quantity over time with its band, as SVG."""
-        with ONE_AT_A_TIME:
-            return drawn(
-                identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg"
-            )
+    lines: list[str]  # the answer, as ``tvsysid identify`` prints it
+    diagnosis: Diagnosis | str  # or why there is none
+    picture: bytes  # SVG
 
 
 async def in_turn(work: Callable[..., T], *given: object) -> T:
-    """What some work returns, in a thread of its own, when nothing else is at work.
+    """Return the result of a function that runs in a thread when no other does.
 
-    Not begun if cancelled before.
+    It does not start if it is cancelled before its turn.
     """
     while ONE_AT_A_TIME.locked():
-        await asyncio.sleep(TURN_S)
+        await asyncio.sleep(POLL_S)
     return await asyncio.to_thread(work, *given)
 
 
 def forget() -> None:
-    """Let go of the recordings and what was found in them."""
-    for kept in (_found, _cut, _read):
+    """Release the recordings and their results."""
+    for kept in (_found, _prepared, _read):
         kept.cache_clear()
 
 
-def outcome(settings: Settings) -> Outcome:
-    """Read, cut and identify, as ``tvsysid identify`` does.
+def outcome(settings: Settings, quantity: str = "stiffness", simultaneous: bool = False) -> Outcome:
+    """Read, cut, identify, diagnose, and draw a quantity, as ``tvsysid identify`` does.
 
     Raises
     ------
     InputError
         For what ``tvsysid identify`` refuses.
     """
-    source, file = settings.source, getattr(settings.source, "file", None)
+    source = settings.source
     with ONE_AT_A_TIME:
-        changed = file.stat().st_mtime_ns if file is not None and file.exists() else 0
-        (cut, found), notes = _found(source, changed, settings.cutting, settings.method)
-    return Outcome(settings, cut, found, notes)
+        changed = source.stat().st_mtime_ns if isinstance(source, Path) and source.exists() else 0
+        (prepared, found), notes = _found(settings, changed)
+        try:
+            diagnosis: Diagnosis | str = found.recommendation.diagnosis or diagnose(found.ensemble)
+        except InputError as error:
+            diagnosis = str(error)
+        figure = identified_quantity(found.models, quantity, simultaneous=simultaneous)
+        lines = answer(Account(found))
+        return Outcome(settings, prepared, found, notes, lines, diagnosis, drawn(figure, "svg"))
 
 
 @lru_cache(maxsize=16)
-def _found(
-    source: SourceFile | Recording, changed: int, how: Cutting, method: str
-) -> Noted[tuple[PreparedRecording, Comparison]]:
-    cut, before = _cut(source, changed, how, tuple(centered_channels([parse(method)])))
-    found, notes = _noted(lambda: compare(cut.ensemble, [method]))
-    return (cut, found), (*before, *notes)
+def _found(settings: Settings, changed: int) -> Warned[tuple[PreparedRecording, Comparison]]:
+    prepared, before = _prepared(
+        settings.source,
+        changed,
+        settings.reading,
+        settings.cutting,
+        settings.align_channels,
+        tuple(centered_channels([parse(settings.method)])),
+    )
+    found, notes = _warned(lambda: compare(prepared.ensemble, [settings.method]))
+    return (prepared, found), (*before, *notes)
 
 
 @lru_cache(maxsize=8)
-def _cut(
-    source: SourceFile | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]
-) -> Noted[PreparedRecording]:
-    recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
-    prepared, notes = _noted(
-        lambda: prepare_recording(recording, how, deviating, align_channels=how.align_channels)
+def _prepared(
+    source: Path | Recording,
+    changed: int,
+    reading: Reading,
+    cutting: Segmentation,
+    align_channels: bool,
+    deviating: tuple[str, ...],
+) -> Warned[PreparedRecording]:
+    recording, before = (
+        _read(source, changed, reading) if isinstance(source, Path) else (source, ())
+    )
+    prepared, notes = _warned(
+        lambda: prepare_recording(recording, cutting, deviating, align_channels=align_channels)
     )
     return prepared, (*before, *prepared.notes, *notes)
 
 
 @lru_cache(maxsize=4)
-def _read(source: SourceFile, changed: int) -> Noted[Recording]:
-    return _noted(lambda: source.reading.read(source.file))
+def _read(source: Path, changed: int, reading: Reading) -> Warned[Recording]:
+    return _warned(lambda: reading.read(source))
 
 
-def _noted(work: Callable[[], T]) -> Noted[T]:
+def _warned(work: Callable[[], T]) -> Warned[T]:
     """Return the result of a function and its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)

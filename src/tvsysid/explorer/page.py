@@ -1,32 +1,34 @@
-"""The page: controls, and what is shown of an outcome.
-
-Native elements of a form, which keyboards and readers know.
-"""
+"""The page: native form controls, which keyboards and screen readers know, and the results."""
 
 from __future__ import annotations
 
 import asyncio
 import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, get_args
 
-import attrs
 import numpy as np
+import pandas as pd
 from shiny import App, Inputs, reactive, render, ui
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.explorer.outcome import Outcome, in_turn, outcome
-from tvsysid.explorer.settings import CHOICES, Source, method_parts, method_settings, settings_from
+from tvsysid.explorer.settings import Settings, method_parts, method_settings, settings_from
 from tvsysid.methods import describe, names
-from tvsysid.report.page import Block, Column, Fold, Row, Table, html, number
-from tvsysid.signals import Recording
+from tvsysid.recordings.reading import AngleUnit, Columns, TorqueUnit
 
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
 BANDS = {"pointwise": "95 % at each time by itself", "simultaneous": "95 % at all times together"}
-PAUSE_S = 0.15  # in which a further key takes the place of what the one before chose
-TIMES = 11  # in the table of values over time
+UNITS_AND_COLUMNS = {
+    "angle_unit": ("Unit of the angle", AngleUnit),
+    "torque_unit": ("Unit of the torque", TorqueUnit),
+    "columns": ("Columns of a matrix", Columns),
+}
+PAUSE_S = 0.15  # a further key within it replaces the choice before
+MAX_TIMES = 11  # rows in the table of values over time
 STYLE = """
 body { padding: 1rem 0; overflow-wrap: anywhere }
 fieldset { margin-bottom: 1.25rem }
@@ -49,89 +51,78 @@ summary { margin: .5rem 0 }
 """
 
 
-@attrs.frozen
-class Shown:
-    """An outcome and its picture, or the error in their place."""
+def page(settings: Settings, channels: Mapping[str, str]) -> App:
+    """Return the application, which begins with some settings.
 
-    found: Outcome | None = None
-    picture: bytes = b""
-    error: str = ""
-    kind: str = "danger"
-
-
-class Judged(NamedTuple):
-    """The answer's lines for an outcome; as HTML, the recommended method and the diagnosis."""
-
-    shown: Shown
-    lines: Sequence[str] = ()
-    details: str = ""
-
-
-def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[str, str]) -> App:
-    """Return the application for a recording, or a file and its ``channels`` with labels.
-
-    ``given`` are the controls' values.
+    ``channels`` are labels of a file's channels, by name.
     """
-    key, typed = method_parts(given["method"])
-    every = _methods(key)
-    reading = [] if isinstance(source, Recording) else [_reading(given, channels)]
-    title = f"{name} · tvsysid explore"
-    controls = ui.div(*reading, _cutting(given), _method(key, typed, every), _picture())
+    key, typed = method_parts(settings.method)
+    methods = {key: method_settings(key)}
+    for name in names():
+        with suppress(InputError):  # an installed method that cannot be loaded
+            methods[name] = method_settings(name)
+    from_file = isinstance(settings.source, Path)
+    title = settings.source.name if isinstance(settings.source, Path) else "recording"
+    controls = ui.div(
+        *([_reading(settings, channels)] if from_file else []),
+        _cutting(settings),
+        _method(key, typed, methods),
+        _group(
+            "Picture",
+            ui.input_select(
+                "quantity", "Quantity", {name: name.replace("_", " ") for name in QUANTITIES}
+            ),
+            ui.input_select("band", "Band", BANDS),
+        ),
+    )
     widths: Any = {"sm": 12, "md": (4, 8)}
     layout = ui.layout_columns(controls, _results(), col_widths=widths)
-    body = ui.tags.main(ui.h1(name, class_="h3"), layout, class_="container-fluid")
-    header = ui.tags.header(ui.input_dark_mode(), class_="container-fluid text-end")
-    head = ui.head_content(ui.tags.style(STYLE), ui.tags.link(rel="icon", href="data:,"))
-    return App(ui.page_fluid(head, body, header, title=title, lang="en"), _server(source, every))
+    return App(
+        ui.page_fluid(
+            ui.head_content(ui.tags.style(STYLE), ui.tags.link(rel="icon", href="data:,")),
+            ui.tags.main(ui.h1(title, class_="h3"), layout, class_="container-fluid"),
+            ui.tags.header(ui.input_dark_mode(), class_="container-fluid text-end"),
+            title=f"{title} · tvsysid explore",
+            lang="en",
+        ),
+        _server(settings, methods),
+    )
 
 
-def _methods(first: str) -> dict[str, dict[str, str]]:
-    """Return the settings of each method."""
-    found = {first: method_settings(first)}  # raises for one that is not known
-    for key in names():
-        with suppress(InputError):  # an installed one that cannot be loaded
-            found[key] = method_settings(key)
-    return found
-
-
-def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> ui.Tag:
-    choices = {"": "choose a channel", **channels}
-    more = {
-        "angle_unit": "Unit of the angle",
-        "torque_unit": "Unit of the torque",
-        "columns": "Columns of a matrix",
-    }
+def _reading(settings: Settings, channels: Mapping[str, str]) -> ui.Tag:
+    reading, choices = settings.reading, {"": "choose a channel", **channels}
     return _group(
         "Recording",
-        ui.input_select("angle", "Angle", choices, selected=given["angle"] or ""),
-        ui.input_select("torque", "Torque", choices, selected=given["torque"] or ""),
-        _number("rate", "Sampling rate (Hz)", given["rate"]),
-        ui.input_checkbox("reversed", "Reverse the torque's sign", given["torque_sign"] == -1),
+        ui.input_select("angle", "Angle", choices, selected=reading.angle or ""),
+        ui.input_select("torque", "Torque", choices, selected=reading.torque or ""),
+        _number("sampling_rate", "Sampling rate (Hz)", reading.sampling_rate),
+        ui.input_checkbox("reversed", "Reverse the torque's sign", reading.torque_sign == -1),
         ui.tags.details(
             ui.tags.summary("Units and columns"),
             *(
-                ui.input_select(name, label, list(CHOICES[name]), selected=given[name])
-                for name, label in more.items()
+                ui.input_select(name, label, list(get_args(kind)), selected=getattr(reading, name))
+                for name, (label, kind) in UNITS_AND_COLUMNS.items()
             ),
         ),
     )
 
 
-def _cutting(given: Mapping[str, Any]) -> ui.Tag:
+def _cutting(settings: Settings) -> ui.Tag:
+    cutting = settings.cutting
     return _group(
         "Realizations",
-        _number("period", "Period (s)", given["period"]),
-        _number("decimate", "Decimate to (Hz; empty for not)", given["decimate"]),
-        _number("context", "Context on either side (s)", given["context"]),
+        _number("period", "Period (s)", cutting.period),
+        _number("decimate", "Decimate to (Hz; empty for not)", cutting.decimate),
+        _number("context", "Context on either side (s)", cutting.context),
         ui.input_checkbox(
-            "align_channels", "Correct a delay of the torque", given["align_channels"]
+            "align_channels", "Correct a delay of the torque", settings.align_channels
         ),
     )
 
 
-def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str, str]]) -> ui.Tag:
+def _method(key: str, typed: Mapping[str, str], methods: Mapping[str, Mapping[str, str]]) -> ui.Tag:
     groups: dict[str, dict[str, str]] = {}
-    for name in every:
+    for name in methods:
         about = describe(name)
         groups.setdefault(about.purpose, {})[name] = f"{name}: {about.title}"
     settings = [
@@ -140,29 +131,20 @@ def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str,
             *(
                 ui.input_text(
                     _setting(place, setting),
-                    f"{setting} ({_unless(usual)})",
+                    f"{setting} ({_default(usual)})",
                     typed.get(setting, "") if name == key else "",
                     update_on="blur",
                 )
                 for setting, usual in own.items()
             ),
         )
-        for place, (name, own) in enumerate(every.items())
+        for place, (name, own) in enumerate(methods.items())
     ]
     return _group("Method", ui.input_select("method", "Method", groups, selected=key), *settings)
 
 
-def _unless(usual: str) -> str:
+def _default(usual: str) -> str:
     return {"": "must be given", "None": "optional"}.get(usual, f"{usual} unless given")
-
-
-def _picture() -> ui.Tag:
-    quantities = {name: name.replace("_", " ") for name in QUANTITIES}
-    return _group(
-        "Picture",
-        ui.input_select("quantity", "Quantity", quantities),
-        ui.input_select("band", "Band", BANDS),
-    )
 
 
 def _setting(place: int, name: str) -> str:
@@ -181,126 +163,97 @@ def _number(name: str, label: str, value: float | None) -> ui.Tag:
 
 
 def _results() -> ui.Tag:
-    """Return the content of the page for an outcome.
-
-    Only the answer and the diagnosis are announced when they change.
-    """
-    silent = [ui.output_ui(name) for name in ("picture", "numbers", "again")]
-    for each in silent:
-        each.attrs["aria-live"] = "off"
-    picture, numbers, again = silent
-    return ui.tags.section(
-        ui.h2("Result"),
-        ui.output_ui("answer"),
-        picture,
-        ui.output_ui("judged"),
-        numbers,
-        again,
-        aria_label="Result",
-    )
+    """Return the outputs. Only the answer and the diagnosis are announced when they change."""
+    outputs = {
+        name: ui.output_ui(name) for name in ("answer", "picture", "judged", "numbers", "again")
+    }
+    for name in ("picture", "numbers", "again"):
+        outputs[name].attrs["aria-live"] = "off"
+    return ui.tags.section(ui.h2("Result"), *outputs.values(), aria_label="Result")
 
 
-def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[[Inputs], None]:
-    places = {name: place for place, name in enumerate(every)}
-    controls = ["period", "decimate", "context", "align_channels", "method"]
-    if not isinstance(source, Recording):
-        controls += ["angle", "torque", "angle_unit", "torque_unit", "columns", "rate", "reversed"]
+def _server(start: Settings, methods: Mapping[str, Mapping[str, str]]) -> Callable[[Inputs], None]:
+    places = {name: place for place, name in enumerate(methods)}
+    names = ["period", "decimate", "context", "align_channels", "method"]
+    if isinstance(start.source, Path):
+        names += ["angle", "torque", "sampling_rate", "reversed", *UNITS_AND_COLUMNS]
 
     def server(input: Inputs) -> None:
         @reactive.extended_task
-        async def work(said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
+        async def work(
+            controls: dict[str, Any], quantity: str, simultaneous: bool
+        ) -> Outcome | str:
             await asyncio.sleep(PAUSE_S)
-            return await in_turn(_shown, source, said, quantity, simultaneous)
-
-        @reactive.extended_task
-        async def judge(shown: Shown) -> Judged:
-            return await in_turn(_judged, shown)
+            return await in_turn(_outcome, start, controls, quantity, simultaneous)
 
         @reactive.effect
         def _start() -> None:
-            said = {name: input[name]() for name in controls}
-            own = every.get(said["method"], {})
-            said["settings"] = {
-                name: input[_setting(places[said["method"]], name)]() for name in own
+            controls = {name: input[name]() for name in names}
+            key = controls["method"]
+            controls["settings"] = {
+                name: input[_setting(places[key], name)]() for name in methods.get(key, {})
             }
             work.cancel()
-            work.invoke(said, input.quantity(), input.band() == "simultaneous")
-
-        @reactive.effect
-        def _then() -> None:
-            shown = work.result()
-            judge.cancel()
-            judge.invoke(shown)
+            work.invoke(controls, input.quantity(), input.band() == "simultaneous")
 
         @render.ui
         def answer() -> ui.Tag | ui.TagList:
             if work.status() == "running":
                 return ui.p(f"Identifying by {input.method()} …")
-            shown = work.result()
-            if shown.found is None:
-                return ui.div(shown.error, class_=f"alert alert-{shown.kind}")
-            if judge.status() == "running" or judge.result().shown is not shown:
-                return ui.p("Checking the data …")
-            notes = [
-                ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes
-            ]
-            return ui.TagList(*map(ui.p, judge.result().lines), *notes)
+            found = work.result()
+            if isinstance(found, str):
+                return ui.div(found, class_="alert alert-danger")
+            notes = [ui.p(f"Warning: {each}", class_="alert alert-warning") for each in found.notes]
+            return ui.TagList(*map(ui.p, found.lines), *notes)
+
+        def shown(draw: Callable[[Outcome], ui.TagChild]) -> Callable[[], ui.TagChild]:
+            def output() -> ui.TagChild:
+                found = work.result()
+                return None if isinstance(found, str) else draw(found)
+
+            output.__name__ = draw.__name__
+            return output
 
         @render.ui
-        def picture() -> ui.Tag | None:
-            return _figure(work.result(), input.quantity())
+        @shown
+        def picture(found: Outcome) -> ui.TagChild:
+            return _figure(found, input.quantity())
 
-        @render.ui
-        def judged() -> ui.HTML:
-            return ui.HTML(judge.result().details)
-
-        @render.ui
-        def numbers() -> ui.HTML:
-            return ui.HTML(_tables(work.result().found))
-
-        @render.ui
-        def again() -> ui.TagList | None:
-            return _again(work.result().found)
+        render.ui(shown(judged))
+        render.ui(shown(numbers))
+        render.ui(shown(again))
 
     return server
 
 
-def _shown(source: Source, said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
-    """Return the outcome of the controls' settings. Errors are shown on the page."""
+def _outcome(
+    start: Settings, controls: dict[str, Any], quantity: str, simultaneous: bool
+) -> Outcome | str:
+    """Return the outcome of the controls' settings, or the error."""
     try:
-        settings = settings_from(said, source)
-    except InputError as error:  # not all is chosen yet
-        return Shown(error=str(error), kind="info")
-    try:
-        found = outcome(settings)
-        return Shown(found, found.picture(quantity, simultaneous))
+        return outcome(settings_from(controls, start), quantity, simultaneous)
     except InputError as error:
-        return Shown(error=str(error))
-    except Exception as error:  # a method of one's own may raise anything
-        return Shown(error=f"this is not expected: {describe_error(error)}")
+        return str(error)
+    except Exception as error:  # a user's method may raise anything
+        return f"Unexpected error: {describe_error(error)}"
 
 
-def _judged(shown: Shown) -> Judged:
-    if shown.found is None:
-        return Judged(shown)
-    diagnosis = shown.found.diagnosis
-    blocks: list[Block] = [f"Method for these data: {shown.found.found.recommendation.sentence}."]
+def judged(found: Outcome) -> ui.TagChild:
+    """Return the recommended method and the diagnosis."""
+    method = ui.p(f"Method for these data: {found.found.recommendation.sentence}.")
+    diagnosis = found.diagnosis
     if isinstance(diagnosis, str):
-        blocks.append(f"No diagnosis: {diagnosis}")
-    else:
-        blocks.append(f"Diagnosis: {diagnosis.verdict}.")
-        found = [
-            f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings
-        ]
-        blocks += [Fold("What was found, and what to do", found)] if found else []
-    return Judged(shown, shown.found.lines, html(blocks))
+        return ui.TagList(method, ui.p(f"No diagnosis: {diagnosis}"))
+    faults = [
+        ui.p(f"{each.fault.title}: {each.what}; {each.fault.remedy}") for each in diagnosis.findings
+    ]
+    details = ui.tags.details(ui.tags.summary("What was found, and what to do"), *faults)
+    return ui.TagList(method, ui.p(f"Diagnosis: {diagnosis.verdict}."), details if faults else None)
 
 
-def _figure(shown: Shown, quantity: str) -> ui.Tag | None:
-    if shown.found is None:
-        return None
-    source = "data:image/svg+xml;base64," + base64.b64encode(shown.picture).decode()
-    (model,), words = shown.found.found.models.values(), quantity.replace("_", " ")
+def _figure(found: Outcome, quantity: str) -> ui.Tag:
+    source = "data:image/svg+xml;base64," + base64.b64encode(found.picture).decode()
+    (model,), words = found.found.models.values(), quantity.replace("_", " ")
     text = f"{words} over a realization with its 95 % band; the tables below have the numbers"
     if quantity not in model.estimates or not np.isfinite(model.estimates[quantity].values).any():
         text = f"{words} is not identified by this method"
@@ -308,31 +261,33 @@ def _figure(shown: Shown, quantity: str) -> ui.Tag | None:
     return ui.tags.figure(image, class_="scroll", tabindex="0", aria_label="picture, scrolling")
 
 
-def _tables(found: Outcome | None) -> str:
-    """Return the picture in numbers: the text of the command line, and values over time."""
-    if found is None:
-        return ""
-    summary = found.found.summary().iloc[0]
-    rows = [
-        Row([str(name).replace("half_band", "95 % band, ±"), number(value)])
-        for name, value in list(summary.items())[1:]
-    ]
-    short = Table(
-        "summary", "In numbers", [Column("quantity"), Column("value", kind="number")], rows
-    )
-    over = found.found.over_time().drop(columns="method")
-    some = over.iloc[:: max(1, len(over) // (TIMES - 1))]
-    heads = [Column(name.replace("_", " "), kind="number") for name in some.columns]
-    cells = [Row([number(value) for value in row]) for row in some.itertuples(index=False)]
-    return html(
-        [short, Fold("Values over time", [Table("values over time", "SI units", heads, cells)])]
+def numbers(found: Outcome) -> ui.TagChild:
+    """Return the table of the command line, and values over time."""
+    over_time = found.found.over_time().drop(columns="method")
+    every = max(1, len(over_time) // (MAX_TIMES - 1))
+    summary = found.found.summary().set_index("method").T
+    return ui.TagList(
+        ui.HTML(
+            _html(summary.rename(index=lambda name: name.replace("half_band", "95 % band, ±")))
+        ),
+        ui.tags.details(
+            ui.tags.summary("Values over time (SI units)"),
+            ui.HTML(_html(over_time.iloc[::every].set_index("time_s"))),
+        ),
     )
 
 
-def _again(found: Outcome | None) -> ui.TagList | None:
-    if found is None:
-        return None
-    texts = {"On the command line": found.command, "In Python": found.python}
+def _html(table: pd.DataFrame) -> str:
+    shown = table.to_html(float_format="{:.4g}".format, na_rep="", border=0)
+    return f'<div class="scroll" tabindex="0">{shown}</div>'
+
+
+def again(found: Outcome) -> ui.TagChild:
+    """Return the command and the Python code that repeat the analysis, to copy."""
+    texts = {
+        "On the command line": found.settings.command,
+        "In Python": found.settings.python(found.prepared),
+    }
     areas = [
         (ui.tags.label(label, for_=f"again{place}"), _area(f"again{place}", text))
         for place, (label, text) in enumerate(texts.items())

@@ -13,22 +13,15 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.explorer.settings import Cutting, checked
-from tvsysid.recordings import Reading, describe_file
-from tvsysid.recordings.reading import OPTION_NAMES
+from tvsysid.explorer.settings import Settings
+from tvsysid.recordings import Reading, Segmentation, describe_file
 from tvsysid.signals import Recording
 
 if TYPE_CHECKING:
     from shiny import App
 
 HOST = "127.0.0.1"
-OF_A_FILE = {OPTION_NAMES.get(item.name, item.name) for item in attrs.fields(Reading)}
-FIRST: dict[str, Any] = {
-    OPTION_NAMES.get(name, name): value
-    for settings in (Reading(), Cutting())
-    for name, value in attrs.asdict(settings).items()
-} | {"channel": (), "decimate": 100.0, "method": "adaptive"}
-"""What the page begins with: what `tvsysid identify` does by itself, and a rate that is quick."""
+USUAL_RATE_HZ = 100.0
 GRACE_S = 1  # for pages that are still open when it closes
 
 
@@ -87,10 +80,15 @@ class Exploration:
         )
 
 
-def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> Exploration:
+def explore(
+    source: str | Path | Recording,
+    *,
+    method: str = "adaptive",
+    align_channels: bool = True,
+    port: int = 0,
+    **settings: Any,
+) -> Exploration:
     """Open a page on which settings are chosen and their result is seen at once.
-
-    What ``tvsysid explore`` does.
 
     Needs Shiny: ``pip install 'tvsysid[explore]'``. A notebook shows the page below the cell.
 
@@ -98,49 +96,45 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
     ----------
     source
         File, or a recording that has been read.
+    method, align_channels
+        Method to begin with, and whether to correct a delay of the torque.
     port
-        Where the page is, on this computer alone; 0 for any port that is free.
-    **given
-        What the page begins with: the options of ``tvsysid explore``, by the same names (``angle``,
-        ``torque``, ``rate``, ``period``, ``decimate``, ``method``, ``align_channels``, ...). What
-        is not given is chosen there.
+        Port of the page on this computer; 0 for any that is free.
+    **settings
+        What the page begins with, as of :class:`tvsysid.recordings.Reading` (``angle``, ``torque``,
+        ``sampling_rate``, ...) and :class:`tvsysid.recordings.Segmentation` (``period``,
+        ``decimate``, ``context``; decimation to 100 Hz unless given).
 
     Raises
     ------
     InputError
-        If Shiny is not installed, the file cannot be read, an option is unknown or none that the
-        page can show, or the port is in use.
+        If Shiny is not installed, the file cannot be read, a setting is not valid, or the port is
+        in use.
 
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.explore("ankle.mat", angle="pos", torque="tq", rate=1000, period=2.0)  # doctest: +SKIP
+    >>> tv.explore("ankle.mat", angle="pos", torque="tq", period=2.0)  # doctest: +SKIP
     Exploration(http://127.0.0.1:45219/v2VwJqQ6dRkB1mfX/)
     """
     try:
         from tvsysid.explorer.page import page  # noqa: PLC0415  # optional
     except ModuleNotFoundError as error:
         raise InputError("the explorer needs Shiny: pip install 'tvsysid[explore]'") from error
-    if not isinstance(source, str | Path | Recording):
-        raise InputError(f"explore: expected a file or a Recording, got {type(source).__name__}")
-    options = [name for name in FIRST if name not in OF_A_FILE or not isinstance(source, Recording)]
-    if unknown := given.keys() - set(options):
-        raise InputError(
-            f"explore: unknown option {min(unknown)!r}; the options are {', '.join(options)}"
-        )
-    given = FIRST | given
-    if isinstance(source, Recording):
-        return Exploration(page("recording", source, checked(given), {}), port)
-    file = Path(source)
-    signals = {
-        name: f"{name} ({each.described})"
-        for name, each in describe_file(file).items()
-        if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
-    }
-    given = checked(given, signals)
-    fixed = {
-        "file": file,
-        "start": given["start"],
-        "channel": given["channel"],
-    }
-    return Exploration(page(file.name, fixed, given, signals), port)
+    own = {name: settings.pop(name) for name in attrs.fields_dict(Reading) if name in settings}
+    reading, cutting = Reading(**own), Segmentation(**{"decimate": USUAL_RATE_HZ} | settings)
+    channels: dict[str, str] = {}
+    if isinstance(source, str | Path):
+        source = Path(source)
+        channels = {
+            name: f"{name} ({each.described})"
+            for name, each in describe_file(source).items()
+            if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
+        }
+        chosen = filter(None, (reading.angle, reading.torque, *reading.channels.values()))
+        if unknown := [name for name in chosen if name not in channels]:
+            raise InputError(f"no channel {unknown[0]!r}; the file holds {', '.join(channels)}")
+    elif own:
+        raise InputError(f"explore: a recording has been read already; leave out {min(own)}")
+    start = Settings(source, reading, cutting, align_channels, method)
+    return Exploration(page(start, channels), port)

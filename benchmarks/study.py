@@ -58,7 +58,8 @@ def timed(study: tv.study.Study, workers: int) -> tuple[xr.Dataset, float, int]:
 def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     """A row for each stage, summed over all workers."""
     simulated = float(results.duration_s.sum()) * results.sizes["trial"]
-    spent = tv.study.time_spent(results)
+    spent = {"simulation and scoring": float(results.other_seconds.sum())}
+    spent |= results.seconds.sum(["scenario", "trial"]).to_series().to_dict()
     table = Table(
         title=title, title_justify="left", caption="times of all workers, but for the last row"
     )

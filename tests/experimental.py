@@ -54,7 +54,7 @@ def results_of(
     sizes = len(recordings), len(analyses), bootstraps, len(time)
     wave = 15.0 - 10.0 * np.cos(2 * np.pi * time / period)
     torque, stiffness = np.empty((sizes[0], sizes[3])), np.empty(sizes)
-    varying, whole, seconds = np.empty(sizes), np.empty(sizes[:3]), np.empty(sizes[:2])
+    varying, whole, seconds = np.empty(sizes), np.empty(sizes[:3]), np.empty(sizes[:3])
     true = np.empty_like(torque)
     for place, (person, signal) in enumerate(recordings):
         strength = 1 + 0.1 * participants.index(person)
@@ -76,7 +76,7 @@ def results_of(
                 0,
                 100,
             )
-            seconds[place, column] = cost * bootstraps
+            seconds[place, column] = cost
     late = np.array([LATE * (signal == "prbs") for _, signal in recordings])
     counts = [count for count, *_ in STEPS.values()]
     nothing = np.full_like(torque, np.nan)
@@ -94,9 +94,9 @@ def results_of(
             "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
             "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
-            "seconds": (("recording", "analysis"), seconds),
-            "warnings": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
-            "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
+            "seconds": (("recording", "analysis", "bootstrap"), seconds),
+            "warnings": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
+            "failure": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
             "mean_torque": (("recording", "time"), torque),
             "truth": (("recording", "quantity", "time"), (true if truth else nothing)[:, None]),

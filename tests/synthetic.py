@@ -83,7 +83,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
             "seconds": (cell, seconds),
-            "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 4), 0.05)),
+            "other_seconds": (("scenario", "trial"), np.full(sizes[:2], 0.2)),
             "warnings": (cell, np.full(sizes, "", dtype=object)),
             "failure": (cell, np.full(sizes, "", dtype=object)),
             "truth": (("scenario", "quantity", "time"), truth[:, None]),
@@ -103,7 +103,6 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "trial": np.arange(trials),
             "time": TIME,
             "statistic": ["mean", "sd", "lowest"],
-            "stage": ["simulation", "preprocessing", "bands", "scoring"],
         },
         attrs={
             "study": json.dumps(study),

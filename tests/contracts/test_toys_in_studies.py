@@ -59,8 +59,8 @@ def study_of(toy, **settings):
 
 def identified(toy):
     """Model of a toy's own second trial, and what it was identified from."""
-    trial = tv.study.trials.trials_of(study_of(toy))[0, 1]
-    ensemble = trial.cut(trial.simulate().recording)
+    study = study_of(toy)
+    ensemble, _ = tv.study.trials.case_of(study, study.scenarios[0]).draw(1)
     return toy().identify(ensemble), ensemble
 
 

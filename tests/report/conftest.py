@@ -2,6 +2,7 @@ import shutil
 import subprocess
 
 import attrs
+import numpy as np
 import pandas as pd
 import pytest
 from tests.conftest import ensemble_of
@@ -82,14 +83,8 @@ def experiment():
     fail_recording(
         made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40"
     )
-    made.results["warnings"].loc[{"analysis": "birf-75"}] = [
-        "few realizations",
-        "",
-        "",
-        "",
-        "noisy",
-        "",
-    ]
+    texts = np.array(["few realizations", "", "", "", "noisy", ""], dtype=object)
+    made.results["warnings"].loc[{"analysis": "birf-75"}] = np.repeat(texts[:, None], 6, axis=1)
     made.results["remarks"].loc[{"recording": "P2-noise"}] = (
         "trial_3.mat left out: <no torque>\nangle is clipped"
     )

@@ -178,19 +178,18 @@ def test_remarks_about_files(elements):
 
 def test_problems_name_the_recording_or_the_analysis(experiment, elements):
     text = section(elements, "problems")
-    assert "P3-prbs failed 8 of 8 InputError: every file of <P3> is unreadable" in text
-    assert "kbr-40 failed 1 of 5 P1-noise: KernelRegression: no convergence" in text
-    assert "birf-75 warning 2 of 5 P1-noise: few realizations" in text
+    assert "P3-prbs failed 48 of 48 InputError: every file of <P3> is unreadable" in text
+    assert "kbr-40 failed 6 of 30 P1-noise: KernelRegression: no convergence" in text
+    assert "birf-75 warning 12 of 30 P1-noise: few realizations" in text
     assert len(problems(experiment.results)) == 3
     assert problems(results_of(("P1",), methods=("sds",))) == []
 
 
 def test_draws_that_failed_in_every_analysis_are_no_failed_recording():
     results = results_of(("P1",), ("noise",), ("sds",))
-    results["failure"][:] = "2 of 6 draws failed, the first: no"
-    results["vaf"][:, :, :2] = np.nan
+    results["failure"][:, :, :2] = "no"
     found = [(each["method"], each["count"], each["trials"]) for each in problems(results)]
-    assert found == [("sds-75", 1, 1), ("sds-150", 1, 1)]
+    assert found == [("sds-75", 2, 6), ("sds-150", 2, 6)]
 
 
 def test_what_was_run_and_how_to_do_it_again(elements):

@@ -111,8 +111,11 @@ def test_assumptions_failures_and_warnings(elements):
     assert "sds:window=0.2: Short data segments" in section(elements, "methods")
     assert "Behaviour is the same in all realizations." in section(elements, "methods")
     text = section(elements, "problems")
-    assert "kbr failed 9 of 9 KernelRegression: the record is <too short>" in text
-    assert "eirf warning 2 of 9 few realizations" in text
+    assert (
+        "kbr failed 9 of 9 square-noise-40s-10dB: KernelRegression: the record is <too short>"
+        in text
+    )
+    assert "eirf warning 2 of 9 square-noise-40s-10dB: few realizations" in text
 
 
 def test_what_was_run_can_be_run_again(elements, study):

@@ -9,7 +9,7 @@ import tvsysid as tv
 from tvsysid.study import Study, run
 
 SMALL = {"duration_s": [60.0], "trials": 3, "methods": ["sds", "kbr"]}
-TIMES = ["seconds", "stage_seconds"]
+TIMES = ["seconds", "other_seconds"]
 """Variables that are not the same twice."""
 
 

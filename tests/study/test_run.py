@@ -142,11 +142,11 @@ def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_workers")
-def test_a_worker_that_dies_is_reported_with_its_task(tmp_path):
+def test_a_worker_that_dies_is_reported(tmp_path):
     settings = {"duration_s": 40, "trials": 3, "perturbation": "prbs"}
     with pytest.raises(
         tv.InputError,
-        match=r"a worker process died in trial \d of square-prbs-40s-10dB: it crashed",
+        match="a worker process died: it crashed",
     ):
         run(Study(**settings, methods=["sds", Mine("dies")]), workers=2, folder=tmp_path)
 
@@ -174,7 +174,7 @@ def test_a_method_that_cannot_be_pickled_is_refused():
 
 def test_a_worker_with_other_software_is_refused():
     study = Study(duration_s=40, trials=1, methods="sds")
-    sent = attrs.evolve(trials_of(study)[0, 0], versions={"numpy": "1.0"})
+    sent = attrs.evolve(trials_of(study)[0], versions={"numpy": "1.0"})
     with pytest.raises(tv.InputError, match="a worker has other software"):
         run_task(sent)
 
@@ -200,7 +200,7 @@ def test_wrong_workers_are_refused():
 def test_a_plan_tells_time_and_size():
     study = Study(duration_s=[40, 80], trials=5, methods="sds")
     told = plan(study)
-    assert (told.trials, told.simulated_s) == (20, 1200)
+    assert told.identifications == 20
     assert 0 < told.work_s < 60
     # Estimates, standard errors, coverage and truth of three quantities, and the VAF.
     over_time = 3 * 4 + 1

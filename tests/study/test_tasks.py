@@ -99,7 +99,7 @@ class Plain(tv.Method):
 
 
 def names_of(**settings):
-    return {task.file_name for task in trials_of(Study(**SETTINGS | settings)).values()}
+    return {task.file_name for task in trials_of(Study(**SETTINGS | settings))}
 
 
 def test_all_that_scores_depend_on_is_in_the_name():

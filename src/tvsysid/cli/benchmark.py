@@ -149,8 +149,8 @@ def _show_plan(study: Study, workers: int) -> None:
         say(described({**scenario._asdict(), "profile": scenario.stiffness}))
     say(
         f"methods: {', '.join(study.named_methods)}\n{study.trials} trials of each of "
-        f"{len(study.scenarios)} scenarios, seed {study.seed}: {expected.trials} trials, "
-        f"{expected.simulated_s:,.0f} s of data\nabout {expected.work_s / workers / 60:,.1f} min "
+        f"{len(study.scenarios)} scenarios, seed {study.seed}: {expected.identifications:,} "
+        f"identifications\nabout {expected.work_s / workers / 60:,.1f} min "
         f"with {count(workers, 'worker')}, beside the start and the figures, and "
         f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )

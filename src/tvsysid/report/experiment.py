@@ -32,7 +32,7 @@ METRICS = {
     "lowest_time_varying_vaf": ("lowest VAF over time", "%", 1),
     "bias_error": ("bias error", "N·m/rad", 2),
     "mean_bias": ("mean bias", "N·m/rad", 2),
-    "seconds": ("computing time", "s", 2),
+    "seconds": ("time of an identification", "s", 4),
 }
 """Heading, unit and decimals of each column of the table of metrics."""
 # Column headings of the counts of realizations
@@ -129,7 +129,7 @@ def write_experiment_report(
             contents="Recordings",
             wide=True,
         ),
-        sections.problems_section(sections.problems(results), "recording or analysis"),
+        sections.problems_section(sections.problems(results), "recording or method"),
         sections.methods_section(labels),
         sections.run_section(
             results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
@@ -25,6 +25,7 @@ from tvsysid.report.page import (
     columns,
     number,
 )
+from tvsysid.study.dataset import axes_of
 from tvsysid.study.measure import SKIPPED
 from tvsysid.study.settings import in_words
 
@@ -54,55 +55,46 @@ class Problem(TypedDict):
 def problems(results: xr.Dataset) -> list[Problem]:
     """Return failures and warnings of a study: how often, and the first reason.
 
-    A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which
-    nothing could be identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``),
-    ``count`` of how many ``trials``, and the ``first`` reason.
+    A dict for each: ``method`` (label of the method, or of a recording of which nothing could be
+    identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``), ``count`` of how many
+    ``trials``, and the ``first`` reason.
     """
+    case, draw, method = axes_of(results)
     found: list[Problem] = []
-    if "recording" not in results.dims:
-        trials = results.sizes["scenario"] * results.sizes["trial"]
-        for label in map(str, results.method_key.values):
-            for kind, texts in _texts(results, method_key=label):
-                if reasons := [str(text) for text in texts.values.ravel() if text]:
-                    found.append(_problem(label, kind, reasons, trials))
-        return found
-    failure = results.failure.transpose("recording", "analysis").values
-    numbers = np.isfinite(results.vaf.transpose("recording", ...).values)
-    lost = (failure != "").all(axis=1) & ~numbers.any(axis=(1, 2))
-    for label, reasons in zip(results.recording.values[lost], failure[lost], strict=True):
-        found.append(
-            _problem(str(label), "failed", [str(reason) for reason in reasons], len(reasons))
-        )
-    left = results.isel(recording=~lost)
-    for label in map(str, left.analysis.values):
-        for kind, texts in _texts(left, analysis=label):
-            pairs = zip(left.recording.values, texts.values, strict=True)
-            if reasons := [f"{recording}: {text}" for recording, text in pairs if text]:
-                found.append(_problem(label, kind, reasons, left.sizes["recording"]))
+    failure = results.failure.transpose(case, method, draw).values
+    lost = (failure != "").all(axis=(1, 2)) & (failure == failure[:, :1, :1]).all(axis=(1, 2))
+    lost &= failure.shape[1] > 1
+    for label, texts in zip(results[case].values[lost], failure[lost], strict=True):
+        found.append(_problem(str(label), "failed", texts.ravel(), texts.size))
+    left = results.isel({case: ~lost})
+    prefixes = [f"{label}: " if results.sizes[case] > 1 else "" for label in left[case].values]
+    for label in map(str, left[method].values):
+        mine = left.sel({method: label})
+        texts = {name: mine[name].transpose(case, draw).values for name in ("failure", "warnings")}
+        is_skipped = np.char.startswith(texts["warnings"].astype(str), SKIPPED)
+        for kind, told in (
+            ("failed", texts["failure"]),
+            ("skipped", np.where(is_skipped, texts["warnings"], "")),
+            ("warning", np.where(is_skipped, "", texts["warnings"])),
+        ):
+            reasons = [
+                f"{prefix}{str(text).removeprefix(SKIPPED)}"
+                for prefix, row in zip(prefixes, told, strict=True)
+                for text in row
+                if text
+            ]
+            if reasons:
+                found.append(_problem(label, kind, reasons, told.size))
     return found
 
 
-def _texts(results: xr.Dataset, **where: str) -> Iterator[tuple[str, xr.DataArray]]:
-    yield "failed", results.failure.sel(where)
-    warned = results.warnings.sel(where)
-    every = [str(text) for text in warned.values.ravel()]
-    for kind, texts in (
-        (
-            "skipped",
-            [text.removeprefix(SKIPPED) if text.startswith(SKIPPED) else "" for text in every],
-        ),
-        ("warning", ["" if text.startswith(SKIPPED) else text for text in every]),
-    ):
-        yield kind, warned.copy(data=np.array(texts, dtype=object).reshape(warned.shape))
-
-
-def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem:
+def _problem(method: str, kind: str, reasons: Sequence[str], trials: int) -> Problem:
     return {
         "method": method,
         "kind": kind,
         "count": len(reasons),
         "trials": trials,
-        "first": reasons[0],
+        "first": str(reasons[0]),
     }
 
 

@@ -130,7 +130,7 @@ def write_report(
         if {"stiffness": "profile"}.get(name, name) not in unused
     }
     settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in said.items()}
-    seconds = float(results.seconds.sum() + results.stage_seconds.sum())
+    seconds = float(results.seconds.sum() + results.other_seconds.sum())
     main = main_scenario(traits_of(results))
     lines = [done, *outcome(results, summary, claims)]
     parts = [

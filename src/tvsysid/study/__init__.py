@@ -5,7 +5,7 @@ from tvsysid.study.experiment import Experiment, Recorded
 from tvsysid.study.prepared import Prepared, prepared_recordings, shown
 from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
-from tvsysid.study.scores import score, time_spent
+from tvsysid.study.scores import score
 from tvsysid.study.summary import (
     alignments,
     by_full_name,
@@ -37,5 +37,4 @@ __all__ = [
     "shown",
     "stiffness_over_time",
     "summarize",
-    "time_spent",
 ]

@@ -7,7 +7,7 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.models import IMPEDANCE
 from tvsysid.recordings import whole_file
-from tvsysid.study.measure import Scores, stack
+from tvsysid.study.measure import STATISTICS, Rows, place
 from tvsysid.study.tasks import versions
 
 if TYPE_CHECKING:
@@ -56,70 +56,83 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "scheduling_variable": (("scheduled", "scheduling"), "values of the variable", "unit"),
     "parameters": ((), "effective number of parameters", "1"),
     "seconds": ((), "time of the identification", "s"),
-    "stage_seconds": (("stage",), "time of the rest of a trial", "s"),
+    "other_seconds": ((), "time of simulating, preparing and scoring a draw", "s"),
     "warnings": ((), "warnings of the method", ""),
     "failure": ((), "why the method gave no result", ""),
 }
 """Dimensions, meaning and unit of each variable. The first dimension may be that of the labels."""
 
 
+class Axes(NamedTuple):
+    """Names of the dimensions along which cases, draws and methods lie."""
+
+    case: str
+    draw: str
+    method: str
+
+
+AXES = (Axes("scenario", "trial", "method_key"), Axes("recording", "bootstrap", "analysis"))
+
+
+def axes_of(results: xr.Dataset) -> Axes:
+    """Return the dimensions of results of either kind."""
+    return next(axes for axes in AXES if axes.case in results.dims)
+
+
 def dataset_of(
-    scores: Sequence[Scores],
-    places: Mapping[str, Sequence[Any]],
-    rows: Mapping[str, Sequence[Any]],
-    others: Mapping[str, Sequence[Any]],
-    *,
+    coordinates: Mapping[str, Sequence[Any]],
+    rows: Rows,
     period: float,
     rate: float,
 ) -> xr.Dataset:
-    """Return the scores of all tasks as a dataset.
+    """Return scores as a dataset.
 
     Parameters
     ----------
-    scores
-        Scores of the tasks, one for each combination of the places.
-    places
-        Coordinates of the dimensions over which the tasks lie.
+    coordinates
+        Labels of the cases, draws and methods, by the name of their dimension.
     rows
-        Coordinates of the dimension within a task: its methods, or its draws.
-    others
-        Coordinates of further dimensions.
+        Scores by the place of the case, of case and draw, or of case, draw and method.
     period, rate
         Duration of a realization in s, and sampling rate in Hz.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    lengths = [len(values) for values in places.values()]
-    found: dict[str, dict[str, NDArray[Any]]] = {}
-    for key, values in stack(scores).items():
-        name, _, label = key.partition("/")
-        found.setdefault(name, {})[label] = values.reshape(*lengths, *values.shape[1:])
+    shape = tuple(map(len, coordinates.values()))
     labels: dict[str, dict[str, None]] = {"quantity": dict.fromkeys(IMPEDANCE)}
-    for name, (dims, _, _) in VARIABLES.items():
-        if "" not in found.get(name, {"": None}):
-            labels.setdefault(dims[0], {}).update(dict.fromkeys(found[name]))
+    levels: dict[int, dict[str, dict[str, NDArray[Any]]]] = {}
+    for level in sorted({len(index) for index in rows}):
+        chosen = {index: row for index, row in rows.items() if len(index) == level}
+        parts = levels.setdefault(level, {})
+        for key, values in place(chosen, shape[:level]).items():
+            name, _, label = key.partition("/")
+            parts.setdefault(name, {})[label] = values
+            if label and name in VARIABLES:
+                labels.setdefault(VARIABLES[name][0][0], {})[label] = None
     variables = {}
-    for name, (dims, meaning, unit) in VARIABLES.items():
-        if name not in found:
-            continue
-        parts = found[name]
-        if "" in parts:
-            values = parts[""]
-        else:
-            beside = [{name: parts[each]} if each in parts else {} for each in labels[dims[0]]]
-            values = np.moveaxis(stack(beside)[name], 0, -len(dims))
-        is_of_rows = values.ndim > len(places) + len(dims)
-        variables[name] = (
-            (*places, *(rows if is_of_rows else ()), *dims),
-            values,
-            {"long_name": meaning} | ({"units": unit} if unit else {}),
-        )
-    units = UNITS | {name: max(map(str, each.flat)) for name, each in found.get("unit", {}).items()}
+    for level, parts in levels.items():
+        for name in VARIABLES.keys() & parts.keys():
+            dims, meaning, unit = VARIABLES[name]
+            of_label = parts[name]
+            if "" in of_label:
+                values = of_label[""]
+            else:
+                names = enumerate(labels[dims[0]])
+                found: Rows = {
+                    (n,): {name: of_label[each]} for n, each in names if each in of_label
+                }
+                values = np.moveaxis(place(found, (len(labels[dims[0]]),))[name], 0, level)
+            attributes = {"long_name": meaning} | ({"units": unit} if unit else {})
+            variables[name] = ((*list(coordinates)[:level], *dims), values, attributes)
+    units = dict(UNITS)
+    for parts in levels.values():
+        units |= {name: max(map(str, each.flat)) for name, each in parts.get("unit", {}).items()}
     time = {"units": "s", "long_name": f"time within a realization of {period:g} s"}
     return xr.Dataset(
-        variables,
+        {name: variables[name] for name in VARIABLES if name in variables},
         coords={
-            **{name: list(each) for name, each in {**places, **rows, **others, **labels}.items()},
+            **{name: list(each) for name, each in {**coordinates, **labels}.items()},
+            "statistic": list(STATISTICS),
             "unit": ("quantity", [units.get(name, "") for name in labels["quantity"]]),
             "time": ("time", np.arange(round(period * rate)) / rate, time),
         },

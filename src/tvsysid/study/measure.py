@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -21,7 +21,11 @@ from tvsysid.signals import Array, Ensemble
 
 Scores = dict[str, NDArray[Any]]
 """Numbers and texts by name. A name may have a label: ``"estimate/stiffness"``."""
+Rows = dict[tuple[int, ...], Scores]
+"""Scores by their place in larger arrays."""
+TRUTH = "truth"  # name of the true values, of which each draw has its own
 SKIPPED = "skipped: "  # beginning of the warning of a method that cannot identify the data
+BANDS = ("standard_error", "covered")
 STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
 
 
@@ -47,10 +51,20 @@ class Truth:
 def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
     """Identify an ensemble, and compare the model with the truth.
 
-    If the method fails, ``failure`` says why, and the numbers are NaN. Warnings are the lines of a
-    text.
+    If the method fails, ``failure`` says why, and the numbers are NaN.
     """
-    scores = no_scores(ensemble.samples, truth.quantities)
+    nothing, statistics = np.full(ensemble.samples, np.nan), np.full(len(STATISTICS), np.nan)
+    scores: dict[str, Any] = {
+        "estimate/stiffness": nothing,
+        "time_varying_vaf": nothing,
+        "vaf": statistics,
+        "bandpassed_vaf": statistics,
+        "parameters": np.nan,
+        "seconds": np.nan,
+        "warnings": "",
+        "failure": "",
+        **{f"{of}/{name}": nothing for name in truth.quantities for of in BANDS},
+    }
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
@@ -62,7 +76,7 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
                 scores["seconds"] = time.perf_counter() - started
                 texts = [one_line(str(each.message)) for each in caught if _is_of_data(each)]
                 scores |= _scores_of(model, ensemble, truth)
-                scores["warnings"] = "\n".join(dict.fromkeys(texts))
+                scores["warnings"] = "; ".join(dict.fromkeys(texts))
         except (Exception, SystemExit) as error:  # another author's method may raise anything
             scores["seconds"] = time.perf_counter() - started
             scores["failure"] = describe_error(error)
@@ -71,22 +85,6 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
 
 def _is_of_data(warning: warnings.WarningMessage) -> bool:
     return issubclass(warning.category, DataQualityWarning)
-
-
-def no_scores(samples: int, known: Iterable[str] = (), failure: str = "") -> dict[str, Any]:
-    """Return the scores of a method without a result, which may have bands of known quantities."""
-    nothing, statistics = np.full(samples, np.nan), np.full(len(STATISTICS), np.nan)
-    return {
-        "estimate/stiffness": nothing,
-        "time_varying_vaf": nothing,
-        "vaf": statistics,
-        "bandpassed_vaf": statistics,
-        "parameters": np.nan,
-        "seconds": np.nan,
-        "warnings": "",
-        "failure": failure,
-        **{f"{band}/{name}": nothing for name in known for band in ("standard_error", "covered")},
-    }
 
 
 def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> dict[str, Any]:
@@ -158,7 +156,7 @@ def _statistics(values: Array) -> Array:
     return np.array([known.mean(), known.std(), known.min()])
 
 
-def stack(rows: Sequence[Mapping[str, NDArray[Any]]]) -> Scores:
+def stack(rows: Sequence[Scores]) -> Scores:
     """Stack scores along a new first axis. What is missing or shorter is NaN, or an empty text.
 
     Examples
@@ -166,16 +164,20 @@ def stack(rows: Sequence[Mapping[str, NDArray[Any]]]) -> Scores:
     >>> stack([{"vaf": np.array(80.0)}, {"vaf": np.array(90.0), "failure": np.array("")}, {}])
     {'vaf': array([80., 90., nan]), 'failure': array(['', '', ''], dtype='<U1')}
     """
-    stacked: Scores = {}
-    for name in dict.fromkeys(name for row in rows for name in row):
-        found = {place: np.asarray(row[name]) for place, row in enumerate(rows) if name in row}
+    return place({(number,): row for number, row in enumerate(rows)}, (len(rows),))
+
+
+def place(rows: Rows, shape: tuple[int, ...]) -> Scores:
+    """Return arrays that hold each row of scores at its index, and further axes after ``shape``."""
+    placed: Scores = {}
+    for name in dict.fromkeys(name for row in rows.values() for name in row):
+        found = {index: row[name] for index, row in rows.items() if name in row}
         is_text = any(values.dtype.kind in "UO" for values in found.values())
-        shape = np.max([values.shape for values in found.values()], axis=0).astype(int)
-        whole: NDArray[Any] = np.full(
-            (len(rows), *shape), "" if is_text else np.nan, dtype=object if is_text else float
-        )
-        for place, values in found.items():
-            corner: tuple[int | slice, ...] = (place, *(slice(each) for each in values.shape))
+        further = np.max([values.shape for values in found.values()], axis=0).astype(int)
+        fill, kind = ("", object) if is_text else (np.nan, float)
+        whole: NDArray[Any] = np.full((*shape, *further), fill, dtype=kind)
+        for index, values in found.items():
+            corner: tuple[int | slice, ...] = (*index, *(slice(each) for each in values.shape))
             whole[corner] = values
-        stacked[name] = whole.astype(str) if is_text else whole
-    return stacked
+        placed[name] = whole.astype(str) if is_text else whole
+    return placed

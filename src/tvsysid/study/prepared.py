@@ -144,11 +144,23 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
             prepared = attrs.evolve(prepared, trials=len(recording.trials), refused=refused)
             preparation = _preparation(experiment, recording)
             prepared = _with_ensemble(prepared, experiment, preparation, simulation)
+            _warn_of_few(len(preparation.ensemble), experiment)
         except (InputError, MemoryError) as error:
             failure = str(error) or "there is not enough memory"
             prepared = attrs.evolve(prepared, failure=failure)
     texts = dict.fromkeys(str(item.message) for item in caught)
     return attrs.evolve(prepared, warnings=tuple(texts))
+
+
+def _warn_of_few(count: int, experiment: Experiment) -> None:
+    most = max(analysis.realizations for analysis in experiment.analyses)
+    if most > count:
+        warnings.warn(
+            f"{most} realizations are drawn from {count}: they vary less than so many recorded "
+            f"ones would; draw {count} at most",
+            DataQualityWarning,
+            stacklevel=2,
+        )
 
 
 def _with_ensemble(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import attrs
 
@@ -18,7 +18,7 @@ from tvsysid.progress import Progress, no_progress
 from tvsysid.study.bootstraps import bootstraps_of, results_of_bootstraps
 from tvsysid.study.dataset import read_results, write_results
 from tvsysid.study.experiment import Experiment
-from tvsysid.study.measure import Scores
+from tvsysid.study.measure import TRUTH, Rows, Scores
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.scenarios import Study
 from tvsysid.study.tasks import Task, read_scores, run_task
@@ -27,6 +27,8 @@ from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
     import xarray as xr
+
+OF_DRAW = (TRUTH, "other_seconds")  # scores that the methods of a draw share
 
 
 def run(
@@ -68,11 +70,11 @@ def run(
     -------
     xarray.Dataset
         Of a simulation study over (scenario, trial, method_key) and, where it applies, quantity,
-        time, statistic (over the realizations of a trial), pathway or stage: ``estimate``,
+        time, statistic (over the realizations of a trial) or pathway: ``estimate``,
         ``standard_error``, ``covered`` (whether the 95 % band holds the truth),
         ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque),
         ``pathway_vaf``, ``pathway_torque`` (of several pathways), ``parameters`` (their effective
-        number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure`` (why there is no result,
+        number), ``seconds``, ``other_seconds``, ``warnings``, ``failure`` (why there is no result,
         or nothing), and ``truth`` over (scenario, quantity, time), with ``trial_truth`` where it
         differs from trial to trial. Of methods that estimate something over a measured variable
         also ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over
@@ -101,26 +103,54 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    tasks: Mapping[tuple[int, int], Task]
-    if isinstance(study, Study):
-        tasks, assemble = trials_of(study), partial(results_of_trials, study)
-    else:
-        prepared = prepared_recordings(study) if prepared is None else prepared
-        tasks = bootstraps_of(study, prepared)
-        assemble = partial(results_of_bootstraps, study, prepared)
+    work = _work(study, prepared)
     with ExitStack() as stack:
         kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
         stack.enter_context(_exclusive(kept))
-        files = {place: kept / "tasks" / task.file_name for place, task in tasks.items()}
-        scores = {place: read_scores(file) for place, file in files.items()}
-        missing = {files[place]: tasks[place] for place in tasks if not _is_done(scores[place])}
+        files = [kept / "tasks" / task.file_name for task in work.tasks]
+        scores = {file: read_scores(file) for file in files}
+        tasks = dict(zip(files, work.tasks, strict=True))
+        missing = {file: task for file, task in tasks.items() if not _is_done(scores[file])}
         done = len(tasks) - len(missing)
         progress(done, len(tasks))
         for count, _ in enumerate(run_tasks(missing, workers, executor), start=done + 1):
             progress(count, len(tasks))
-        scores |= {place: read_scores(file) for place, file in files.items() if file in missing}
-        write_results(assemble(scores), kept)
+        scores |= {file: read_scores(file) for file in missing}
+        rows = _rows(work.tasks, [scores[file] for file in files]) | work.failed
+        write_results(work.assemble(rows), kept)
         return read_results(kept)
+
+
+class Work(NamedTuple):
+    """Tasks of a study, scores of what cannot be done, and the function that makes the results."""
+
+    tasks: list[Task]
+    failed: Rows
+    assemble: Callable[[Rows], xr.Dataset]
+
+
+def _work(study: Study | Experiment, prepared: Sequence[Prepared] | None) -> Work:
+    if isinstance(study, Study):
+        return Work(trials_of(study), {}, partial(results_of_trials, study))
+    prepared = prepared_recordings(study) if prepared is None else prepared
+    tasks, failed = bootstraps_of(study, prepared)
+    return Work(tasks, failed, partial(results_of_bootstraps, study, prepared))
+
+
+def _rows(tasks: Iterable[Task], scores: Iterable[Scores]) -> Rows:
+    """Return scores by the place of case and draw, and of case, draw and method."""
+    rows: Rows = {}
+    for task, measured in zip(tasks, scores, strict=True):
+        of_draw = {name for name in measured if name.partition("/")[0] in OF_DRAW}
+        for number, draw in enumerate(task.draws):
+            rows[task.row, draw] = {name: measured[name][number] for name in of_draw}
+            for place, column in enumerate(task.columns):
+                rows[task.row, draw, column] = {
+                    name: values[number, place]
+                    for name, values in measured.items()
+                    if name not in of_draw
+                }
+    return rows
 
 
 def _is_done(scores: Scores) -> bool:
@@ -149,37 +179,42 @@ class Plan:
 
     Parameters
     ----------
-    trials
-        Trials of all scenarios.
-    simulated_s
-        Seconds of data that they simulate.
+    identifications
+        Their number: draws times methods.
     work_s
         Seconds that they take one process.
     size_bytes
         Size of the results.
     failures
-        Why methods gave no result in the trials that were timed.
+        Why methods gave no result in the draws that were timed.
     """
 
-    trials: int
-    simulated_s: float
+    identifications: int
     work_s: float
     size_bytes: int
     failures: dict[str, str]
 
 
-def plan(study: Study) -> Plan:
-    """Estimate the time of a study from one trial of each scenario."""
-    tasks, work, size = trials_of(study), 0.0, 0
+def plan(study: Study | Experiment, prepared: Sequence[Prepared] | None = None) -> Plan:
+    """Estimate the time of a study from one draw of each case."""
+    tasks = _work(study, prepared).tasks
+    identifications, work, size = 0, 0.0, 0
     failures: dict[str, str] = {}
-    first = [task for (_, number), task in tasks.items() if number == 0]
-    run_task(first[-1])  # loads what is lazy
-    for task in first:
+    run_task(_first_draw(tasks[-1]))  # loads what is lazy
+    timed: dict[Hashable, list[Task]] = {}
+    for task in tasks:
+        timed.setdefault((task.row, *task.columns), []).append(task)
+    for alike in timed.values():
+        draws = sum(len(task.draws) for task in alike)
         started = time.perf_counter()
-        scores = run_task(task)
-        work += time.perf_counter() - started
-        size += sum(values.nbytes for values in scores.values())
-        reasons = zip(task.methods, map(str, scores["failure"]), strict=True)
+        scores = run_task(_first_draw(alike[0]))
+        work += draws * (time.perf_counter() - started)
+        size += draws * sum(values.nbytes for values in scores.values())
+        identifications += draws * len(alike[0].columns)
+        reasons = zip(alike[0].methods, map(str, scores["failure"][0]), strict=True)
         failures |= {label: reason for label, reason in reasons if reason}
-    simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
-    return Plan(len(tasks), simulated, work * study.trials, size * study.trials, failures)
+    return Plan(identifications, work, size, failures)
+
+
+def _first_draw(task: Task) -> Task:
+    return attrs.evolve(task, draws=task.draws[:1])

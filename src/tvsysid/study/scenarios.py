@@ -307,10 +307,10 @@ class Study(Settings):
         perturbation = self.parts[f"perturbation {scenario.perturbation}"]
         return with_settings(system, **changes) if changes else system, perturbation
 
-    def seed_of(self, scenario: Scenario, trial: int) -> np.random.SeedSequence:
-        """Return the seed of one trial of a scenario; it depends on no other scenario."""
+    def seed_of(self, scenario: Scenario, *trial: int) -> np.random.SeedSequence:
+        """Return the seed of a scenario or of one trial; it depends on no other scenario."""
         parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
-        return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), trial))
+        return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), *trial))
 
     def to_json(self) -> str:
         """Return the settings as text, methods and parts by their labels."""

@@ -297,11 +297,3 @@ def from_switch(time: Array, truth: Array) -> Array:
         return np.full(len(time), np.nan)
     apart = np.abs(time[:, None] - time[truth != np.roll(truth, 1)])
     return np.asarray(np.minimum(apart, len(time) * (time[1] - time[0]) - apart).min(axis=1))
-
-
-def time_spent(results: xr.Dataset) -> dict[str, float]:
-    """Return the seconds of each stage and each method over all workers, in order of the work."""
-    stages = results.stage_seconds.sum(["scenario", "trial"]).to_series().to_dict()
-    methods = results.seconds.sum(["scenario", "trial"]).to_series().to_dict()
-    last = {"scoring": stages.pop("scoring")}
-    return {str(name): seconds for name, seconds in (stages | methods | last).items()}

@@ -63,9 +63,9 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         ``bandpassed_vaf``: means over bootstraps. ``lowest_time_varying_vaf``: that of the worst
         time after averaging over bootstraps. ``bias_error``, ``mean_bias`` (virtual participants):
         root mean square over time, and mean, of the mean estimate minus the survivors' mean true
-        stiffness. ``seconds``: that all draws took. ``failed``: draws without a result. Every other
-        quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``, and
-        where it is known ``bias_error`` and ``mean_bias``.
+        stiffness. ``seconds``: mean time of an identification. ``failed``: draws without a result.
+        Every other quantity that was estimated has rows of its own: ``mean_viscosity``,
+        ``random_error``, and where it is known ``bias_error`` and ``mean_bias``.
     """
     if "recording" in found.dims:
         return _of_experiment(found)
@@ -121,7 +121,7 @@ def measured(results: xr.Dataset) -> xr.Dataset:
                 "vaf": results.vaf.mean(draws),
                 "bandpassed_vaf": results.bandpassed_vaf.mean(draws),
                 "lowest_time_varying_vaf": results.time_varying_vaf.mean(draws).min("time"),
-                "seconds": results.seconds,
+                "seconds": results.seconds.mean(draws),
                 "failed": results.vaf.isnull().sum(draws),
             }
         )

@@ -1,4 +1,4 @@
-"""Tasks of a study: a worker runs one, and its scores are kept in one file."""
+"""Cases give draws; a task identifies some draws by some methods, and its scores are one file."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import platform
 import re
 import sys
 import threading
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache
 from importlib.metadata import version
@@ -25,7 +26,7 @@ from tvsysid.errors import InputError, describe_error, library_folders, one_line
 from tvsysid.numerics.threads import single_thread
 from tvsysid.recordings import whole_file
 from tvsysid.signals import Ensemble
-from tvsysid.study.measure import Scores, Truth, measure
+from tvsysid.study.measure import TRUTH, Scores, Truth, measure, stack
 
 
 @cache
@@ -36,26 +37,54 @@ def versions() -> dict[str, str]:
 
 
 @attrs.frozen(kw_only=True)
-class Task(ABC):
-    """Part of a study whose scores are stored in one file.
+class Case(ABC):
+    """Source of ensembles, such as a simulated scenario or a recording.
 
-    Its representation shows all that the scores depend on.
+    Its representation shows all that the ensembles depend on.
 
     Parameters
     ----------
     label
         Name in messages.
-    digests
-        What tells apart methods, and parts of a simulation, with the same label, by label.
+    """
+
+    label: str
+
+    @abstractmethod
+    def draw(self, number: int) -> tuple[Ensemble, Truth]:
+        """Return an ensemble, and what its models are compared with."""
+
+    def identity(self, number: int) -> Hashable:
+        """Return a value that equal draws share."""
+        return number
+
+
+@attrs.frozen(kw_only=True)
+class Task:
+    """Some draws of a case, identified by some methods.
+
+    Its representation shows all that its scores depend on.
+
+    Parameters
+    ----------
+    case, draws
+        Where the ensembles come from, and the numbers of the draws.
     methods
         Pickled methods by their label.
+    digests
+        What distinguishes methods with the same label, by label.
+    row, columns
+        Place of the case and of each method in the results.
     versions
         Software of the process that made the task.
     """
 
-    label: str
-    digests: Mapping[str, str]
+    case: Case
+    draws: Sequence[int]
     methods: Mapping[str, bytes] = attrs.field(repr=False)
+    digests: Mapping[str, str]
+    row: int = attrs.field(repr=False)
+    columns: Sequence[int] = attrs.field(repr=False)
     versions: Mapping[str, str] = attrs.field(factory=versions)
 
     @property
@@ -63,14 +92,24 @@ class Task(ABC):
         """Name of its file: a hash of all that the scores depend on."""
         return f"{hashlib.sha256(repr(self).encode()).hexdigest()[:24]}.npz"
 
-    @abstractmethod
     def scores(self) -> Scores:
-        """Do the work."""
+        """Return scores over draws, and over methods after them. Equal draws are measured once."""
+        identities = list(map(self.case.identity, self.draws))
+        measured = {
+            identity: self._measure(self.draws[identities.index(identity)])
+            for identity in dict.fromkeys(identities)
+        }
+        return stack([measured[identity] for identity in identities])
 
-    def measure(self, label: str, ensemble: Ensemble, truth: Truth) -> Scores:
-        """Identify an ensemble by one of the methods, and compare it with the truth."""
+    def _measure(self, number: int) -> Scores:
+        started = time.perf_counter()
+        ensemble, truth = self.case.draw(number)
         # Each identification gets a method of its own, so that it cannot remember another one.
-        return measure(cloudpickle.loads(self.methods[label]), ensemble, truth)
+        methods = map(cloudpickle.loads, self.methods.values())
+        scores = stack([measure(method, ensemble, truth) for method in methods])
+        known = {f"{TRUTH}/{name}": values for name, values in truth.quantities.items()}
+        spent = time.perf_counter() - started - np.nansum(scores["seconds"])
+        return scores | known | {"other_seconds": np.asarray(spent)}
 
 
 _one_at_a_time = threading.Lock()
@@ -88,7 +127,7 @@ def run_task(task: Task) -> Scores:
         with _one_at_a_time, single_thread():
             return task.scores()
     except Exception as error:
-        raise InputError(f"run: {task.label} failed: {describe_error(error)}") from error
+        raise InputError(f"run: {task.case.label} failed: {describe_error(error)}") from error
 
 
 def write_scores(scores: Scores, file: Path) -> None:
@@ -109,20 +148,18 @@ def read_scores(file: Path) -> Scores:
         return {}
 
 
-def digests_of(items: Mapping[str, object]) -> dict[str, str]:
-    """Return a digest of the attributes and the source file of each object of a user's class.
+def digest_of(item: object) -> str:
+    """Return a digest of the attributes and the source file of an object of a user's class.
 
     It is empty for objects of the package, whose labels say all of them.
     """
-    digests = dict.fromkeys(items, "")
-    for label, item in items.items():
-        module = _module_of(item)
-        if module is None or not module.__name__.startswith("tvsysid."):
-            state = re.sub(" at 0x[0-9a-f]+", "", repr(getattr(item, "__dict__", "")))
-            file = Path(getattr(module, "__file__", None) or "")
-            code = file.read_bytes() if file.is_file() else b""
-            digests[label] = hashlib.sha256(state.encode() + code).hexdigest()[:12]
-    return digests
+    module = _module_of(item)
+    if module is not None and module.__name__.startswith("tvsysid."):
+        return ""
+    state = re.sub(" at 0x[0-9a-f]+", "", repr(getattr(item, "__dict__", "")))
+    file = Path(getattr(module, "__file__", None) or "")
+    code = file.read_bytes() if file.is_file() else b""
+    return hashlib.sha256(state.encode() + code).hexdigest()[:12]
 
 
 def pickled(label: str, item: object, *parts: object) -> bytes:

@@ -1,8 +1,7 @@
-"""Trials of a simulation study: each is simulated once and identified by every method."""
+"""Cases of a simulation study: scenarios, of which each trial is a draw."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -14,76 +13,58 @@ from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Simulation
 from tvsysid.simulate.simulation import checked_simulation
-from tvsysid.study.dataset import SIMULATIONS, complete, dataset_of
-from tvsysid.study.measure import STATISTICS, Scores, Truth, stack
+from tvsysid.study.dataset import AXES, SIMULATIONS, complete, dataset_of
+from tvsysid.study.measure import Rows, Truth
 from tvsysid.study.scenarios import Scenario, Study
-from tvsysid.study.tasks import Task, digests_of, pickled
+from tvsysid.study.tasks import Case, Task, digest_of, pickled
 from tvsysid.validators import settings_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-STAGES = ("simulation", "preprocessing", "scoring")  # of a trial, beside the identifications
 SIMULATED_HZ = 1000.0  # rate of a simulation at least; it is a multiple of the decimated rate
 TRAITS = ("profile", *Scenario._fields[1:])  # coordinates of a scenario in the results
 
 
 @attrs.frozen(kw_only=True)
-class Trial(Task):
-    """One trial of one scenario.
+class Simulated(Case):
+    """Scenario of a simulation study.
 
     Parameters
     ----------
     scenario, seed
-        What is simulated, and its random seed.
+        What is simulated, and its random seed, to which the number of the trial is added.
     simulated
         Pickled system and perturbation.
+    digests
+        What distinguishes systems, profiles and perturbations with the same label.
     rate, period, subtract_mean
         Those of the study.
-    asked
-        Labels of the methods that identify it. The others have no scores.
     """
 
     scenario: Scenario
     seed: np.random.SeedSequence
     simulated: bytes = attrs.field(repr=False)
+    digests: Mapping[str, str]
     rate: float
     period: float
     subtract_mean: bool
-    asked: tuple[str, ...]
 
-    def scores(self) -> Scores:
-        """Simulate the trial, identify it by each method, and score the models.
-
-        Variables of :func:`measure` are over the methods.
-        """
-        clock = [time.perf_counter()]
-        simulation = self.simulate()
-        clock.append(time.perf_counter())
+    def draw(self, number: int) -> tuple[Ensemble, Truth]:
+        """Simulate a trial."""
+        simulation = self.simulate(number)
         ensemble = self.cut(simulation.recording)
-        truth = self.truth(simulation, ensemble)
-        clock.append(time.perf_counter())
-        rows = [
-            self.measure(label, ensemble, truth) if label in self.asked else {}
-            for label in self.methods
-        ]
-        scores = stack(rows)
-        clock.append(time.perf_counter())
-        stages = np.diff(clock) - [0, 0, np.nansum(scores["seconds"])]
-        return scores | {
-            "warnings": np.char.replace(scores["warnings"], "\n", "; "),
-            "stage_seconds": stages,
-            **{f"truth/{name}": values for name, values in truth.quantities.items()},
-        }
+        return ensemble, self.truth(simulation, ensemble)
 
-    def simulate(self) -> Simulation:
-        """Simulate the recording."""
+    def simulate(self, trial: int) -> Simulation:
+        """Simulate the recording of a trial."""
         system, perturbation = cloudpickle.loads(self.simulated)
+        key = (*self.seed.spawn_key, trial)
         made = system.simulate(
             self.scenario.duration_s,
             perturbation=perturbation,
             snr_db=self.scenario.snr_db,
-            seed=self.seed,
+            seed=np.random.SeedSequence(self.seed.entropy, spawn_key=key),
             rate=self.rate * max(1, -(-SIMULATED_HZ // self.rate)),
         )
         return checked_simulation(made, type(system).__name__)
@@ -116,43 +97,50 @@ def _mean(values: Array) -> Array:
     return np.asarray(values[0] if (values == values[0]).all() else values.mean(axis=0))
 
 
-def trials_of(study: Study) -> dict[tuple[int, int], Trial]:
-    """Return the trials by the places of scenario and trial, the longest first."""
-    named = study.named_methods
+def case_of(study: Study, scenario: Scenario) -> Simulated:
+    """Return the case of a scenario."""
+    parts = study.simulated(scenario)
+    further = settings_of(parts[0]).values()
+    names = (
+        f"{kind} {getattr(scenario, kind)}" for kind in ("system", "stiffness", "perturbation")
+    )
+    return Simulated(
+        label=scenario.label,
+        scenario=scenario,
+        seed=study.seed_of(scenario),
+        simulated=pickled(f"scenario {scenario.label}", parts, *parts, *further),
+        digests={name: digest_of(study.parts[name]) for name in names if name in study.parts},
+        rate=study.rate,
+        period=study.period,
+        subtract_mean=study.subtract_mean,
+    )
+
+
+def trials_of(study: Study) -> list[Task]:
+    """Return a task for each trial, the longest first."""
+    named, tasks = study.named_methods, []
     methods = {label: pickled(f"method {label}", method) for label, method in named.items()}
-    digests, tasks = digests_of(named | study.parts), {}
-    scenarios = sorted(enumerate(study.scenarios), key=lambda item: -item[1].duration_s)
-    for place, scenario in scenarios:
-        parts = study.simulated(scenario)
-        further = settings_of(parts[0]).values()
-        simulated = pickled(f"scenario {scenario.label}", parts, *parts, *further)
-        for number in range(study.trials):
-            tasks[place, number] = Trial(
-                label=f"trial {number} of {scenario.label}",
-                digests=digests,
-                methods=methods,
-                scenario=scenario,
-                seed=study.seed_of(scenario, number),
-                simulated=simulated,
-                rate=study.rate,
-                period=study.period,
-                subtract_mean=study.subtract_mean,
-                asked=tuple(label for label in methods if label in study.methods_of[scenario]),
-            )
+    rows = sorted(enumerate(study.scenarios), key=lambda item: -item[1].duration_s)
+    for row, scenario in rows:
+        asked = [label for label in methods if label in study.methods_of[scenario]]
+        task = Task(
+            case=case_of(study, scenario),
+            draws=(0,),
+            methods={label: methods[label] for label in asked},
+            digests={label: digest_of(named[label]) for label in asked},
+            row=row,
+            columns=[list(methods).index(label) for label in asked],
+        )
+        tasks += [attrs.evolve(task, draws=(trial,)) for trial in range(study.trials)]
     return tasks
 
 
-def results_of_trials(study: Study, scores: Mapping[tuple[int, int], Scores]) -> xr.Dataset:
-    """Return the results of all trials, from the scores by the places of scenario and trial."""
+def results_of_trials(study: Study, rows: Rows) -> xr.Dataset:
+    """Return the results of all trials."""
     scenarios, methods = study.scenarios, list(study.named_methods)
-    results = dataset_of(
-        [scores[place] for place in sorted(scores)],
-        {"scenario": [each.label for each in scenarios], "trial": range(study.trials)},
-        {"method_key": methods},
-        {"statistic": STATISTICS, "stage": STAGES},
-        period=study.period,
-        rate=study.rate,
-    )
+    labels = [each.label for each in scenarios], range(study.trials), methods
+    coordinates = dict(zip(AXES[0], labels, strict=True))
+    results = dataset_of(coordinates, rows, study.period, study.rate)
     asked = [[label in study.methods_of[each] for label in methods] for each in scenarios]
     columns = zip(TRAITS, zip(*scenarios, strict=True), strict=True)
     results = results.assign_coords(

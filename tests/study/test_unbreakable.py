@@ -237,8 +237,7 @@ def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, forking, uninterrupt
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 
-def test_no_cluster_there(tvsysid, monkeypatch):
-    monkeypatch.setattr("tvsysid.cli.running.SCHEDULER_TIMEOUT", "1s")
+def test_no_cluster_there(tvsysid):
     code, _, errors = tvsysid(*WORDS, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors

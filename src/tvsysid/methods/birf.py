@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, rfft
+from scipy.linalg import toeplitz
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
@@ -311,13 +311,8 @@ def _noise_through(columns: Columns, signals: Array, left: Array, lags: int) -> 
     lags = min(lags, samples - 1)
     taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1))
     covariance = shared.autocovariance(left, lags) * taper
-    size = next_fast_len(samples + lags, real=True)
-    power = np.maximum(2 * rfft(covariance, size).real - covariance[0], 0.0) / size
-    power[1 : (size + 1) // 2] *= 2  # of both signs of frequency
+    noise = toeplitz(np.pad(covariance, (0, samples - lags - 1)))
     signal, function = np.nonzero(columns.chosen)
     functions = columns.functions.T[function] * columns.scale[:, None]
-    found = np.zeros((len(signal), len(signal)))
-    for each in signals.transpose(1, 0, 2):
-        spectra = rfft(functions * each[signal], size)
-        found += ((spectra * power) @ spectra.conj().T).real
-    return found
+    rows = (functions * each[signal] for each in signals.transpose(1, 0, 2))
+    return np.asarray(sum(each @ noise @ each.T for each in rows))

@@ -200,22 +200,21 @@ def residual_spectrum(
     for runs in record.stacks:
         blocks = runs.rows(posterior.kernel, posterior.visible)
         left = np.concatenate([np.tensordot(weights, rows, axes=1) for _, rows in blocks], axis=1)
-        terms = runs.external_terms
         white = before.weights(runs.frequency)
-        seen, target = ((each * white).view(np.float64) for each in (terms, left))
-        system = seen @ seen.T + prior * np.eye(len(terms))
-        left -= np.linalg.solve(system, seen @ target.T).T @ terms
-        power = np.sum(np.abs(left) ** 2, axis=0)
+        terms, powers = runs.external_terms(white)
+        left *= white
+        products = left.view(np.float64) @ terms.view(np.float64).T
+        left -= products / (powers + prior) @ terms
+        power = np.sum(np.abs(left) ** 2, axis=0) / white**2
         spectra.append((runs.frequency, power, np.full_like(power, len(left))))
     at = max((frequency for frequency, _, _ in spectra), key=len)
-    frequency, power, count = map(np.concatenate, zip(*spectra, strict=True))
+    frequency, *parts = np.concatenate(spectra, axis=1)
     # The spectrum is mirrored at its ends.
-    low, high = frequency.min(), frequency.max()
-    mirrored = np.concatenate([2 * low - frequency, frequency, 2 * high - frequency])
+    mirrored = np.r_[2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency]
     order = np.argsort(mirrored, kind="stable")
     ends = np.searchsorted(mirrored[order], [at - SMOOTH_HZ, np.nextafter(at + SMOOTH_HZ, np.inf)])
-    totals = (np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count))
-    powers, counts = (np.diff(total[ends], axis=0)[0] for total in totals)
+    totals = np.pad(np.cumsum(np.tile(parts, 3)[:, order], axis=1), ((0, 0), (1, 0)))
+    powers, counts = totals[:, ends[1]] - totals[:, ends[0]]
     power = powers / counts
     power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
     return NoiseSpectrum(at, power / power.mean())

@@ -131,10 +131,14 @@ class Runs:
         """Return the spectra of the signals at all frequencies, shape (signal, run, frequency)."""
         return np.asarray(rfft(self.signals, norm="ortho"))
 
-    @property
-    def external_terms(self) -> ComplexArray:
-        """Return the spectra of the external term's half-cosines, shape (term, bin)."""
-        return _half_cosines(self.samples)[:, self.bins]
+    def external_terms(self, weights: Array) -> tuple[ComplexArray, Array]:
+        """Return weighted spectra (term, bin) and powers (term,) of the external terms.
+
+        The half-cosines are rotated so that their spectra are orthogonal in the band.
+        """
+        terms = _half_cosines(self.samples)[:, self.bins] * weights
+        powers, axes = np.linalg.eigh((terms @ terms.conj().T).real)
+        return axes.T @ terms, np.maximum(powers, 0.0)
 
     def rows(self, kernel: Kernel, chosen: Mask) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield slices of bins and their regressors, shape (row, run, bin).
@@ -169,40 +173,28 @@ class Runs:
         spectra = spectra[..., : self.bins.stop + reach]
         # from bin -reach on
         spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)
-        cosine = kernel.sine[column] == 0
-        source, harmonic = source[cosine], kernel.harmonic[column[cosine]]
+        harmonic = kernel.harmonic[column]
         shift = harmonic * round(self.samples / self.rate / kernel.period)
-        turn = 0.5 * np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
-        runs, start = self.signals.shape[1], self.bins.start
-        length = max(1, BLOCK // runs)
+        # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
+        turn = np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
+        turn *= np.where(kernel.sine[column] == 0, 0.5, -0.5j)[:, None, None]
+        start, length = self.bins.start, max(1, BLOCK // self.signals.shape[1])
         for low in range(start, self.bins.stop, length):
             high = min(low + length, self.bins.stop)
             windows = sliding_window_view(spectra, high - low, axis=-1)
-            up = windows[source, :, low + reach - shift] * turn
-            down = windows[source, :, low + reach + shift] * turn.conj()
-            out = np.empty((len(column), runs, high - low), dtype=np.complex128)
-            out[cosine] = up + down
-            out[~cosine] = (-1j * (up - down))[harmonic > 0]
-            yield slice(low - start, high - start), out
+            rows = windows[source, :, low + reach - shift] * turn
+            rows += windows[source, :, low + reach + shift] * turn.conj()
+            yield slice(low - start, high - start), rows
 
     def _transformed(
         self, kernel: Kernel, signal: Index, column: Index
     ) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield products with any features, each transformed."""
         slow, periodic = self._slow(kernel), kernel.periodic_features(self._times(self.phase))
-        places = kernel.place[column], kernel.slow[column]
-        bins = slice(0, self.bins.stop - self.bins.start)
-        yield (
-            bins,
-            np.stack(
-                [
-                    rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[
-                        :, self.bins
-                    ]
-                    for m, place, n in zip(signal, *places, strict=True)
-                ]
-            ),
-        )
+        indices = zip(signal, kernel.place[column], kernel.slow[column], strict=True)
+        products = (self.signals[m] * periodic[..., place] * slow[n] for m, place, n in indices)
+        rows = [rfft(each, norm="ortho")[:, self.bins] for each in products]
+        yield slice(0, self.bins.stop - self.bins.start), np.stack(rows)
 
     def _slow(self, kernel: Kernel) -> Array:
         """Return the slow functions over each run, shape (function, run, time)."""
@@ -278,30 +270,28 @@ class Record:
     def sums(self, kernel: Kernel, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
         """Return weighted sums over the band's frequencies, of the chosen features.
 
-        Real and imaginary parts count separately. Each run has its own external terms. They are
-        rotated so that they are orthogonal in the band.
+        Real and imaginary parts count separately. Each run has its own external terms.
         """
         size, number = np.count_nonzero(chosen) + 1, 0
         gram = np.zeros((size, size), order="F")
         mixed, powers = [], []
         for runs in self.stacks:
             weights, count = noise.weights(runs.frequency), runs.signals.shape[1]
-            terms = runs.external_terms * weights
-            power, axes = np.linalg.eigh((terms @ terms.conj().T).real)
-            turned = (axes.T @ terms).view(np.float64)
+            terms, power = runs.external_terms(weights)
+            of_terms = terms.view(np.float64).T
             between = np.zeros((size * count, EXTERNAL_TERMS))
             for bins, rows in runs.rows(kernel, chosen):
                 parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
                 flat = parts.reshape(size, -1)
                 gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-                of_terms = turned[:, 2 * bins.start : 2 * bins.stop].T
-                between += parts.reshape(len(between), -1) @ of_terms
+                within = of_terms[2 * bins.start : 2 * bins.stop]
+                between += parts.reshape(len(between), -1) @ within
             mixed.append(between.reshape(size, -1))
-            powers.append(np.tile(np.maximum(power, 0.0), count))
+            powers.append(np.tile(power, count))
             number += 2 * count * len(weights)
         moments = Moments(np.asfortranarray(gram[:-1, :-1]), *Moments.of(gram, number)[1:])
-        of_terms = np.concatenate(mixed, axis=1)
-        return Sums(moments, of_terms[:-1], of_terms[-1], np.concatenate(powers), self.prior)
+        with_terms = np.concatenate(mixed, axis=1)
+        return Sums(moments, with_terms[:-1], with_terms[-1], np.concatenate(powers), self.prior)
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

@@ -28,7 +28,7 @@ from tvsysid.methods.shared.segments import Segments, instrumental_fit
 from tvsysid.models import Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
-from tvsysid.numerics.spectra import hann, power_spectrum
+from tvsysid.numerics.spectra import hann
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
 
@@ -92,15 +92,13 @@ class Instrument(NamedTuple):
     (time,) is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
     product of instrument and angle in a realization about a time, without the parts of viscosity
     and inertia. Where the strength is less than ``needed``, the data set no limit to the stiffness
-    (Anderson & Rubin 1949). ``where`` names the frequencies at which noise moves the angle more
-    than the reference does.
+    (Anderson & Rubin 1949).
     """
 
     moved: Ensemble
     explained: float
     strength: Array
     needed: float
-    where: str
     reference: str
 
     @classmethod
@@ -129,7 +127,6 @@ class Instrument(NamedTuple):
             explained,
             _strength(ensemble, moved),
             float(needed),
-            _noisy_band(left, angle, ensemble.duration),
             reference,
         )
 
@@ -148,8 +145,8 @@ class Instrument(NamedTuple):
         if self.explained < WEAK:
             found.append(
                 f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the "
-                f"angle: the random error is large; disturb more strongly{self.where}, or use a "
-                "stiffer actuator"
+                f"angle: the random error is large; disturb more strongly, or use a stiffer "
+                "actuator"
             )
         if bands_need_strength:
             estimates = {
@@ -229,20 +226,6 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
         return np.full(ensemble.samples, np.nan)
     strength = instrumental_fit(Segments(ensemble, power, begin, end), moved).strength
     return np.pad(strength, (early, late), mode="edge")
-
-
-def _noisy_band(left: Array, angle: Array, duration: float) -> str:
-    """Return from where to where in Hz noise moves the angle more than the reference, in words.
-
-    At these frequencies the residual of the angle is larger than the predicted angle. Only the
-    lower frequencies that hold 90 % of the residual's power count. No words if there are none.
-    """
-    noise, signal = (power_spectrum(each) for each in (left, angle))
-    within = np.cumsum(noise) <= 0.9 * noise.sum()
-    found = np.flatnonzero((noise > signal) & within) / duration
-    if not found.size:
-        return ""
-    return f" from {found[0]:.2g} to {found[-1]:.2g} Hz, where noise moves the angle more"
 
 
 def _alternative(reference: str) -> str:

@@ -250,7 +250,7 @@ def test_beyond_the_range_that_was_seen_nothing_is_invented(noisy, found):
     with pytest.warns(tv.DataQualityWarning, match="scheduling is beyond the -0.4 to 0.2"):
         beyond = found.predict(changed(noisy, shift=0.1))
     assert np.isfinite(beyond[0, 40:]).all()
-    edge = found.at([found.structure.limits[1], 5.0])["stiffness"].values
+    edge = found.at([found.schedule.limits[1], 5.0])["stiffness"].values
     assert edge[0] == edge[1]
 
 

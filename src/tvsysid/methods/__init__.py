@@ -27,7 +27,7 @@ from tvsysid.methods.registry import (
     resolve,
     to_text,
 )
-from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
+from tvsysid.methods.scheduled.scheduled import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade

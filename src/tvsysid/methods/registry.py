@@ -24,7 +24,7 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
-from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
+from tvsysid.methods.scheduled.scheduled import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.settings import settings_from_text
 from tvsysid.methods.skirt import SkirtDecomposition

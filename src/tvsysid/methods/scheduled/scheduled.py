@@ -6,25 +6,39 @@ One estimates impulse responses, the other stiffness, viscosity and inertia.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from functools import partial
 
 import attrs
 import numpy as np
 
 from tvsysid.methods import base
-from tvsysid.methods.cascade.pathways import Stretch, history
-from tvsysid.methods.scheduled.doubts import fit_warnings, rest_warnings
-from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted
-from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
-from tvsysid.methods.scheduled.structure import Reflex, Structure
+from tvsysid.methods.cascade.columns import second_order_fit
+from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
+from tvsysid.methods.scheduled.fit_warnings import (
+    warnings_of_folds,
+    warnings_of_orders,
+    warnings_of_rest,
+)
+from tvsysid.methods.scheduled.model import GRID, ScheduledModel, curves_of
+from tvsysid.methods.scheduled.regression import FOLDS, Fit, details_of, fit_best_orders
+from tvsysid.methods.scheduled.terms import (
+    Reflex,
+    Schedule,
+    Term,
+    acceleration,
+    angle_and_velocity,
+    at_rest,
+    lagged_angles,
+)
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import IMPEDANCE, Diagnostics
-from tvsysid.signals import Array, Ensemble
+from tvsysid.numerics.laguerre import laguerre_filters
+from tvsysid.signals import Ensemble
 from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 
 ORDERS = range(11)  # of the polynomials, that are tried
-MISSING = 0.5  # share of the samples that may have no past
+MAX_MISSING = 0.5  # share of the samples that may have no past
 
 
 @attrs.frozen
@@ -72,14 +86,11 @@ class Scheduled(base.Method):
                 f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow "
                 "what changes"
             )
-        before = base.whole_samples(self.delay, ensemble) + base.whole_samples(
-            self.memory, ensemble
-        )
-        if (
-            self.reflex
-            and np.isnan(history(ensemble, ensemble.angle, before)[:, : ensemble.samples]).mean()
-            > MISSING
-        ):
+        if not self.reflex:
+            return None
+        before = sum(base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+        past = history(ensemble, ensemble.angle, before)[:, : ensemble.samples]
+        if np.isnan(past).mean() > MAX_MISSING:
             return (
                 f"less than half of the samples have {self.delay + self.memory:g} s recorded "
                 "before them, as long as the reflex's response; cut with more context (--context), "
@@ -89,80 +100,91 @@ class Scheduled(base.Method):
 
     def fit(self, ensemble: Ensemble) -> ScheduledModel:
         """Return the model of an ensemble."""
-        fit, shares = self._fit(ensemble)
-        rate = ensemble.sampling_rate
-        # Subtracting the mean over realizations also removes a part of the noise.
-        freedom = (
-            len(fit.rows.torque) * independent_realizations(ensemble) / len(ensemble)
-            - fit.parameters
-        )
-        covariance = covariance_of(fit, rate, max(freedom, 1.0))
-        curves = Curves.of(fit.structure, fit.coefficients, covariance, rate, max(freedom, 1.0))
-        grid = np.linspace(*fit.structure.limits, GRID)
-        over_time = curves.at(
-            ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time")
-        )
-        over_variable = {
-            f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()
-        }
-        details = _details(fit, shares)
+        fits = self._fits(ensemble)
+        fit = max(fits, key=lambda each: each.vaf)
+        terms, schedule = fit.rows.terms, fit.rows.schedule
+        # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
+        parameters = np.count_nonzero(fit.coefficients)
+        independent = independent_realizations(ensemble) / len(ensemble)
+        freedom = max(1.0, len(fit.rows.torque) * independent - parameters)
+        curves = curves_of(fit, fit.covariance(ensemble.sampling_rate, freedom), freedom)
+        variable = ensemble.signal(self.variable)[:, ensemble.core]
+        grid = np.linspace(*schedule.limits, GRID)
+        estimates = {}
+        for name, curve in curves.items():
+            estimates[name] = curve.at(variable, ("realization", "time"))
+            estimates[f"scheduled_{name}"] = curve.at(grid, (self.variable,))
+        details = details_of(fit)
+        if not isinstance(terms[-1], Reflex):
+            del details["vaf_reflex"], details["reflex_order"]
+        else:
+            details["direction"] = float(terms[-1].drive.direction)
+            details["vaf_folds_other_direction"] = min(each.vaf for each in fits)
         texts = (
-            *fit_warnings(fit, details),
-            *rest_warnings(fit, ensemble, grid, over_variable["scheduled_stiffness"]),
+            *warnings_of_folds(fit.rows),
+            *warnings_of_orders(self.variable, details, {order for order, _ in fit.tried}),
+            *warnings_of_rest(fit, estimates["scheduled_stiffness"], grid, ensemble),
         )
         return ScheduledModel(
             method=repr(self),
-            sampling_rate=rate,
+            sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=over_time | over_variable,
+            estimates=estimates,
             coordinates={self.variable: grid},
-            diagnostics=Diagnostics(fit.parameters, warnings=texts, details=details),
-            structure=fit.structure,
-            curves=curves,
+            diagnostics=Diagnostics(float(parameters), warnings=texts, details=details),
+            schedule=schedule,
+            terms=terms,
             coefficients=fit.coefficients,
+            curves=curves,
         )
 
-    def _fit(self, ensemble: Ensemble) -> tuple[Fit, dict[int, float]]:
-        """Fit with the best orders and direction of stretch; return each direction's share, too."""
-        structure = self._structure(ensemble)
-        orders = [
-            ORDERS if each is None else (each,)
-            for each in (self.order, self.reflex_order if self.reflex else 0)
+    def _fits(self, ensemble: Ensemble) -> list[Fit]:
+        """Return the fit of the best orders for each direction of stretch."""
+        schedule = Schedule.of(ensemble, self.variable)
+        rate, given = ensemble.sampling_rate, (self.order, self.reflex_order if self.reflex else 0)
+        orders, reflex_orders = (ORDERS if each is None else (each,) for each in given)
+        terms = Term("rest", at_rest, self.rest_order, {}), *self._intrinsic(ensemble, orders[-1])
+        delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+        responses = laguerre_filters(self.filters, max(1, memory), self.time_constant * rate)
+        reflexes = [
+            Reflex(Stretch(self.threshold, each), delay, responses, reflex_orders[-1])
+            for each in DIRECTIONS
         ]
-        fits = {
-            direction: fitted(structure.stretched(direction), ensemble, *orders)
-            for direction in ((1, -1) if self.reflex else (1,))
-        }
-        shares = {direction: float(fit.held_out.mean()) for direction, fit in fits.items()}
-        return fits[max(shares, key=shares.__getitem__)], shares
-
-    def _structure(self, ensemble: Ensemble) -> Structure:
-        values, angle = (
-            ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle")
-        )
-        reflex = None
-        if self.reflex:
-            delay, memory = (
-                base.whole_samples(each, ensemble) for each in (self.delay, self.memory)
-            )
-            decay = self.time_constant * ensemble.sampling_rate
-            drive = Stretch(self.threshold)
-            degrees = 1 + (ORDERS[-1] if self.reflex_order is None else self.reflex_order)
-            reflex = Reflex(delay, max(1, memory), self.filters, decay, degrees, drive)
-        limits = float(values.min()), float(values.max())
-        degrees = 1 + (ORDERS[-1] if self.order is None else self.order)
-        sizes = self._lags(ensemble), degrees, self.rest_order + 1
-        return Structure(self.variable, limits, float(angle.mean()), *sizes, reflex)
+        return [
+            fit_best_orders((*terms, *each), schedule, ensemble, (orders, reflex_orders))
+            for each in ([(reflex,) for reflex in reflexes] if self.reflex else [()])
+        ]
 
     @abstractmethod
-    def _lags(self, ensemble: Ensemble) -> int:
-        """Return the lags of the intrinsic response to either side, in samples.
-
-        0 stands for angle, velocity and acceleration.
-        """
+    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
+        """Return the terms of the intrinsic torque, with polynomials of an order."""
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        return evidence_by_folds(self, ensemble)
+        """Compare orders by their prediction of folds of consecutive time."""
+        free = attrs.evolve(self, order=None, reflex_order=None)
+        # The two are equal if no order is given
+        fits = [
+            max(each._fits(ensemble), key=lambda fit: fit.vaf)
+            for each in dict.fromkeys((self, free))
+        ]
+        given, best = fits[0], fits[-1]
+        tried = {given.orders: given.held_out} | best.tried
+        reflex = "reflex of order {}" if self.reflex else ""
+        return Evidence(
+            criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
+            unit="%",
+            better="higher",
+            tried=tuple({"order": order, "reflex_order": reflexes} for order, reflexes in tried),
+            values=np.mean(list(tried.values()), axis=1),
+            chosen=list(tried).index(best.orders),
+            axis="order",
+            positions=np.array([float(order) for order, _ in tried]),
+            lines=tuple(reflex.format(reflexes) for _, reflexes in tried),
+        )
+
+
+def _mean_angle(ensemble: Ensemble) -> float:
+    return float(ensemble.angle[:, ensemble.core].mean())
 
 
 @attrs.frozen
@@ -246,8 +268,12 @@ class ScheduledIRF(Scheduled):
     )
     cites = ("sobhani2013", "sobhani2015")
 
-    def _lags(self, ensemble: Ensemble) -> int:
-        return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
+    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
+        lags = base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
+        fit = second_order_fit(np.arange(-lags, lags + 1) / ensemble.sampling_rate)
+        weights = (np.ones(2 * lags + 1), *fit[1:])
+        signals = partial(lagged_angles, centre=_mean_angle(ensemble), lags=lags)
+        return (Term("intrinsic", signals, order, dict(zip(IMPEDANCE, weights, strict=True))),)
 
 
 @attrs.frozen
@@ -275,62 +301,8 @@ class ScheduledImpedance(Scheduled):
     )
     cites = ("sobhani2013", "sobhani2015")
 
-    def _lags(self, ensemble: Ensemble) -> int:
-        return 0
-
-
-def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
-    """Compare the orders of the polynomials by their prediction of folds of consecutive time."""
-    # The two are equal if no order is given
-    every = dict.fromkeys((method, attrs.evolve(method, order=None, reflex_order=None)))
-    fits = [each._fit(ensemble)[0] for each in every]
-    given, best = fits[0].structure.orders, fits[-1].structure.orders
-    tried = {given: fits[0].held_out} | fits[-1].tried
-    folds = np.array(list(tried.values()))
-    return Evidence(
-        criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
-        unit="%",
-        better="higher",
-        tried=tuple(
-            {"order": order, "reflex_order": reflex_order} for order, reflex_order in tried
-        ),
-        values=folds.mean(axis=1),
-        chosen=list(tried).index(best),
-        axis="order",
-        positions=np.array([order for order, _ in tried], dtype=np.float64),
-        lines=tuple(f"reflex of order {reflex_order}" for _, reflex_order in tried)
-        if method.reflex
-        else ("",) * len(tried),
-    )
-
-
-def _details(fit: Fit, shares: Mapping[int, float]) -> dict[str, float]:
-    rows = fit.rows
-    ends = np.cumsum(rows.parts)[:-1]
-    pairs = zip(np.split(fit.coefficients, ends), np.split(rows.columns, ends), strict=True)
-    torques = [weights @ columns for weights, columns in pairs]
-    names = ("intrinsic", "reflex")[: len(torques) - 1]
-    details = {"vaf": _explained(rows.torque, fit.coefficients @ rows.columns)}
-    details |= {
-        f"vaf_{name}": _explained(rows.torque, torque)
-        for name, torque in zip(names, torques[1:], strict=True)
-    }
-    details |= {
-        "vaf_folds": float(fit.held_out.mean()),
-        "vaf_worst_fold": float(fit.held_out.min()),
-    }
-    details |= dict(zip(("scheduling_low", "scheduling_high"), fit.structure.limits, strict=True))
-    order, reflex_order = map(float, fit.structure.orders)
-    details |= {"order": order}
-    if fit.structure.reflex is not None:
-        direction = fit.structure.reflex.drive.direction
-        details |= {
-            "reflex_order": reflex_order,
-            "direction": float(direction),
-            "vaf_folds_other_direction": shares[-direction],
-        }
-    return details
-
-
-def _explained(torque: Array, part: Array) -> float:
-    return 100 * (1 - float(np.var(torque - part) / np.var(torque)))
+    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
+        signals = partial(angle_and_velocity, centre=_mean_angle(ensemble))
+        weights = {"stiffness": np.array([1.0, 0.0]), "viscosity": np.array([0.0, 1.0])}
+        inertia = Term("intrinsic", acceleration, 0, {"inertia": np.ones(1)})
+        return Term("intrinsic", signals, order, weights), inertia

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from tvsysid.errors import InputError
 from tvsysid.methods.scheduled.terms import AnyTerm, Schedule, columns_of
@@ -133,7 +133,7 @@ class Fit(NamedTuple):
         half = autocovariance(line[-1:], lags) * line.shape[1] / freedom
         half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
         kernel = np.concatenate([half[:0:-1], half])[None]
-        coloured = oaconvolve(line[:-1], kernel, mode="same", axes=1) @ line[:-1].T
+        coloured = scipy.signal.oaconvolve(line[:-1], kernel, mode="same", axes=1) @ line[:-1].T
         return np.asarray(self.inverse @ (coloured + coloured.T) @ self.inverse / 2)
 
 

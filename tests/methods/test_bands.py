@@ -1,8 +1,6 @@
 """Bands against closed forms, plain slow versions and the spread of repeated simulations."""
 
-import copy
 import itertools
-import pickle
 import warnings
 from functools import cache
 
@@ -14,7 +12,6 @@ from tests.conftest import ensemble_of, freedom_of, standard_errors_of
 
 import tvsysid as tv
 from tvsysid.methods.shared import correlations, residuals
-from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann
@@ -46,15 +43,6 @@ def lagged(ensemble, time, lags):
 
 def prepared(ensemble, subtracted):
     return tv.preprocess.subtract_mean(ensemble) if subtracted else ensemble
-
-
-def test_an_ensemble_without_its_mean_has_the_noise_of_one_realization_less():
-    ensemble = ensemble_of(40.0)
-    assert residuals.independent_realizations(ensemble) == 20
-    without = tv.preprocess.subtract_mean(ensemble)
-    assert residuals.independent_realizations(without) == 19
-    assert residuals.independent_realizations(without.select(np.arange(15))) == 14
-    assert residuals.independent_realizations(ensemble.select([3])) == 1
 
 
 @pytest.mark.parametrize("subtracted", [False, True])
@@ -220,24 +208,6 @@ def test_fewer_realizations_than_lags_leave_no_band():
     assert np.mean(model.viscosity) == pytest.approx(2.2, rel=0.1)
 
 
-def test_white_noise_needs_no_correction(random):
-    ensemble = ensemble_of(150.0, "constant", "prbs", np.inf)
-    white = tv.Ensemble(
-        ensemble.angle,
-        ensemble.torque + 0.4 * random.normal(size=ensemble.torque.shape),
-        100.0,
-        ensemble.context,
-    )
-    model = tv.BasisIRF(prior="none").identify(white)
-    variance = np.einsum(
-        "tj,jk,tk->t",
-        evaluate(tv.CubicBSplines(10), 200),
-        model.covariance[:10, :10],
-        evaluate(tv.CubicBSplines(10), 200),
-    )
-    np.testing.assert_allclose(standard_errors_of(model)[0] ** 2, variance, rtol=0.15)
-
-
 class Mine(tv.Method):
     """A method of one's own, whose model has the estimates given."""
 
@@ -265,10 +235,3 @@ def test_a_model_of_ones_own_may_bring_its_band():
         tv.InputError, match=r"expected standard errors of the values' shape \(200,\), got \(3,\)"
     ):
         tv.Estimate(stiffness, "N m/rad", error=tv.StandardError(np.ones(3), 10))
-
-
-@pytest.mark.parametrize("name", list(DEFAULTS))
-def test_a_model_can_be_pickled_and_copied(name):
-    model = DEFAULTS[name].identify(ensemble_of(40.0))
-    for other in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
-        np.testing.assert_array_equal(standard_errors_of(other), standard_errors_of(model))

@@ -49,14 +49,6 @@ def test_too_little_data_has_no_band_and_says_why(method, realizations, subtract
     assert np.isfinite(model.stiffness).all()
 
 
-def test_what_is_known_beside_a_missing_band_is_told():
-    model = tv.EnsembleSpectral().identify(ensemble_of(40.0).select([0]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", tv.DataQualityWarning)
-        lower, upper = model.estimates["viscosity"].band()
-    assert (lower < upper).all()
-
-
 def test_only_windows_that_are_cut_too_short_have_no_band():
     model = tv.ShortDataSegments().identify(ensemble_of(40.0, context=0.12).select(np.arange(8)))
     known = np.isfinite(standard_errors_of(model))

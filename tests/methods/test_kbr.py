@@ -38,12 +38,6 @@ def test_gaps_are_gaps(ensemble_of):
             assert np.abs(model.stiffness - truth).max() < 4
 
 
-def test_single_realization_serves(ensemble_of):
-    ensemble = ensemble_of(40.0, "sine", "noise", 30.0).select([3])
-    model = tv.KernelRegression(length_periodic=1.0).identify(ensemble)
-    assert np.abs(model.stiffness - tv.simulate.SineWave()(model.time)).mean() < 6
-
-
 def test_a_realization_may_begin_at_any_phase_and_hold_several_periods():
     simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
         90, perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
@@ -211,18 +205,6 @@ def test_a_lag_that_is_told_no_longer_biases(ensemble_of, context):
         for m in (blind, seeing)
     ]
     assert 100 - vaf[1].mean() < 0.1 * (100 - vaf[0].mean())
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"order": 3}, "order must be 0 .a spring., 1 .* got 3"),
-        ({"lag": -0.01}, "lag must be a number of zero or more, got -0.01"),
-    ],
-)
-def test_orders_and_lags_that_are_none_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        tv.KernelRegression(**settings)
 
 
 def test_two_realizations_leave_no_noise_to_find_settings_by(ensemble_of):

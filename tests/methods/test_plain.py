@@ -111,10 +111,3 @@ def test_low_rank_kernel_regression_equals_the_dense_one(
     agree(model.stiffness, mean_over_realizations(dense.stiffness), 1e-6)
     agree(model.viscosity, mean_over_realizations(dense.viscosity), 1e-5)
     agree(model.inertia, mean_over_realizations(dense.inertia), 3e-4)
-
-
-def predicted(ensemble, fit):
-    reach = slice(ensemble.context - HALF_WIDTH, ensemble.context + 200 + HALF_WIDTH)
-    signals = differentiate(ensemble.angle[:, reach], 100.0)
-    parts = zip((fit.stiffness, fit.viscosity, fit.inertia), signals, strict=True)
-    return sum(coefficient.reshape(-1, 200) * signal for coefficient, signal in parts)

@@ -2,7 +2,6 @@
 
 import warnings
 
-import attrs
 import numpy as np
 import pytest
 from tests.independent import ensemble_of, impulses, noise, ringing, with_noise
@@ -82,14 +81,3 @@ def test_no_usual_perturbation_moves_a_joint_like_a_free_oscillation(perturbatio
         low = lowered(cut)
         inflation = angle_inflation(low.derivatives(), low.sampling_rate)
         assert inflation.max() < 0.7 * MAX_INFLATION
-
-
-def test_a_reversed_torque_leaks_no_inertia():
-    recording = (
-        tv.simulate.Joint()
-        .simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
-        .recording
-    )
-    cut = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    model = quietly("esm", attrs.evolve(cut, torque=-cut.torque))
-    assert not any("leaks into 0 Hz" in text for text in model.diagnostics.warnings)

@@ -50,9 +50,3 @@ def test_a_smooth_estimate_is_covered_together(random):
     assert value < bands.simultaneous_value(0.95, many, np.inf)[0] - 0.3
     # The tube's volume is exact but for tubes that overlap: on the safe side, and by little.
     assert 0.95 <= np.mean(np.abs(draws / deviation).max(axis=1) < value) < 0.965
-
-
-def test_arc_of_a_circle():
-    angle = np.linspace(0, 2 * np.pi, 1001)
-    features = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (1 + angle[:, None])
-    assert bands.arc_length(features, np.eye(2)) == pytest.approx(2 * np.pi, rel=1e-6)

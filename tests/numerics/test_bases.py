@@ -41,14 +41,6 @@ def test_periodic_functions_join(basis):
     )
 
 
-def test_periodic_splines_are_shifts_of_one_another():
-    values = bases.CubicBSplines(10, periodic=True)(np.arange(100) / 100)
-    for function in range(10):
-        np.testing.assert_allclose(
-            np.roll(values[:, 0], 10 * function), values[:, function], atol=1e-12
-        )
-
-
 @pytest.mark.parametrize("basis", [bases.HaarWavelets(16), bases.FourierSeries(5)])
 def test_orthonormal_bases_are(basis):
     values = basis(np.arange(1024) / 1024)

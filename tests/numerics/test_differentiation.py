@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tvsysid.numerics.differentiation import derivative_weights, differentiate
+from tvsysid.numerics.differentiation import differentiate
 
 
 @pytest.mark.parametrize("rate", [100.0, 128.0, 1000.0])
@@ -18,9 +18,3 @@ def test_sinusoids_are_differentiated_up_to_most_of_the_band(rate, share):
 
 def test_an_offset_has_no_derivative():
     np.testing.assert_allclose(differentiate(np.full((1, 50), 7.0), 100.0)[1:], 0, atol=1e-8)
-
-
-def test_weights_are_odd_and_even():
-    _, first, second = derivative_weights(8)
-    np.testing.assert_allclose(first, -first[::-1])
-    np.testing.assert_allclose(second, second[::-1])

@@ -163,13 +163,6 @@ def test_noiseless_data_are_fitted(prior, problem):
     np.testing.assert_allclose(found.mean, weights, atol=1e-4)
 
 
-def test_relevance_of_noise_is_nothing(random):
-    columns = random.normal(size=(2000, 5))
-    found = relevance(moments_of(columns, random.normal(size=2000)))
-    assert np.abs(found.mean).max() < 0.1
-    assert found.noise_variance == pytest.approx(1.0, rel=0.1)
-
-
 def test_relevance_of_columns_that_are_alike(problem):
     columns, output, _ = problem
     double = np.concatenate([columns, columns[:, :2]], axis=1)

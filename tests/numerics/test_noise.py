@@ -59,39 +59,12 @@ def test_no_filter_of_an_autocovariance_has_a_negative_power(seed, realizations,
     assert values[0] > -1e-12 * values[-1]
 
 
-@given(*short)
-def test_factors_of_short_realizations_are_bounded_by_the_noise(seed, realizations, samples, decay):
-    random = np.random.default_rng(seed)
-    regressors = covariances_of(
-        FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25
-    )
-    correlation = noise.autocovariance(coloured(random, (realizations, samples), decay), 25)
-    correlation /= correlation[0]
-    factors = noise.colour_factors(regressors, correlation)
-    assert (factors >= 0).all()
-    # No regressor can gather more than all of the noise's products.
-    assert (factors <= 1 + 2 * np.abs(correlation[1:]).sum() + 1e-6).all()
-
-
 def test_an_angle_shorter_than_the_filters_is_continued(random):
     ramp = np.arange(6.0)[None] * [[1.0], [2.0]]
     regressors = covariances_of(FILTERS, ramp, 5)
     assert np.isfinite(regressors).all()
     slope = np.convolve(np.arange(9.0), FILTERS[1], mode="valid")[0]
     assert regressors[0, 1, 1] == pytest.approx((1 + 4) / 2 * slope**2, rel=1e-9)
-
-
-def test_white_noise_changes_no_variance(random):
-    regressors = covariances_of(FILTERS, coloured(random, (5, 200), 0.95), 10)
-    np.testing.assert_allclose(noise.colour_factors(regressors, np.eye(11)[0]), 1.0, atol=1e-9)
-
-
-def test_one_regressor_has_the_textbook_factor():
-    # An AR(1) regressor under AR(1) noise: (1 + ab) / (1 - ab) times the variance under white
-    # noise.
-    lags = np.arange(60)
-    found = noise.colour_factors(0.9 ** lags[:, None, None], 0.6**lags)
-    assert found[0] == pytest.approx((1 + 0.54) / (1 - 0.54), rel=1e-9)
 
 
 def test_factors_are_those_of_the_dense_sandwich(random):
@@ -107,31 +80,6 @@ def test_factors_are_those_of_the_dense_sandwich(random):
     regressors = covariances_of(FILTERS, angle, 11)
     np.testing.assert_allclose(
         noise.colour_factors(regressors, correlation[:12]), expected, rtol=1e-6
-    )
-
-
-def test_the_variance_of_a_fit_is_foretold(random):
-    angle = coloured(random, (4, 400), 0.9)
-    regressors = angle.ravel()
-    errors = [
-        float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors))
-        for _ in range(1500)
-    ]
-    covariances = covariances_of(np.ones((1, 1)), angle, 29)
-    factor = noise.colour_factors(covariances, DECAY ** np.arange(30))[0]
-    assert factor > 2
-    assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.1)
-
-
-@given(st.floats(0.1, 10.0), st.floats(0.01, 100.0))
-def test_units_of_angle_and_time_do_not_matter(size, rate):
-    angle = coloured(np.random.default_rng(1), (3, 60), 0.9)
-    correlation = 0.6 ** np.arange(12)
-    scaled = FILTERS * rate ** np.arange(3.0)[:, None]
-    np.testing.assert_allclose(
-        noise.colour_factors(covariances_of(scaled, size * angle, 11), correlation),
-        noise.colour_factors(covariances_of(FILTERS, angle, 11), correlation),
-        rtol=1e-6,
     )
 
 
@@ -157,12 +105,6 @@ def test_power_in_a_band_is_the_mean_of_the_spectrum(band):
         spectrum.mean(), rel=1e-6
     )
     assert noise.power_in_band(np.eye(9)[0], *band) == 1.0
-
-
-def test_white_noise_is_worth_as_many_samples_as_there_are(random):
-    torque, signal = random.normal(size=(400, 200)), random.normal(size=(400, 200)).cumsum(axis=1)
-    assert noise.white_share(torque, signal, 100.0, (0.0, 20.0)) == pytest.approx(1.0, abs=0.02)
-    assert noise.white_share(0 * torque, signal, 100.0, (0.0, 20.0)) == 1.0
 
 
 def test_share_is_that_of_the_variance_of_a_fit(random):

@@ -36,22 +36,6 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
         )
 
 
-def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
-    angle, torque, _ = joint
-    phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
-    matrix, _ = second_order.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
-    whole, _ = second_order.second_order_readout(
-        phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE
-    )
-    np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
-    time = np.arange(60) / RATE
-    # Acceleration is proportional to the angle
-    one = np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]
-    phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
-    matrix, _ = second_order.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
-    assert np.isnan(matrix[:, 1:]).all()
-
-
 def test_second_order_fit(random):
     regressors = random.normal(size=(5, 40, 3)) * [1e-3, 1e-1, 10.0]
     expected = np.array([100.0, 2.0, 0.02])

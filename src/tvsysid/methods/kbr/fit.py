@@ -1,11 +1,11 @@
 r"""Fit an impedance beside a smooth external term of the torque.
 
-.. math:: y = X w + T f + e, \qquad
-          \min_{w, f} \frac{\|e\|^2}{\sigma^2} + w^T P w + q f^T f
+.. math:: y = X w + T f + e, \qquad e \sim N(0, \sigma^2 I), \qquad
+          w \sim N(0, P^{-1}), \qquad f \sim N(0, q^{-1} I)
 
 The numbers of y are the real and imaginary parts of spectra, and :math:`\sigma^2` is the variance
-of the complex noise: each part has half of it. The cost of equation 16 of van de Ruit et al. 2021
-has no half before the priors, so that a weight has half the variance of its kernel.
+of each: half of that of the complex noise. The cost of equation 16 of van de Ruit et al. 2021 has
+no half before the priors, so that a weight has half the variance of its kernel.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.linalg import blas
 
 from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.record import WHITE, Mask, NoiseSpectrum, Record, Sums
-from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, Posterior, solve
+from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, solve
 from tvsysid.signals import Array
 
 CONVERGED = 1e-4  # relative change of the noise variance; another step changes 1e-4 of it
@@ -29,17 +29,12 @@ SMOOTH_HZ = 0.5  # to either side, over which the residual's power is averaged
 FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
 
-def posterior_at(moments: Moments, precision: Array, noise: float) -> Posterior:
-    """Return the posterior for prior precisions P and a variance of the complex noise."""
-    return solve(moments, 2 * precision, 0.5 * noise)
-
-
 @attrs.frozen(eq=False)
 class Fit:
     r"""Posterior of the weights and the noise variance.
 
-    ``factor`` F gives the covariance :math:`\tfrac12 \sigma^2 F F^T`. ``effective`` is the
-    effective number of parameters.
+    ``factor`` F gives the covariance :math:`\sigma^2 F F^T`. ``effective`` is the effective number
+    of parameters.
     """
 
     mean: Array
@@ -51,13 +46,13 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """Return the posterior covariance (column, column)."""
-        return 0.5 * self.noise_variance * (self.factor @ self.factor.T)
+        return self.noise_variance * (self.factor @ self.factor.T)
 
 
 def fit(sums: Sums, precision: Array) -> Fit:
     r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
 
-    .. math:: \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
+    .. math:: \sigma^2 = \frac{\|\hat e\|^2}{N - N_{eff}}
 
     is a fixed point, found by secants in the logarithm of the noise variance. There, the derivative
     of the evidence by the noise variance vanishes. If the sums have twice as many columns as the
@@ -65,13 +60,13 @@ def fit(sums: Sums, precision: Array) -> Fit:
     """
     by = by_regressors if len(precision) == len(sums.moments.cross) else by_instruments
     number, power = sums.moments.number, sums.moments.square / sums.moments.number
-    noise, floor = 0.02 * power, 2 * SMALLEST_RESIDUAL * power
+    noise, floor = GUESS * power, SMALLEST_RESIDUAL * power
     slope, place_before, gap_before = -1.0, math.nan, math.nan
     for iteration in range(1, ITERATIONS + 1):
         mean, residual, effective, factor = by(sums, precision, noise)
         effective += float(sums.powers @ sums.shrinkage(noise))
         residual -= sums.prior_cost(mean, noise)
-        wanted = max(2 * residual / max(number - effective, 1.0), floor)
+        wanted = max(residual / max(number - effective, 1.0), floor)
         place, gap = math.log(noise), math.log(wanted / noise)
         if abs(gap) <= CONVERGED:
             break
@@ -89,7 +84,7 @@ def by_regressors(sums: Sums, precision: Array, noise: float) -> tuple[Array, fl
 
     The external terms count with what they take from the residual, not as parameters.
     """
-    found = posterior_at(sums.marginal(noise), precision, noise)
+    found = solve(sums.marginal(noise), precision, noise)
     mixed = sums.mixed * sums.shrinkage(noise)
     through = blas.dtrmm(1.0, found.inverse_factor, mixed, lower=1)
     effective = found.effective - noise * sums.prior * float(np.sum(through**2))
@@ -165,7 +160,7 @@ def fit_coefficients(
     posterior, spectrum = _fit_visible(record, kernel, variances, noise, WHITE), WHITE
     for _ in range(reweighted):
         spectrum = residual_spectrum(record, posterior, spectrum)
-        noise = 0.5 * posterior.fit.noise_variance
+        noise = posterior.fit.noise_variance
         posterior = _fit_visible(record, kernel, variances, noise, spectrum)
     return posterior
 
@@ -180,11 +175,11 @@ def _fit_visible(
         visible = kernel.visible(powers, noise)
         lower = np.zeros((3 - order, kernel.columns), dtype=bool)
         chosen = np.concatenate([visible, lower, visible]) if has_instrument else visible
-        precision = np.outer(1 / variances, kernel.precision)[visible]
+        precision = np.outer(2 / variances, kernel.precision)[visible]
         found = fit(record.sums(kernel, chosen, spectrum), precision)
-        if found.noise_variance >= noise or visible.all():
+        if 2 * found.noise_variance >= noise or visible.all():
             return KernelPosterior(found, visible, kernel, variances)
-        noise = 0.5 * found.noise_variance
+        noise = found.noise_variance
 
 
 def residual_spectrum(

@@ -211,7 +211,8 @@ class KernelRegression(shared.ByReference):
             torque = ensemble.torque[:, ensemble.core]
             left = (torque - shared.second_order_torque(ensemble, each))[:, inner]
         found = posterior.fit
-        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
+        # The error E is complex: its variance is that of two numbers.
+        details = {"noise_variance": 2 * found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
             details["second_order_agreement"] = shared.residual_agreement(
                 ensemble, moved, left, edge

@@ -264,8 +264,8 @@ class Record:
 
     @property
     def prior(self) -> float:
-        """Return the prior precision of the external terms: one over the torque's mean square."""
-        return self.size / (float(self.powers[-1]) or 1.0)
+        """Return the prior precision of the external terms: two over the torque's mean square."""
+        return 2 * self.size / (float(self.powers[-1]) or 1.0)
 
     def sums(self, kernel: Kernel, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
         """Return weighted sums over the band's frequencies, of the chosen features.

@@ -19,7 +19,6 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.fit import posterior_at
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Mask, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
@@ -50,7 +49,7 @@ _value = attrgetter("value")
 class Candidate:
     """Settings, and their log marginal likelihood ``value``.
 
-    ``theta`` holds the logs of l1, three prior variances and the noise variance. Prior variances
+    ``theta`` holds the logs of l1, three prior variances and the complex noise's. Prior variances
     beyond the ``order`` have no effect. ``line`` describes the difference from the given settings.
     """
 
@@ -105,7 +104,7 @@ class Likelihood:
         ``share`` is the effective fraction of independent samples.
         """
         coefficient, column = np.nonzero(visible)
-        moments = record.sums(kernel, visible).marginal(noise).times(share)
+        moments = record.sums(kernel, visible).marginal(0.5 * noise).times(share)
         return cls(moments, coefficient, kernel.harmonic[column], column == 0, noise)
 
     def up_to(self, order: int) -> Likelihood:
@@ -122,7 +121,7 @@ class Likelihood:
             strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
         counts = self.flat | (strength > math.log(FAINT))
         precision = np.where(self.flat, 0.0, np.exp(-np.where(counts, variances, 0.0)))[counts]
-        found = posterior_at(self.moments.take(counts), precision, math.exp(theta[4]))
+        found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_variances = found.by_variances
         by_gamma = np.bincount(self.coefficient[counts], by_variances, minlength=3)
         by_length = float(by_variances @ slopes[self.harmonic[counts]])

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.methods.base import padded
 from tvsysid.methods.shared.estimates import standard_errors
@@ -82,30 +80,25 @@ class LaggedReference(NamedTuple):
         torque, and e the residual torque, corrected for the degrees of freedom. The noise may be
         of any kind. ``times`` is the number of times of a realization.
         """
-        count, last = len(windows.weights), self.angle.shape[1] - 2 * self.lags - 1
-        place = np.arange(count) + windows.margin
-        scores = np.zeros((3, len(self.angle), count))
-        for offset in range(-windows.half, windows.half + 1):
-            at = np.clip(place + offset, 0, last)
-            left = self.torque[:, self.lags + at] - _sums(self.angle, windows.weights, at)
-            left[:, at != place + offset] = 0.0  # where the context ends, a window is cut short
+        count, cut, length = len(windows.weights), windows.half - windows.margin, 2 * self.lags + 1
+        angle, torque, reference = (
+            np.pad(each, ((0, 0), (cut, cut))) for each in (self.angle, self.torque, self.reference)
+        )
+        scores = np.zeros((3, len(angle), count))
+        for first in range(2 * windows.half + 1):  # sample of each window
+            stop = first + count + length - 1
+            left = torque[:, first + self.lags : stop - self.lags]
+            left = left - convolve_lags(angle[:, first:stop], windows.weights)
+            place = np.arange(first - cut, first - cut + count)
+            # Where the context ends, a window is cut short.
+            left[:, (place < 0) | (place > self.angle.shape[1] - length)] = 0.0
+            late = reference[:, first : stop + self.more]
             for quantity in range(3):
-                of_instruments = windows.on_instruments[:, quantity]
-                scores[quantity] += left * _sums(self.reference, of_instruments, at)
+                weights = windows.on_instruments[:, quantity]
+                scores[quantity] += left * convolve_lags(late, weights)
         independent = windows.realizations
         share = len(self.angle) / (independent - 1) if independent > 1 else np.nan
         untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
         values = np.sqrt(share * np.sum(scores**2, axis=1) / untaken) / windows.samples
         padding = (times - count) // 2
         return standard_errors(padded(values.T, padding), max(1.0, independent - 1.0))
-
-
-def _sums(values: Array, weights: Array, first: NDArray[np.int64]) -> Array:
-    """Return sums (realization, time) of lagged values times weights (time, lag).
-
-    ``first`` holds the first sample of each time. The lowest lag is first.
-    """
-    if np.array_equal(first, np.arange(len(first)) + first[0]):
-        return convolve_lags(values[:, first[0] : first[-1] + weights.shape[1]], weights)
-    windows = sliding_window_view(values, weights.shape[1], axis=1)[:, first]
-    return np.asarray(np.einsum("rtk,tk->rt", windows, weights[:, ::-1]))

@@ -362,7 +362,7 @@ def fit(
         for each in (moments, own)
     )
     cross = moments @ response
-    (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
+    (readout,), (fitted,), _ = second_order_readout(moments[None], cross[None], inverse[None], rate)
     freedom = max(1, count - len(cross) - len(found.weights) - found.order * (2 + len(sizes)))
     answers = left.signals @ (own @ moments @ readout.T) / count
     variances = coloured_variances(answers, found.left, sizes, round(COLOUR * rate))

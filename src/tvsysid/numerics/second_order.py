@@ -24,7 +24,7 @@ def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
 
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     r"""Return the matrix that gives stiffness, viscosity and inertia from correlations.
 
     Stiffness is the area under the impulse response; the others follow from a second-order fit.
@@ -41,8 +41,8 @@ def second_order_readout(
 
     From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the
     pseudo-inverse, truncated or not, by which the area follows: the matrix (time, 3, lag) that
-    times ``phi_uy`` gives the three, and the output's power that the fit explains (time,). NaN
-    where the input does not tell the three apart.
+    times ``phi_uy`` gives the three, the output's power that the fit explains (time,), and the fit
+    (time, 3). NaN where the input does not tell the three apart.
     """
     derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
     filtered = phi_uu @ derivative.T
@@ -51,7 +51,7 @@ def second_order_readout(
     cross = phi_uy @ derivative.T
     found = (inverted @ cross[..., None])[..., 0]
     matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
-    return matrix, np.einsum("tm,tm->t", found, cross)
+    return matrix, np.einsum("tm,tm->t", found, cross), found
 
 
 class MomentFit(NamedTuple):

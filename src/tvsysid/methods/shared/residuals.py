@@ -98,7 +98,8 @@ def second_order_agreement(ensemble: Ensemble, moved: Ensemble, impedance: Array
     known = np.flatnonzero(np.isfinite(left).all(axis=0))
     if not known.size:
         return float("nan")
-    return residual_agreement(ensemble, moved, left[:, known], int(known[0]))
+    left = np.nan_to_num(left[:, known[0] : known[-1] + 1])
+    return residual_agreement(ensemble, moved, left, int(known[0]))
 
 
 def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: int) -> float:

@@ -5,8 +5,8 @@ Run ``python benchmarks/diagnosis.py`` from the repository root.
 Diagnoses clean simulated joints and prepared virtual participants, and prints every finding
 (each of which is false), how near to its limit each check came, and how long a diagnosis took.
 Clean is meant widely: constant, sinusoidal and square-wave stiffness; filtered noise and PRBS;
-periods of 1 to 3 s; 40 to 300 s; 5 to 30 dB; noise in the torque that is wide, slow, varies over
-the cycle, or is louder in some realizations; both channels through the same low-pass; an angle
+periods of 1 to 3 s; 40 to 300 s; 5 to 30 dB; noise in the torque that is wide, pink, slow, varies
+over the cycle, or is louder in some realizations; both channels through the same low-pass; an angle
 in steps of up to 8 % of its SD; recorded at 500 to 2000 Hz; diagnosed at 100 to 500 Hz, and at 1
 kHz with periods that divide by nothing. The torque is 2 ms early to 2 ms late, as filters that
 do not match leave it: if that is found, to a millisecond, it is no false alarm. Ends with 1 if
@@ -131,6 +131,16 @@ def slow(recording: tv.Recording, period: float, random: np.random.Generator) ->
     )
 
 
+def pink(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
+    """Return noise of one over the frequency up to 200 Hz, 40 % of the torque's RMS."""
+    spectrum = np.fft.rfft(random.standard_normal(len(recording)))
+    frequency = np.fft.rfftfreq(len(recording), 1 / recording.sampling_rate)
+    spectrum[0], spectrum[frequency > 200] = 0, 0
+    spectrum[1:] /= np.sqrt(np.maximum(frequency[1:], 0.1))
+    noise = np.fft.irfft(spectrum, len(recording))
+    return np.asarray(0.4 * recording.torque.std() * noise / noise.std())
+
+
 def cyclic(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
     """Noise of 0.3 to 10 Hz at 10 to 20 dB that is up to five times louder once a cycle."""
     band = butter(2, [0.3, 10], "bandpass", fs=recording.sampling_rate)
@@ -160,7 +170,7 @@ def coloured(
     return np.asarray(noise / noise.std())
 
 
-NOISES = (no_more, slow, cyclic, uneven)
+NOISES = (no_more, slow, cyclic, uneven, pink)
 
 
 def participant(number: int, perturbation: str) -> tv.Ensemble:

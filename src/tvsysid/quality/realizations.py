@@ -18,7 +18,7 @@ from tvsysid.signals import Array
 TINY = np.finfo(float).tiny
 # Of outliers: robust standard deviations from the median, ratio to the usual noise, and smallest
 # relative differences of stiffness and of the whole response.
-MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGES = 6.0, 1.7, np.array([[0.3], [0.2]])
+MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGES = 6.0, 2.5, np.array([[0.3], [0.2]])
 ROBUST = 1.4826  # standard deviations of Gaussian numbers per median absolute deviation
 PARTS = 10  # of a realization that must show the same difference; neighbours share too much
 NOISE_LOW_PASS_SAMPLES = 1.5  # after which realizations are compared
@@ -148,7 +148,8 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     errors = np.sqrt(np.mean(data.fit.white_residual**2) * np.stack([inverse, 1 / whole]))
     values = np.stack([stiffness, 1 + moments.sum(axis=1) / whole])
     distance = np.abs(values - np.median(values, axis=1, keepdims=True))
-    # The stiffness of a realization that hardly moved is uncertain.
+    # The stiffness of a realization that hardly moved, or is loud, is uncertain.
+    errors *= np.maximum(noise, 1)
     usual = np.maximum(ROBUST * np.median(distance, axis=1, keepdims=True), errors)
     outlying = ((distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)).any(axis=0)
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.

@@ -1,7 +1,6 @@
 """Faults planted in simulated and in real records are found by name."""
 
 import re
-from functools import partial
 
 import attrs
 import numpy as np
@@ -121,15 +120,8 @@ def stiffened(recording):
         (lambda: uncut(faults.clipped(brief(), "torque", 2.0)), {"clipped-torque"}, ()),
         # Clipping shows better before decimation.
         (lambda: cut(faults.clipped(brief(), "torque", 2.0)), set(), {"clipped-torque"}),
-        *(
-            (lambda record=record, through=through: through(record), {"lost-torque"}, ())
-            for record, through in (
-                (faults.held(brief(), "torque", length=0.1), uncut),
-                (faults.zero(brief("prbs"), "torque", length=0.1), partial(segment, period=2.0)),
-                (faults.zero(brief(), "torque"), cut),
-                (decimate(faults.zero(brief(), "torque"), 100), partial(segment, period=2.0)),
-            )
-        ),
+        (lambda: cut(faults.zero(brief(), "torque")), {"lost-torque"}, ()),
+        (lambda: uncut(faults.held(brief(), "torque", length=0.1)), {"lost-torque"}, ()),
         (lambda: cut(faults.coarse(brief(), 0.5)), set(), {"sampling-rate", "delay"}),
         (lambda: cut(smoothed_both_ways(brief())), {"feedback"}, {"delay"}),
         (lambda: cut(faults.giving_way()), {"feedback"}, {"delay"}),
@@ -172,7 +164,7 @@ def test_a_fault_is_named_and_not_taken_for_another(ensemble, named, not_named):
         ),
         (lambda: cut(faults.drifting(brief(), "angle")), {"angle-offset": (490, 100)}),
         (lambda: cut(faults.drifting(brief("prbs"), "torque")), {"torque-offset": (720, 100)}),
-        (lambda: cut(faults.turned(brief("prbs"))), {"weak-answer": (0, 5), "drift": (-200, 10)}),
+        (lambda: cut(faults.turned(brief("prbs"))), {"weak-answer": (0, 5)}),
         (lambda: cut(stiffened(brief(profile="square"))), {"drift": (60, 8)}),
         (lambda: ensemble_of(*imposed("triangle", "noise", "wide", 0, 29)[0]), {}),
         (lambda: ensemble_of(*imposed("stairs", "noise", "slow", 0, 105)[0]), {}),
@@ -208,64 +200,10 @@ def test_a_delay_on_top_of_a_real_record_s_own_is_measured(recordings, record):
     assert late.found
 
 
-@pytest.mark.parametrize(
-    ("period", "rate", "words"),
-    [
-        (1.9, 1000.0, "with 2 s, beside what repeats every 1.9 s"),
-        (
-            2.0,
-            500.0,
-            "with 4 s, .* if that should be 2 s, the sampling rate is 2 times higher than stated$",
-        ),
-    ],
-)
-def test_a_wrong_period_is_named(period, rate, words):
+@pytest.mark.parametrize(("period", "rate", "named"), [(1.9, 1000.0, "2 s"), (2.0, 500.0, "4 s")])
+def test_a_wrong_period_or_rate_is_named(period, rate, named):
     check = found(cut(attrs.evolve(brief(), sampling_rate=rate), period))["wrong-period"]
-    assert re.search(words, check.what)
-
-
-@pytest.mark.parametrize(
-    ("profile", "parts", "gain"),
-    [
-        ("sine", 2, "twice as many realizations, and the random error is some 29 % smaller"),
-        ("square", 3, "three times"),
-    ],
-)
-def test_a_period_that_is_a_multiple_of_the_true_one_is_remarked(profile, parts, gain):
-    diagnosis = tv.diagnose(cut(brief(profile=profile), 2.0 * parts))
-    (remark,) = diagnosis.remarks
-    assert remark.startswith("stiffness repeats every 2 s; what does not repeat, ")
-    assert gain in remark
-    assert remark in repr(diagnosis)
-
-
-def with_slower_part():
-    def stiffness(time):
-        return 100 + 50 * np.sin(np.pi * time) + 12 * np.sin(np.pi * time / 2)
-
-    joint, prbs = tv.simulate.Joint(stiffness=stiffness), tv.simulate.PRBS()
-    return joint.simulate(150.0, perturbation=prbs, snr_db=10.0, seed=1).recording
-
-
-@pytest.mark.parametrize(
-    ("recording", "period"),
-    [
-        (brief, 2.0),
-        (brief, 3.0),
-        (lambda: brief(profile="constant"), 4.0),
-        (with_slower_part, 4.0),
-    ],
-)
-def test_no_shorter_period_is_remarked_where_stiffness_has_none_or_another(recording, period):
-    assert tv.diagnose(cut(recording(), period)).remarks == ()
-
-
-@pytest.mark.slow
-def test_a_shorter_period_is_remarked_in_real_records_that_have_one(recordings):
-    recording, period = recordings["walking"]
-    for parts in (2, 3):
-        (remark,) = tv.diagnose(cut(recording, parts * period)).remarks
-        assert remark.startswith("stiffness repeats every 1.5 s; ")
+    assert f"with {named}, beside what repeats every {period:g} s" in check.what
 
 
 def test_one_channel_as_both_is_all_that_is_judged():

@@ -7,14 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
 from tvsysid.quality.fit import constant_impedance
 from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE, FittedEnsemble
-from tvsysid.quality.statistics import SIGNIFICANT, p_value_of
+from tvsysid.quality.statistics import is_mean_significant
 from tvsysid.signals import Array
 
 MAX_RELATIVE_ERROR = 9.99  # shown
@@ -78,7 +77,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 
     One of them is whitened.
     """
-    data.require()
+    data.require(0)
     fit = data.fit
     whitened = constant_impedance(fit.whitened(fit.motion), fit.whitened(fit.torque))
     values, errors = np.array([fit.mean_impedance, whitened])[:, :, [0, 2]].swapaxes(0, 1)
@@ -178,7 +177,7 @@ def mean_left(data: FittedEnsemble, which: str) -> Measured:
     and a test over realizations: of the products of each with the mean of the others, without its
     neighbours.
     """
-    data.require(MIN_TESTED_REALIZATIONS, response=False)
+    data.require(response=False)
     if data.ensemble.mean_subtracted:
         raise NotApplicable("the mean over realizations has been subtracted")
     values = data.ensemble.signal(which)[:, data.ensemble.core]
@@ -192,7 +191,7 @@ def mean_left(data: FittedEnsemble, which: str) -> Measured:
         f"{expected:.2g}"
     )
     ratio = min(size / expected, MAX_RATIO) if expected > 0 else MAX_RATIO
-    return Measured(ratio, what, p_value_of(shared) < SIGNIFICANT)
+    return Measured(ratio, what, is_mean_significant(shared))
 
 
 def unmoved_times(data: FittedEnsemble) -> Iterator[str]:

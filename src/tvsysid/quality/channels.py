@@ -39,7 +39,7 @@ def same_channel(data: FittedEnsemble) -> Measured:
 
 def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     """Return mean impedance and its standard errors, where they are identifiable."""
-    data.require()
+    data.require(0)
     values, errors = data.fit.mean_impedance
     if not np.isfinite(values).all():
         raise NotApplicable(NOT_IDENTIFIABLE)
@@ -120,7 +120,7 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     _impedance(data)
     values, errors = data.fit.smooth_impedance
     stiffness, _, inertia = map(float, values)
-    if np.any(np.abs(values) < SURE * errors, where=[True, False, True]) or stiffness * inertia < 0:
+    if (np.abs(values) < SURE * errors)[[0, 2]].any() or stiffness * inertia < 0:
         raise NotApplicable("stiffness and inertia are not determined well enough")
     frequency, inertia = math.sqrt(stiffness / inertia) / (2 * math.pi), abs(inertia)
     octaves = math.log2(frequency / MIDDLE_FREQUENCY_HZ)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import attrs
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import rfft, rfftfreq
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.statistics import lagged
 from tvsysid.signals import Array
 
 COHERENCE_S, SPECTRUM_S = 0.64, 2.0  # lengths of segments
@@ -66,13 +66,13 @@ def curves(data: FittedEnsemble) -> Curves:
     fit = data.fit
     length = min(fit.torque.shape[1], round(SPECTRUM_S * data.rate))
     signals = np.stack([fit.motion[0], fit.torque, fit.residual])[..., :length]
-    squares = np.abs(rfft(signals * hann(length))) ** 2
-    power = 2 * np.mean(squares, axis=1) / (data.rate * np.sum(hann(length) ** 2))
+    squares = np.mean(np.abs(rfft(signals * hann(length))) ** 2, axis=1)
+    angle, torque, residual = 2 * squares / (data.rate * np.sum(hann(length) ** 2))
     return Curves(
         rfftfreq(length, 1 / data.rate),
-        power[0],
-        power[1],
-        power[2],
+        angle,
+        torque,
+        residual,
         *_coherence(data),
         data.time,
         np.stack([fit.of(half).impedance[0] for half in data.halves]),
@@ -84,13 +84,13 @@ def curves(data: FittedEnsemble) -> Curves:
 
 def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     """Return coherence, with its times and frequencies."""
-    length = min(2 * (round(COHERENCE_S * data.rate) // 2), data.angle.shape[1] // 2 * 2)
-    spectra = short_time_spectra(data.angle, data.torque, length)
+    half = min(round(COHERENCE_S * data.rate), data.angle.shape[1]) // 2
+    spectra = short_time_spectra(data.angle, data.torque, 2 * half)
     power = spectra.uu * spectra.yy
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
-    time = (np.arange(len(coherence)) + length // 2 - data.ensemble.context) / data.rate
+    time = (np.arange(len(coherence)) + half - data.ensemble.context) / data.rate
     inside = (time >= 0) & (time < data.ensemble.duration)
-    return coherence[inside], time[inside], rfftfreq(length, 1 / data.rate)
+    return coherence[inside], time[inside], rfftfreq(2 * half, 1 / data.rate)
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
@@ -99,13 +99,12 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     All lags use the same samples.
     """
     residual, speed = data.fit.white_residual, np.abs(np.gradient(data.angle, axis=1))
-    reach = min(round(MAX_LAG_S * data.rate), residual.shape[1] // 3)
+    last = residual.shape[1]
+    reach = min(round(MAX_LAG_S * data.rate), last // 3)
     signals = (data.angle, speed - speed.mean(axis=0))
     causes = np.stack([data.unpredicted(signal) for signal in signals])
     scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2))
-    causes = causes[:, :, reach : residual.shape[1] - reach]
-    later = sliding_window_view(residual, causes.shape[2], axis=1)  # (realization, lag, time)
-    products = np.einsum("crt,rlt->cl", causes, later) / causes[0].size
-    correlation = products / np.where(scale > 0, scale, np.inf)[:, None]
-    lags = np.arange(-reach, reach + 1) / data.rate
-    return lags, correlation, float(1.96 / np.sqrt(causes[0].size))
+    lags, used = np.arange(-reach, reach + 1), causes[:, :, reach : last - reach]
+    products = np.einsum("crt,lrt->cl", used, lagged(residual, -lags, reach, last - reach))
+    correlation = products / used[0].size / np.where(scale > 0, scale, np.inf)[:, None]
+    return lags / data.rate, correlation, float(1.96 / np.sqrt(used[0].size))

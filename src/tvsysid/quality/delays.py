@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
-from tvsysid.quality.fit import LOW_PASS_SAMPLES, SecondOrderFit
+from tvsysid.quality.fit import SecondOrderFit, low_passed
 from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble, later
-from tvsysid.quality.statistics import SIGNIFICANT, p_value, p_value_of
+from tvsysid.quality.statistics import is_mean_significant, is_significant
 
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
@@ -60,25 +59,22 @@ def delay(data: FittedEnsemble) -> Measured:
         samples += np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES)
     aligned = _shifted(data, samples)
     value = 1000 * samples / data.rate
-    step, error, change = (1000 * each / data.rate for each in _remaining_delay(aligned))
-    significant = p_value(value, error, len(data)) < SIGNIFICANT
+    step, error, change = 1000 / data.rate * _remaining_delay(aligned)
+    significant = is_significant(value, error, len(data))
     significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)
     if significant:
         _require_no_other_cause(data, samples, gain >= CLEAR)
     edge = "at least " if abs(round(samples)) >= _reach(data) else ""
-    side = "late" if value > 0 else "early"
-    what = f"the torque is {edge}{abs(value):.3g} ± {error:.1g} ms {side}"
-    if abs(change) > max(error, FAULTS["delay"].limit):
-        what += f" ({value + change:+.2g} ms where lower frequencies count more)"
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
-    what += (
+    what = (
+        f"the torque is {edge}{abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}"
         f"; that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity "
         f"{old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
     )
     return Measured(value, what, significant)
 
 
-def _remaining_delay(fit: SecondOrderFit) -> tuple[float, float, float]:
+def _remaining_delay(fit: SecondOrderFit) -> NDArray[np.float64]:
     """Return the remaining delay in samples, its standard error, and its change without whitening.
 
     The misfit of a model is alike in all realizations and differs from time to time. So the error
@@ -88,9 +84,7 @@ def _remaining_delay(fit: SecondOrderFit) -> tuple[float, float, float]:
     signals = (fit.parts, between(torque, -0.5) - between(torque, 0.5), fit.residual)
     delays = []
     for through in (np.asarray, fit.whitened):
-        parts, *targets = (
-            gaussian_filter1d(through(each), LOW_PASS_SAMPLES, axis=-1) for each in signals
-        )
+        parts, *targets = (low_passed(through(each)) for each in signals)
         alone, left = (
             SecondOrderFit(parts, each, fit.rate).residual[:, SINC:-SINC] for each in targets
         )
@@ -101,7 +95,7 @@ def _remaining_delay(fit: SecondOrderFit) -> tuple[float, float, float]:
     scores = (left - delays[1] * alone) * alone / power
     by_part = np.array([each.sum() for each in np.array_split(scores, PARTS, axis=1)])
     error = max(math.sqrt(len(each)) * each.std(ddof=1) for each in (scores.sum(axis=1), by_part))
-    return delays[1], error, delays[0] - delays[1]
+    return np.array([delays[1], error, delays[0] - delays[1]])
 
 
 def _require_no_other_cause(data: FittedEnsemble, samples: float, is_clear: bool) -> None:
@@ -148,7 +142,7 @@ def clock_skew(data: FittedEnsemble) -> Measured:
     what = (
         f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
     )
-    return Measured(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
+    return Measured(skew, what, is_mean_significant(np.concatenate(worse)))
 
 
 def _reach(data: FittedEnsemble) -> int:

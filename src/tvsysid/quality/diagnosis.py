@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from typing import TYPE_CHECKING
 
 import attrs
@@ -18,11 +19,11 @@ from tvsysid.quality import (
     channels,  # noqa: F401
     delays,  # noqa: F401
     realizations,
-    repetition,
+    repetition,  # noqa: F401
     sensors,  # noqa: F401
     structure,  # noqa: F401
 )
-from tvsysid.quality.checks import FAULTS, Finding, judge
+from tvsysid.quality.checks import FAULTS, Fault, Finding, judge
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.resampling import MIN_KNOWN_SAMPLES, known_samples
@@ -45,8 +46,6 @@ OF_REPETITION = (
     "wrong-period",
     "scattered-realizations",
 )
-# Faults with which a shorter period cannot be recommended.
-MISLEADING = ("same-channel", "same-perturbation", "wrong-period")
 BANDWIDTH_POWER = 0.95  # share of the angle's power within its bandwidth
 
 
@@ -95,13 +94,9 @@ class Diagnosis:
         """Return a row for each check: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        own = ["name", "state", "found", "value", "what"]
-        of_fault = ["unit", "wrong", "limit", "lowest", "effect", "remedy"]
-        rows = [
-            {name: getattr(check, name) for name in own} | check.fault._asdict()
-            for check in self.checks
-        ]
-        return pd.DataFrame(rows, columns=own + of_fault)
+        own = ("name", "state", "found", "value", "what")
+        rows = ([*map(check.__getattribute__, own), *check.fault] for check in self.checks)
+        return pd.DataFrame(rows, columns=own + Fault._fields).drop(columns="title")
 
     @property
     def verdict(self) -> str:
@@ -116,16 +111,14 @@ class Diagnosis:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a line on uncertain checks, a line on checks not judged, and the remarks."""
-        names: dict[str, str] = {}  # of checks that are not judged, by reason
+        names = defaultdict[str, list[str]](list)  # of checks that are not judged, by reason
         for check in self.checks:
             if not check.judged:
-                names[check.what] = ", ".join(filter(None, [names.get(check.what), check.name]))
-        lines = {
-            "uncertain": [f"{check.name} ({check.strength})" for check in self.uncertain],
-            "not judged": [f"{which} ({reason})" for reason, which in names.items()],
-        }
-        notes = (f"{state}: {'; '.join(parts)}" for state, parts in lines.items() if parts)
-        return (*notes, *self.remarks)
+                names[check.what].append(check.name)
+        unsure = "; ".join(f"{check.name} ({check.strength})" for check in self.uncertain)
+        unknown = "; ".join(f"{', '.join(those)} ({reason})" for reason, those in names.items())
+        lines = {"uncertain": unsure, "not judged": unknown}
+        return *(f"{state}: {text}" for state, text in lines.items() if text), *self.remarks
 
     def __repr__(self) -> str:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
@@ -213,9 +206,7 @@ def diagnose(
         others = found.keys() - OF_ANY_SIGNAL
         reasons |= dict.fromkeys(others, "angle and torque are one signal")
     found |= {name: Finding(name, math.nan, reason, False) for name, reason in reasons.items()}
-    remarks = [] if found["narrow-excitation"].found else [*amount.unmoved_times(given)]
-    if repeats and not any(found[name].found for name in MISLEADING):
-        remarks += repetition.shorter_period(data)
+    remarks = () if found["narrow-excitation"].found else amount.unmoved_times(given)
     checks = tuple(found[name] for name in FAULTS if name in found)
     description = (
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
@@ -268,27 +259,27 @@ def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
 
 def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str]]:
     """Return values that describe an ensemble, with their units."""
-    stiffness, viscosity, inertia = map(float, data.fit.mean_impedance[0])
+    (stiffness, viscosity, inertia), _ = data.fit.mean_impedance
     is_oscillator = stiffness * inertia > 0
     natural = math.sqrt(stiffness / inertia) / (2 * math.pi) if is_oscillator else math.nan
-    angle, explained = data.core("angle"), data.fit.explained
-    power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
-    within = np.searchsorted(np.cumsum(power), BANDWIDTH_POWER * power.sum())
-    bandwidth = float(within + 1) / data.ensemble.duration
+    angle, explained = data.core("angle"), min(max(data.fit.explained, 1e-9), 1 - 1e-9)
+    power = np.cumsum(np.mean(np.abs(np.fft.rfft(angle, axis=1)[:, 1:]) ** 2, axis=0))
+    within = 1 + np.searchsorted(power, BANDWIDTH_POWER * power[-1])
+    bandwidth = within / data.ensemble.duration
     frequency = shown.coherence_frequency
     coherence = shown.coherence[:, (frequency > 0) & (frequency <= bandwidth)]
-    snr_db = 10 * math.log10(max(explained, 1e-9) / max(1 - explained, 1e-9))
-    return {
+    measures = {
         "mean stiffness": (stiffness, "N·m/rad"),
         "mean viscosity": (viscosity, "N·m·s/rad"),
         "inertia": (inertia, "kg·m²"),
         "natural frequency": (natural, "Hz"),
-        "angle RMS": (float(angle.std()), "rad"),
+        "angle RMS": (angle.std(), "rad"),
         "bandwidth of the angle": (bandwidth, "Hz"),
         "coherence within the bandwidth": (
-            float(np.median(coherence)) if coherence.size else math.nan,
+            np.median(coherence) if coherence.size else math.nan,
             "1",
         ),
-        "explained torque": (100 * explained, "%"),
-        "signal-to-noise ratio": (snr_db, "dB"),
+        "explained torque": (100 * data.fit.explained, "%"),
+        "signal-to-noise ratio": (10 * math.log10(explained / (1 - explained)), "dB"),
     }
+    return {name: (float(value), unit) for name, (value, unit) in measures.items()}

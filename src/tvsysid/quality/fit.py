@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.numerics.second_order import second_order_fit
-from tvsysid.quality.statistics import filtered, prediction_error
+from tvsysid.quality.statistics import filtered, whitener
 from tvsysid.signals import Array
 
 MIN_BIN_SAMPLES = 100  # samples of all realizations together
@@ -59,10 +59,9 @@ class SecondOrderFit:
         The least-squares problem is partitioned: acceleration and torque are first regressed on
         the angle and velocity of each bin, and the inertia is fitted to what is left of both.
         """
-        products = np.einsum("art,brt->abt", self.motion, [*self.motion, self.torque])
-        edges = np.flatnonzero(np.diff(self.bins, prepend=-1))
-        sums = np.add.reduceat(products, edges, axis=2).transpose(2, 0, 1)  # (bin, 3, 4)
-        inner, cross = np.split(sums[:, :2], 2, axis=2)
+        products = np.einsum("art,brt->tab", self.motion, [*self.motion, self.torque])
+        sums = np.add.reduceat(products, np.flatnonzero(np.diff(self.bins, prepend=-1)))
+        inner, cross = np.split(sums[:, :2], 2, axis=2)  # sums of each bin are (3, 4)
         ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
         weights = np.linalg.solve(inner + ridge * np.eye(2), cross)
         left = np.sum(sums[:, 2, 2:], axis=0) - np.einsum("ba,bac->c", cross[..., 0], weights)
@@ -94,11 +93,7 @@ class SecondOrderFit:
     @property
     def smooth_impedance(self) -> tuple[Array, Array]:
         """The same after a low-pass, where noise in the angle hardly lowers the inertia."""
-        smooth = (
-            gaussian_filter1d(each, LOW_PASS_SAMPLES, axis=-1)
-            for each in (self.motion, self.torque)
-        )
-        return constant_impedance(*smooth)
+        return constant_impedance(*map(low_passed, (self.motion, self.torque)))
 
     @cached_property
     def whitening(self) -> int:
@@ -107,7 +102,7 @@ class SecondOrderFit:
 
     @cached_property
     def _whitener(self) -> Array:
-        return prediction_error(self.residual, self.whitening)
+        return whitener(self.residual, self.whitening)
 
     def whitened(self, signal: Array) -> Array:
         """Return a signal through the filter that whitens the residual, shape (..., time - w).
@@ -157,6 +152,11 @@ class SecondOrderFit:
         motion, torque = self.motion[:, realizations], self.torque[realizations]
         motion = motion - motion.mean(axis=1, keepdims=True)
         return SecondOrderFit(motion, torque - torque.mean(axis=0), self.rate)
+
+
+def low_passed(signal: Array, deviation: float = LOW_PASS_SAMPLES) -> Array:
+    """Return a signal (..., time) through a Gaussian low-pass of so many samples."""
+    return np.asarray(gaussian_filter1d(signal, deviation, axis=-1))
 
 
 def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:

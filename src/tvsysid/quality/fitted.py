@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
 from tvsysid.quality.checks import Finding, NotApplicable, judge
@@ -45,7 +46,7 @@ class FittedEnsemble:
             self._findings[name] = judge(name, self, *further)
         return self._findings[name]
 
-    def require(self, realizations: int = 0, *, response: bool = True) -> None:
+    def require(self, realizations: int = MIN_TESTED_REALIZATIONS, response: bool = True) -> None:
         """Raise NotApplicable for too few realizations, or a torque that ignores the angle."""
         if len(self) < realizations:
             raise NotApplicable(f"it takes {realizations} realizations")

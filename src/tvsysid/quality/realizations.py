@@ -6,13 +6,19 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
-from tvsysid.quality.fit import SecondOrderFit
-from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble
-from tvsysid.quality.statistics import FOLDS, SIGNIFICANT, p_value, p_value_of, without
+from tvsysid.quality.fit import SecondOrderFit, low_passed
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.statistics import (
+    FOLDS,
+    SIGNIFICANT,
+    is_mean_significant,
+    is_significant,
+    without,
+)
 from tvsysid.signals import Array
 
 TINY = np.finfo(float).tiny
@@ -40,31 +46,21 @@ MIN_VARIATION, MIN_REPEAT = 0.1, 0.7  # of stiffness: over its mean; correlation
     remedy="identify the parts of the experiment separately; let people rest or warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
-    """Compare the stiffness of the second half with that of the first.
-
-    If both respond but contradict each other, the sign may have been turned in between.
-    """
-    data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
-    if data.fit.explained >= MIN_EXPLAINED:
-        grams, moments = data.fit.own_moments
-        influences = [
-            moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
-            for half in data.halves
-        ]
-        before, after = (1 + each.sum() for each in influences)
-        error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
-    else:
-        halves = [data.fit.of(half) for half in data.halves]
-        if min(half.explained for half in halves) < MIN_EXPLAINED:
-            raise NotApplicable(NO_RESPONSE)
-        (first, second), errors = np.array([half.mean_impedance for half in halves])[..., 0].T
-        before, after, error = 1.0, second / first, math.hypot(*errors / first)
+    """Compare the stiffness of the second half with that of the first."""
+    data.require(2 * MIN_TESTED_REALIZATIONS)
+    grams, moments = data.fit.own_moments
+    influences = [
+        moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
+        for half in data.halves
+    ]
+    before, after = (1 + each.sum() for each in influences)
+    error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
     value = 100 * (after - before) / max(abs(before), 0.01)
     what = (
         f"the stiffness of the second half is {abs(value):.2g} % "
         f"{'higher' if value > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
     )
-    return Measured(value, what, p_value(after - before, error, len(data)) < SIGNIFICANT)
+    return Measured(value, what, is_significant(after - before, error, len(data)))
 
 
 @check(
@@ -94,36 +90,35 @@ def drift(data: FittedEnsemble) -> Measured:
 )
 def offset(data: FittedEnsemble, which: str) -> Measured:
     """Return the change of the realizations' means along a line, from the first to the last."""
-    data.require(MIN_TESTED_REALIZATIONS, response=False)
+    data.require(response=False)
     size = math.sqrt(data.core(which).var(axis=1).mean())
     if size == 0:
         raise NotApplicable(f"the {which} does not move")
-    change, error = _offset_change(data, which)
-    unit = {"angle": "rad", "torque": "N·m"}[which]
+    line, error = _drift_of_offset(data, which)
+    change, unit = np.ptp(line) * np.sign(line[-1]), {"angle": "rad", "torque": "N·m"}[which]
     what = (
         f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± "
         f"{error:.1g} {unit}"
     )
-    significant = p_value(change, error, len(data)) < SIGNIFICANT
-    return Measured(100 * abs(change) / size, what, significant)
+    return Measured(100 * abs(change) / size, what, is_significant(change, error, len(data)))
 
 
-def _offset_change(data: FittedEnsemble, which: str) -> tuple[float, float]:
-    """Return by how much the means of realizations change along a line, and its standard error."""
+def _drift_of_offset(data: FittedEnsemble, which: str) -> tuple[Array, float]:
+    """Return a line through the means of the realizations as recorded, and its rise's error."""
     means, place = data.core(which).mean(axis=1)[data.order], np.linspace(-0.5, 0.5, len(data))
     power = place @ place
-    change = float(place @ means / power)
-    squares = np.sum((means - means.mean() - change * place) ** 2)
-    return change, math.sqrt(squares / (len(data) - 2) / power)
+    line = place @ means / power * place
+    squares = np.sum((means - means.mean() - line) ** 2)
+    return line, math.sqrt(squares / (len(data) - 2) / power)
 
 
 def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
     """Subtract a line from the offsets of angle and torque where they drift."""
-    place = np.linspace(-0.5, 0.5, len(data))[np.argsort(data.order), None]
+    which = [name for name in ("angle", "torque") if data.finding(f"{name}-offset").found]
+    back = np.argsort(data.order)
     steady = {
-        which: data.ensemble.signal(which) - place * _offset_change(data, which)[0]
-        for which in ("angle", "torque")
-        if data.finding(f"{which}-offset").found
+        name: data.ensemble.signal(name) - _drift_of_offset(data, name)[0][back, None]
+        for name in which
     }
     return data.changed(**steady) if steady else data
 
@@ -140,17 +135,17 @@ def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
 )
 def unlike_realizations(data: FittedEnsemble) -> Measured:
     """Count realizations of other stiffness, response or noise that are not only misaligned."""
-    data.require(MIN_TESTED_REALIZATIONS)
-    grams, moments = data.fit.own_moments
-    stiffness, noise = data.fit.relative_stiffness, data.fit.relative_noise
+    data.require()
+    fit, (grams, moments) = data.fit, data.fit.own_moments
+    stiffness, noise = fit.relative_stiffness, fit.relative_noise
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
-    inverse = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
-    errors = np.sqrt(np.mean(data.fit.white_residual**2) * np.stack([inverse, 1 / whole]))
     values = np.stack([stiffness, 1 + moments.sum(axis=1) / whole])
     distance = np.abs(values - np.median(values, axis=1, keepdims=True))
     # The stiffness of a realization that hardly moved, or is loud, is uncertain.
-    errors *= np.maximum(noise, 1)
-    usual = np.maximum(ROBUST * np.median(distance, axis=1, keepdims=True), errors)
+    inverse = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
+    power = np.mean(fit.white_residual**2) * np.maximum(noise, 1) ** 2
+    usual = ROBUST * np.median(distance, axis=1, keepdims=True)
+    usual = np.maximum(usual, np.sqrt(power * [inverse, 1 / whole]))
     outlying = ((distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)).any(axis=0)
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
@@ -158,8 +153,7 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     outlying |= is_loud & (noise > MIN_NOISE_RATIO)
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
-    nouns = "is an outlier" if len(found) == 1 else "are outliers"
-    what = f"{len(found)} of {len(data)} realizations {nouns}"
+    what = f"{len(found)} of {len(data)} realizations are outliers"
     if found:
         first = found[0]
         what += (
@@ -205,8 +199,8 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
         raise NotApplicable(f"it takes {2 * MIN_TESTED_REALIZATIONS} realizations")
     variances = _shared_variances(_stiffness_changes(data.fit)[order])
     variance = max(0.0, variances.mean())
-    significant = variance > 0 and p_value_of(variances) < SIGNIFICANT
-    if not significant:
+    significant = variance > 0 and is_mean_significant(variances)
+    if not significant:  # realizations of opposite sign leave no mean response
         data.require()
     size = math.sqrt(np.mean(data.fit.impedance[0] ** 2) + variance)
     value = 100 * math.sqrt(variance) / max(size, TINY)
@@ -221,8 +215,10 @@ def _stiffness_changes(fit: SecondOrderFit) -> Array:
     """Return how far stiffness is from that of all in N·m/rad, shape (realization, part)."""
     # Near half the sampling rate the error of the fit follows the switches of a PRBS, whose clock
     # beats with the sampling.
-    signals = (fit.whitened(fit.motion), fit.white_residual)
-    motion, left = (gaussian_filter1d(each, NOISE_LOW_PASS_SAMPLES, axis=-1) for each in signals)
+    motion, left = (
+        low_passed(each, NOISE_LOW_PASS_SAMPLES)
+        for each in (fit.whitened(fit.motion), fit.white_residual)
+    )
     alone = without(motion[0], motion[1:])
     edges = np.linspace(0, alone.shape[1], PARTS, endpoint=False).astype(np.int64)
     power = np.add.reduceat(np.mean(alone * motion[0], axis=0), edges)
@@ -259,7 +255,7 @@ def _shared_variances(change: Array) -> Array:
 )
 def misaligned_realizations(data: FittedEnsemble) -> Measured:
     """Return the share of realizations that the common behaviour explains better when shifted."""
-    data.require(MIN_TESTED_REALIZATIONS)
+    data.require()
     if not _varies(data.fit):
         raise NotApplicable("stiffness hardly varies within a realization, so that no shift shows")
     shifts, left, slowly_left = _left_by_shifts(data.fit)
@@ -274,9 +270,7 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     is_clear &= slowly_left[place] < MAX_SLOW_LEFT * slowly_left[still]
     found = indices(is_clear & (np.abs(seconds) >= MIN_SHIFT_S))
     count = len(found)
-    what = (
-        f"{count} of {len(data)} realizations {'fits' if count == 1 else 'fit'} better when shifted"
-    )
+    what = f"{count} of {len(data)} realizations fit better when shifted"
     if found:
         farthest = max(found, key=lambda each: abs(seconds[each]))
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
@@ -302,7 +296,7 @@ def _left_by_shifts(fit: SecondOrderFit) -> tuple[NDArray[np.int64], Array, Arra
     for shift in shifts:
         shifted = np.roll(behaviour, shift, axis=1)
         error = fit.whitened(rest - np.einsum("at,art->rt", shifted, fit.motion[:2]))
-        slow = gaussian_filter1d(error, SLOW_LOW_PASS_SAMPLES)
+        slow = low_passed(error, SLOW_LOW_PASS_SAMPLES)
         left.append([error**2 @ weights, slow**2 @ weights])
     return shifts, *np.swapaxes(left, 0, 1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from tvsysid.preprocess import find_gaps, find_mains
@@ -22,12 +22,11 @@ MIN_MIDDLE_SHARE = 0.2  # of samples within half an RMS; Gaussian numbers have 0
 MIN_STEP = 1e-6  # of a standard deviation; smaller differences are rounding
 WINDOW_S, MIN_WINDOW_SAMPLES = 0.2, 10  # in which losses are looked for
 BRIEF_S, MIN_BRIEF_SAMPLES = 0.06, 40  # of brief losses; at lower rates they do not show
+SILENT_SHARE, SILENT_QUANTILE = 0.2, 0.05  # of the noise's power: a silent torque has less
+NOISE_PAST_SAMPLES = 6  # from which the torque's noise is predicted
 STILL_SHARE = 0.1  # of the expected power, below which a signal does not move
 LOUD_RATIO = 4.0  # to the usual power of the residual
 QUIET_WINDOWS = 0.25  # share of a realization's windows that are quieter than its noise
-SILENT_SHARE, SILENT_QUANTILE = 0.2, 0.05  # of the noise's power: a silent torque has less
-NOISE_PAST_SAMPLES = 6  # from which the torque's noise is predicted
-SAME_TORQUE = 1e-9  # of a standard deviation
 # Quantiles over which spikes are measured. A PRBS surprises at every switch, noise never.
 USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
 SPIKE_SAMPLES, SPREAD_SAMPLES = 7, 13  # widths of a median filter, and of a spike's derivatives
@@ -67,19 +66,16 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     The mean over realizations may have been subtracted. So values at a sensor's limit are the same
     only at one time.
     """
-    tied_count = MIN_TIED_REALIZATIONS
-    values = data.given.signal(which)[:, data.given.core]
-    if len(values) < 2 * tied_count:
-        raise NotApplicable(f"it takes {2 * tied_count} realizations")
+    count, values = MIN_TIED_REALIZATIONS, data.given.signal(which)[:, data.given.core]
+    data.require(2 * count, response=False)
     deviations, ordered = values - values.mean(axis=0), np.sort(values, axis=0)
     size = np.std(deviations)
-    is_tied = ordered[tied_count - 1 :] - ordered[: 1 - tied_count] <= TIE_TOLERANCE * size
-    sides = {"highest": is_tied[-1], "lowest": is_tied[0]}
+    is_tied = ordered[count - 1 :] - ordered[: 1 - count] <= TIE_TOLERANCE * size
     tied = np.mean(is_tied[0] | is_tied[-1])
     if tied == 0:
         return Measured(0.0, f"no {which} stays at a limit")
-    middle = len(values) // 2 - tied_count + 1
-    repeated = np.mean(is_tied[middle : middle + tied_count].any(axis=0))
+    middle = len(values) // 2 - count + 1
+    repeated = np.mean(is_tied[middle : middle + count].any(axis=0))
     limit = 0.01 * FAULTS[f"clipped-{which}"].limit
     if repeated > max(MAX_REPEATED_SHARE * tied, limit):  # as of a multisine
         raise NotApplicable(
@@ -87,10 +83,9 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
         )
     if which == "angle" and np.mean(np.abs(deviations) < 0.5 * size) < MIN_MIDDLE_SHARE:
         raise NotApplicable("the angle switches between two levels, as a PRBS does")
-    names = " and ".join(name for name, side in sides.items() if side.any())
     what = (
-        f"at {100 * tied:.1f} % of the times at least {tied_count} realizations have the same "
-        f"{names} {which}"
+        f"at {100 * tied:.1f} % of the times at least {count} realizations have the same highest "
+        f"or lowest {which}"
     )
     return Measured(100 * tied, what)
 
@@ -148,9 +143,8 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
         raise NotApplicable(f"realizations are shorter than {WINDOW_S:g} s")
     windows = (_torque_windows if which == "torque" else _angle_windows)(data.fit, samples)
     # A spike in the other signal moves much, and nothing responds to it.
-    other = "angle" if which == "torque" else "torque"
-    is_spike = _distance_from_median(data, other) > MIN_FAR
-    is_spike = maximum_filter1d(is_spike, SPREAD_SAMPLES, axis=1)
+    other = _distance_from_median(data, "angle" if which == "torque" else "torque")
+    is_spike = maximum_filter1d(other > MIN_FAR, SPREAD_SAMPLES, axis=1)
     windows &= ~_blocks(is_spike, samples).any(axis=-1)
     times = np.repeat(windows & (windows.sum() > 1), samples, axis=1)
     if which == "torque" and BRIEF_S * data.given.sampling_rate >= MIN_BRIEF_SAMPLES:
@@ -192,38 +186,30 @@ def _angle_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
 def _white_powers(fit: SecondOrderFit, samples: int) -> Array:
     """Return the variance in windows of response, torque and residual, all whitened."""
     response, residual = fit.white_parts.sum(axis=0), fit.white_residual
-    signals = np.stack([response, response + residual, residual])
-    return np.asarray(_blocks(signals, samples).var(axis=3))
+    return np.asarray(_blocks([response, response + residual, residual], samples).var(axis=3))
 
 
 def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
     """Find brief times at which the torque is held at a high rate, shape (realization, time - w).
 
-    It keeps one value. If a mean has been subtracted, it does not follow the angle and has no noise
-    of its own either, which is what the torque's past does not predict at the given rate. At some
-    100 Hz, so short a time has too few samples.
+    It does not follow the angle, and has no noise of its own, which is what the torque's past does
+    not predict at the given rate. At some 100 Hz, so short a time has too few samples.
     """
     torque, fit, rate = data.given.torque, data.fit, data.given.sampling_rate
-    count, slow_count = (round(BRIEF_S * each) for each in (rate, data.rate))
-    place = np.round(data.time * rate).astype(np.int64) + data.given.context
-
-    def about(is_there: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return what is there about the fit's samples, from samples of the given rate."""
-        spread = maximum_filter1d(is_there, count, axis=1)
-        return np.asarray(spread[:, np.clip(place, 0, spread.shape[1] - 1)])
-
-    change = maximum_filter1d(np.abs(np.diff(torque, axis=1)), count, axis=1)
     noise = innovations(torque - torque.mean(axis=0), NOISE_PAST_SAMPLES)
+    count, slow_count = (round(BRIEF_S * each) for each in (rate, data.rate))
     power = uniform_filter1d(noise**2, count, axis=1)
-    is_silent = about(power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE))
+    silent = power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE)
+    places = np.round(data.time * rate).astype(np.int64) + data.given.context
+    silent = maximum_filter1d(silent, count, axis=1)[:, places.clip(max=silent.shape[1] - 1)]
     residual = uniform_filter1d(np.gradient(fit.residual, axis=1) ** 2, slow_count, axis=1)
     is_loud = maximum_filter1d(residual > LOUD_RATIO * np.median(residual), slow_count, axis=1)
-    is_held = about(change <= SAME_TORQUE * torque.std()) | (is_silent & is_loud)
-    return np.asarray(is_held[:, fit.whitening :])
+    return np.asarray((silent & is_loud)[:, fit.whitening :])
 
 
-def _blocks(values: NDArray[Any], samples: int) -> NDArray[Any]:
+def _blocks(signals: ArrayLike, samples: int) -> NDArray[Any]:
     """Return blocks of samples side by side, shape (..., block, sample)."""
+    values = np.asarray(signals)
     count = values.shape[-1] // samples
     return values[..., : count * samples].reshape(*values.shape[:-1], count, samples)
 
@@ -299,12 +285,12 @@ def spikes(data: FittedEnsemble, which: str) -> Measured:
         return Measured(0.0, "none")
     realization, sample = np.unravel_index(np.argmax(heights), heights.shape)
     is_spike = heights > FAULTS[f"{which}-spikes"].limit
-    count = np.count_nonzero(is_spike)
     what = (
         f"the highest is {value:.3g} times as high as is usual, in realization {realization} at "
         f"{data.time[data.fit.whitening + sample]:.3g} s"
-        f"{f'; {count} samples stand out' if count > 1 else ''}"
     )
+    if (count := np.count_nonzero(is_spike)) > 1:
+        what += f"; {count} samples stand out"
     return Measured(value, what, realizations=indices(is_spike.any(axis=1)))
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
-from scipy.special import stdtr
+from scipy.special import stdtrit
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.pseudoinverse import solve_regularized
@@ -17,22 +19,27 @@ SIGNIFICANT = 1e-5  # p-value
 FOLDS = 4  # of cross-validation
 
 
-def p_value(mean: float, error: float, count: int) -> float:
-    """Return the two-sided p-value of a mean over independent realizations (Student's t).
+def is_significant(mean: float, error: float, count: int) -> bool:
+    """Test a mean over independent realizations (Student's t, two-sided).
 
-    ``error`` is the standard error of the mean. Too few realizations have a p-value of 1.
+    ``error`` is the standard error of the mean. Too few realizations show nothing.
     """
-    if count < MIN_TESTED_REALIZATIONS:
-        return 1.0
-    if error == 0:
-        return float(mean == 0)
-    return float(2 * stdtr(count - 1, -abs(mean) / error))
+    limit = -error * stdtrit(count - 1, SIGNIFICANT / 2)
+    return count >= MIN_TESTED_REALIZATIONS and bool(abs(mean) > limit)
 
 
-def p_value_of(scores: Array) -> float:
-    """Return the two-sided p-value of the mean of scores, shape (realization,)."""
+def is_mean_significant(scores: Array) -> bool:
+    """Test the mean of scores, shape (realization,)."""
     count = len(scores)
-    return p_value(float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(count), count)
+    return is_significant(scores.mean(), scores.std(ddof=1) / math.sqrt(count), count)
+
+
+def lagged(signal: Array, lags: Sequence[int] | NDArray[np.int64], start: int, stop: int) -> Array:
+    """Return samples ``start`` to ``stop`` of a signal as they were so many samples earlier.
+
+    The shape is (lag, realization, time).
+    """
+    return np.stack([signal[:, start - lag : stop - lag] for lag in lags])
 
 
 def gains(target: Array, regressors: Array) -> Array:
@@ -41,7 +48,7 @@ def gains(target: Array, regressors: Array) -> Array:
     The target has shape (realization, time), and the regressors (regressor, realization, time).
     The gain is negative where they predict nothing.
     """
-    rows = np.ascontiguousarray(regressors.transpose(1, 0, 2))
+    rows = regressors.transpose(1, 0, 2)
     grams, moments = rows @ rows.transpose(0, 2, 1), (rows @ target[..., None])[..., 0]
     gain = np.empty(len(target))
     # Neighbours are held out together, because slow noise is alike in them.
@@ -52,8 +59,13 @@ def gains(target: Array, regressors: Array) -> Array:
     return gain
 
 
-def gained_share(target: Array, regressors: Array) -> float:
-    """Return the share of a signal that regressors predict in held-out realizations."""
+def gained_share(target: Array, regressors: Array, given: Array | None = None) -> float:
+    """Return the share of a signal that regressors predict in held-out realizations.
+
+    What the ``given`` regressors explain is taken out of both beforehand.
+    """
+    if given is not None:
+        target, regressors = without(target, given), without(regressors, given)
     total = float(np.sum(target**2))
     return float(gains(target, regressors).sum()) / total if total > 0 else math.nan
 
@@ -65,12 +77,11 @@ def without(target: Array, regressors: Array) -> Array:
     return target - (weights.T @ rows).reshape(target.shape)
 
 
-def prediction_error(signal: Array, order: int) -> Array:
-    """Return the prediction-error filter of a signal (realization, time), shape (order + 1,)."""
+def whitener(signal: Array, order: int) -> Array:
+    """Return the filter that leaves what the past of a signal does not predict, (order + 1,)."""
     rows = sliding_window_view(signal, order + 1, axis=1).reshape(-1, order + 1)
     gram = rows.T @ rows
-    weights = solve_regularized(gram[:order, :order], gram[:order, order])
-    return np.concatenate([[1.0], -weights[::-1]])
+    return np.append(1.0, -solve_regularized(gram[:-1, :-1], gram[:-1, -1])[::-1])
 
 
 def filtered(signal: Array, taps: Array) -> Array:
@@ -81,7 +92,7 @@ def filtered(signal: Array, taps: Array) -> Array:
 
 def innovations(signal: Array, order: int) -> Array:
     """Return what the past does not predict of a signal, shape (realization, time - order)."""
-    return filtered(signal, prediction_error(signal, order))
+    return filtered(signal, whitener(signal, order))
 
 
 def over_usual(values: Array, quantile: float) -> Array:

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.reflex_test import (
-    MAX_REFLEX_LAG_S,
-    MIN_REFLEX_LAG_S,
-    MIN_TESTED_REALIZATIONS,
-    reflex_test_of,
-)
+from tvsysid.methods.cascade.reflex_test import MAX_REFLEX_LAG_S, MIN_REFLEX_LAG_S, reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import SIGNIFICANT, gained_share, gains, p_value_of, without
+from tvsysid.quality.statistics import gained_share, gains, is_mean_significant, lagged, without
 from tvsysid.signals import Array
 
 STEP_S, MAX_LEAD_S, MAX_LAG_S = 0.03, 0.27, 0.3  # lags of later and of earlier movement
@@ -49,27 +42,25 @@ def feedback(data: FittedEnsemble) -> Measured:
     imposed angle says nothing about the torque's noise, that of an angle which it moves does. A
     reflex is late. All signals are whitened, and the test is by held-out realizations.
     """
-    data.require(MIN_TESTED_REALIZATIONS)
+    data.require()
     if data.finding("coarse-angle").beyond:
         raise NotApplicable(
             "the angle is recorded in such coarse steps that the torque shows it better"
         )
     fit, origin = data.fit, data.region.start
-    angle, residual = fit.whitened(data.angle), fit.white_residual
+    angle, torque = fit.whitened(data.angle), fit.whitened(np.stack([fit.residual, fit.torque]))
     lags = 1 + max(1, round(STEP_S * data.rate)) * np.arange(1, 1 + round(MAX_LEAD_S / STEP_S))
-    start, stop = max(origin, lags[-1]), min(origin + residual.shape[1], angle.shape[1] - lags[-1])
+    start = max(origin, lags[-1])
+    stop = min(origin + torque.shape[2], angle.shape[1] - lags[-1])
     if stop - start < lags[-1]:
         raise NotApplicable(TOO_SHORT)
-    inside = slice(start - origin, stop - origin)
-    own, later = (
-        _windows(angle, start + np.asarray(each), stop - start)
-        for each in (np.r_[-lags, -1:2], lags)
-    )
-    gain = gains(without(residual[:, inside], own), without(later, own))
-    share = float(gain.sum() / np.sum(fit.whitened(fit.torque)[:, inside] ** 2))
+    earlier = lagged(angle, [*lags, 1, 0, -1], start, stop)
+    residual, whole = torque[..., start - origin : stop - origin]
+    gain = gains(without(residual, earlier), without(lagged(angle, -lags, start, stop), earlier))
+    share = gain.sum() / np.sum(whole**2)
     first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
     what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
-    return Measured(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
+    return Measured(100 * max(0.0, share), what, share > 0 and is_mean_significant(gain))
 
 
 @check(
@@ -90,12 +81,15 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     moves. A channel that was not declared must move the angle, and lower the stiffness: EMG that
     makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
-    data.require(MIN_TESTED_REALIZATIONS)
+    data.require()
     if not declared:
         _require_leading(data, reference)
-    moved = _moved_angle(data, reference)
+    ensemble, (early, late) = data.ensemble, lag_samples(data.rate)
+    groups = realization_groups(ensemble.trials, ensemble.onsets)
+    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
+    moved = predicted(command, data.angle, ensemble.core, data.rate, groups)
     core = data.core("angle")
-    explained = 1 - float(np.sum((core - moved[:, data.ensemble.core]) ** 2) / np.sum(core**2))
+    explained = 1 - np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2)
     if not explained >= HARDLY_MOVED:
         raise NotApplicable(
             f"the disturbance {reference!r} hardly moves the angle: it predicts "
@@ -105,8 +99,8 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
     # All times count alike. The angle moves farther where the joint is soft, and a sum of squares
     # dwells there.
-    bins = fit.bins
-    power = (np.bincount(bins, np.mean(instrument[0] ** 2, axis=0)) / np.bincount(bins))[bins]
+    power = np.mean(instrument[0] ** 2, axis=0)
+    power = (np.bincount(fit.bins, power) / np.bincount(fit.bins))[fit.bins]
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", instrument / power, fit.motion))
     # Change of stiffness by each realization. The residual has no part in the whole movement, so
     # its products with that, which are noise, are left out.
@@ -120,16 +114,7 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
         f"identify by --method kbr:reference={reference},weighting=residual"
     )
     value = -100 * missing.sum() / abs(closed)
-    significant = p_value_of(missing) < SIGNIFICANT and (declared or value < 0)
-    return Measured(value, what, significant)
-
-
-def _moved_angle(data: FittedEnsemble, reference: str) -> Array:
-    """Return the angle that a reference predicts, shape (realization, time)."""
-    ensemble, (early, late) = data.ensemble, lag_samples(data.rate)
-    groups = realization_groups(ensemble.trials, ensemble.onsets)
-    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
-    return predicted(command, data.angle, ensemble.core, data.rate, groups)
+    return Measured(value, what, is_mean_significant(missing) and (declared or value < 0))
 
 
 def _require_leading(data: FittedEnsemble, channel: str) -> None:
@@ -138,17 +123,29 @@ def _require_leading(data: FittedEnsemble, channel: str) -> None:
     EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
     torque and noise, a command is the torque and a load.
     """
-    values = data.signal(channel)
-    width = values.shape[1] - 2 * TORQUE_LAGS
-    middle, places = values[:, TORQUE_LAGS:-TORQUE_LAGS], np.arange(2 * TORQUE_LAGS + 1)
-    torques, angles = (_windows(each, places, width) for each in (data.torque, data.angle))
-    by_angle = gained_share(without(middle, torques), without(angles, torques))
-    if not by_angle > gained_share(middle, torques):
+    values, reach = data.signal(channel), TORQUE_LAGS
+    ends = reach, values.shape[1] - reach
+    torques, angles = (
+        lagged(each, range(-reach, reach + 1), *ends) for each in (data.torque, data.angle)
+    )
+    middle = values[:, slice(*ends)]
+    if not gained_share(middle, angles, torques) > gained_share(middle, torques):
         raise NotApplicable(f"{channel!r} is the torque")
     leads = _predicted(data.angle, values, data.rate)
-    follows = _predicted(values, data.angle, data.rate)
-    if not leads > MIN_LEAD or follows > MAX_FOLLOW:
+    if not leads > MIN_LEAD or _predicted(values, data.angle, data.rate) > MAX_FOLLOW:
         raise NotApplicable(f"{channel!r} does not move before the angle")
+
+
+def _predicted(signal: Array, cause: Array, rate: float) -> float:
+    """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
+    ahead = max(1, round(AHEAD_S * rate))
+    own = ahead + np.arange(round(ANGLE_PAST_S * rate))
+    lags = ahead + np.arange(0, round(CAUSE_PAST_S * rate), 2)
+    start, stop = own[-1], signal.shape[1]
+    if stop - start < lags[-1]:
+        raise NotApplicable(TOO_SHORT)
+    causes, past = lagged(cause, lags, start, stop), lagged(signal, own, start, stop)
+    return gained_share(signal[:, start:], causes, past)
 
 
 @check(
@@ -168,7 +165,7 @@ def reflex(data: FittedEnsemble) -> Measured:
 
     Neither the joint nor the other direction predicts this torque.
     """
-    data.require(MIN_TESTED_REALIZATIONS)
+    data.require()
     try:
         test = reflex_test_of(data.ensemble)
     except InputError as error:
@@ -200,39 +197,23 @@ def reflex(data: FittedEnsemble) -> Measured:
 )
 def slow_answer(data: FittedEnsemble) -> Measured:
     """Return the share of the residual torque that late velocities predict without a reflex."""
-    data.require(MIN_TESTED_REALIZATIONS)
+    data.require()
     if data.finding("reflex").found:
         raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
     lags = np.round(np.arange(MIN_REFLEX_LAG_S, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
-    start, stop = max(data.region.start, lags[-1]), data.region.stop
-    if stop - start < 2 * HALF_WIDTH:
+    region = data.region
+    start = max(region.start, lags[-1])
+    if region.stop - start < 2 * HALF_WIDTH:
         raise NotApplicable(TOO_SHORT)
-    causes = _windows(np.gradient(data.angle, axis=1), start - np.unique(lags), stop - start)
-    residual = data.fit.residual[:, start - data.region.start :]
+    causes = lagged(np.gradient(data.angle, axis=1), np.unique(lags), start, region.stop)
+    residual = data.fit.residual[:, start - region.start :]
     gain = gains(residual, causes)
     share = gain.sum() / np.sum(residual**2)
     what = (
         f"the movement {1000 * MIN_REFLEX_LAG_S:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
         f"{_percent(share)} of the residual torque"
     )
-    return Measured(100 * max(0.0, share), what, p_value_of(gain) < SIGNIFICANT)
-
-
-def _predicted(signal: Array, cause: Array, rate: float) -> float:
-    """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
-    ahead = max(1, round(AHEAD_S * rate))
-    own = ahead + np.arange(round(ANGLE_PAST_S * rate))
-    lags = ahead + np.arange(0, round(CAUSE_PAST_S * rate), 2)
-    start, count = own[-1], signal.shape[1] - own[-1]
-    if count < lags[-1]:
-        raise NotApplicable(TOO_SHORT)
-    past, causes = _windows(signal, start - own, count), _windows(cause, start - lags, count)
-    return gained_share(without(signal[:, start:], past), without(causes, past))
-
-
-def _windows(signal: Array, starts: NDArray[np.int64], count: int) -> Array:
-    """Return so many samples of a signal from each start, shape (start, realization, time)."""
-    return sliding_window_view(signal, count, axis=1).transpose(1, 0, 2)[starts]
+    return Measured(100 * max(0.0, share), what, is_mean_significant(gain))
 
 
 def _percent(share: float) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import attrs
 import numpy as np
 
+from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, smoothness_of, switches_of
 from tvsysid.methods.adaptive.posterior import (
@@ -20,14 +21,13 @@ from tvsysid.methods.adaptive.posterior import (
 from tvsysid.methods.adaptive.regression import (
     A,
     FreeEstimates,
-    U,
     V,
     pooling_reach,
 )
 from tvsysid.methods.adaptive.signals import MIN_REALIZATIONS, MIN_SAMPLES, Signals
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
-from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
-from tvsysid.models import Diagnostics, Model, StandardError
+from tvsysid.methods.cascade.result import contradicted
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.signals import Array, Ensemble
 
 MAX_SAMPLES = 3000  # of a realization
@@ -68,8 +68,9 @@ class AdaptiveRegression(base.Method):
     the residual of a first fit: a prediction from the samples before, of the most probable order,
     and the strength of the prediction error over time. At least 1 % of the noise is taken as white.
     Where the residual's products with velocity vary more than 1.5 times as much as W predicts, the
-    residual is misfit, not noise, and whitening would amplify it. W is then the identity, and the
-    covariance a sandwich.
+    residual is misfit, not noise, and whitening would amplify it. White noise of 30 times the
+    power is then added before W is computed, the covariance is a sandwich, and as large as what the
+    most probable smooth part leaves.
 
     Viscosity and inertia come from the same regression, weighted below 60 % of the Nyquist
     frequency. Decimation folds acceleration back, which would make an inertia of the whole band 3 %
@@ -96,7 +97,8 @@ class AdaptiveRegression(base.Method):
     both. Bands cover noise only; see :class:`tvsysid.Estimate`.
 
     Where held-out realizations show a stretch reflex, its columns are regressors too, as in
-    :class:`tvsysid.JointCascade`. The model then has ``reflex_gain`` and two pathways.
+    :class:`tvsysid.JointCascade`. Stiffness is then estimated beside the viscosity of that method,
+    and the model has ``reflex_gain`` and two pathways. All but its stiffness are of that method.
 
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
     than four realizations.
@@ -183,7 +185,8 @@ class AdaptiveRegression(base.Method):
         """Return the model. If there are known hypotheses, no others are searched for.
 
         Stiffness is estimated beside a constant viscosity. Where viscosity changes, each is
-        estimated again beside the other, at last without a search.
+        estimated again beside the other, at last without a search. With a reflex, the viscosity is
+        that of the reflex's model.
         """
         found: dict[str, Posterior] = {}
         for turn in range(1 + MAX_ROUNDS):
@@ -191,6 +194,9 @@ class AdaptiveRegression(base.Method):
                 known = known or {name: each.hypotheses for name, each in found.items()}
             beside = found["viscosity"].mixture if found else None
             stiffness = average(free.stiffness(beside), known.get("stiffness", ()))
+            if free.signals.reflex is not None:
+                found = {"stiffness": stiffness}
+                break
             viscosity = average_beside(
                 free.viscosity(stiffness.mixture), stiffness, known.get("viscosity", ())
             )
@@ -201,14 +207,9 @@ class AdaptiveRegression(base.Method):
 
 
 def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> AdaptiveModel:
-    """Return the model with these posteriors of stiffness and viscosity."""
+    """Return the model with the posterior of stiffness, and of viscosity if no reflex is shown."""
     ensemble, signals, axis = free.ensemble, free.signals, free.axis
-    rate, edges = ensemble.sampling_rate, signals.edges
-    added, variances = free.read_out()
-    viscosity = found["viscosity"].mixture.transformed(
-        signals.readout[V, V], added[V], variances[V]
-    )
-    mixtures = found["stiffness"].mixture, viscosity.above_zero()
+    rate, edges, reflex = ensemble.sampling_rate, signals.edges, signals.reflex
     freedom, total_freedom = (
         np.array(max(1.0, (signals.independent - 1) * min(each, axis.times) - 2))
         for each in (2 * pooling_reach(signals.independent, rate) + 1, axis.times)
@@ -217,30 +218,30 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
     def over_time(values: Array | float) -> Array:
         return base.padded(np.broadcast_to(values, axis.times), *edges)
 
-    errors: dict[str, StandardError] = {}
-    for (quantity, posterior), mixture in zip(found.items(), mixtures, strict=True):
+    estimates = {} if reflex is None else dict(reflex.estimates)
+    for quantity, posterior in found.items():
+        mixture = posterior.mixture
+        mixture = mixture.above_zero() if quantity == "viscosity" else mixture
         error = over_time(np.sqrt(mixture.variance()))
-        errors[quantity] = MixtureError(error, freedom, posterior.arc(), mixture=mixture)
-    inertia_error = over_time(math.sqrt(max(variances[A], 0.0)))
-    errors["inertia"] = StandardError(inertia_error, total_freedom, 0.0)
-    impedance = [over_time(each) for each in (mixtures[0].mean(), mixtures[1].mean(), added[A])]
-    estimates = shared.impedance_estimates(np.stack(impedance, axis=1), errors)
+        estimates[quantity] = Estimate(
+            over_time(mixture.mean()),
+            UNITS[quantity],
+            error=MixtureError(error, freedom, posterior.arc(), mixture=mixture),
+        )
     details = {
         f"constant_{quantity}": posterior.probability(Candidate.is_constant)
         for quantity, posterior in found.items()
     }
-    details["periodic"] = float(axis.periodic)
-    details["reflex_shown"] = float(signals.reflex is not None)
-    if signals.reflex is None:
-        details["second_order_agreement"] = shared.second_order_agreement(
-            ensemble, ensemble, np.stack(impedance, axis=1)
+    details |= {"periodic": float(axis.periodic), "reflex_shown": float(reflex is not None)}
+    if reflex is None:
+        inertia = free.constants.values[A - V]
+        error = over_time(math.sqrt(max(free.constants.covariance[A - V, A - V], 0.0)))
+        estimates["inertia"] = Estimate(
+            over_time(inertia), UNITS["inertia"], error=StandardError(error, total_freedom, 0.0)
         )
-    else:
-        estimates["reflex_gain"] = signals.reflex.estimates["reflex_gain"]
-    mean = float(mixtures[0].mean().mean())
-    fitted = float(signals.readout[U, U] * mean + added[U])
-    below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
-    lost = np.sum(free.products[:, V, V] * below**2) / np.sum(free.products[:, -1, -1])
+        details["second_order_agreement"] = shared.second_order_agreement(
+            ensemble, ensemble, np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
+        )
     return AdaptiveModel(
         method=name,
         sampling_rate=rate,
@@ -248,22 +249,19 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         estimates=estimates,
         switches=tuple(row for each in found.items() for row in switches_of(*each, edges[0], rate)),
         smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, rate)),
-        reflex=signals.reflex,
+        reflex=reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(
             sum(each.parameters() for each in found.values()) + 1,
-            warnings=(*warnings_of(free, mean, fitted), *contradicted(lost)),
+            warnings=tuple(warnings_of(free, found)),
             details=details,
         ),
     )
 
 
-def warnings_of(free: FreeEstimates, mean: float, fitted: float) -> Iterator[str]:
-    """Yield what the data do not determine, and what a second-order joint does not explain.
-
-    ``mean`` is the mean stiffness, ``fitted`` that of a second-order fit.
-    """
-    undetermined, reflex = [], free.signals.reflex
+def warnings_of(free: FreeEstimates, found: Mapping[str, Posterior]) -> Iterator[str]:
+    """Yield what the data do not determine, and what the fit does not explain."""
+    undetermined = []
     if len(free.ensemble) < MIN_TESTED_REALIZATIONS:
         undetermined.append(
             f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
@@ -276,7 +274,11 @@ def warnings_of(free: FreeEstimates, mean: float, fitted: float) -> Iterator[str
         )
     if undetermined:
         yield f"these data leave open {'; and '.join(undetermined)}"
-    if reflex is not None:
-        yield from not_of_second_order(mean, fitted)
-        is_steady = bool(reflex.diagnostics.details["constant"])
-        yield from doubtful_gain(reflex.estimates["reflex_gain"], is_steady)
+    if free.signals.reflex is not None:
+        yield from free.signals.reflex.diagnostics.warnings
+        return
+    viscosity = found["viscosity"].mixture
+    below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
+    yield from contradicted(
+        float(np.sum(free.products[:, V, V] * below**2) / np.sum(free.products[:, -1, -1]))
+    )

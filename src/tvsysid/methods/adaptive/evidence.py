@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cached_property
+from operator import attrgetter
 from typing import NamedTuple
 
 import attrs
@@ -31,6 +32,7 @@ from tvsysid.methods.adaptive.prior import (
     SizePrior,
     SmoothPrior,
     fourier_features,
+    smooth_priors,
 )
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, solve
@@ -112,6 +114,15 @@ class FreeEstimate:
         """Moments of the whitened features and values."""
         return Moments.of(self.white.T @ self.white, len(self.white))
 
+    def with_misfit(self) -> FreeEstimate:
+        """Return the estimate with errors so large that they explain what a smooth part leaves.
+
+        The smooth part is the most probable one without switches.
+        """
+        smooths = (SmoothFit(self, prior) for prior in smooth_priors(self.axis))
+        misfit = max(smooths, key=attrgetter("score")).misfit
+        return attrs.evolve(self, whitener=self.whitener / math.sqrt(max(misfit, 1.0)))
+
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
@@ -143,6 +154,11 @@ class SmoothFit:
         self.mean = self.whitened(estimate.moments.cross)
         explained = float(self.mean @ self.mean)
         self.score = prior.log_prior + 0.5 * (explained - self._posterior.log_determinant)
+
+    @property
+    def misfit(self) -> float:
+        """Variance of what the smooth part leaves, relative to that of the estimate's error."""
+        return self._posterior.residual / (self._posterior.number - self._posterior.effective)
 
     def whitened(self, products: Array) -> Array:
         """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""

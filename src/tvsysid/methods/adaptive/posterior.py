@@ -63,11 +63,9 @@ class Mixture(NamedTuple):
         apart = self.means - self.mean()[:, None]
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
 
-    def transformed(self, scale: float, offset: float = 0.0, variance: float = 0.0) -> Mixture:
-        """Return the mixture times a scale, plus a number that has a variance of its own."""
-        return Mixture(
-            self.weights, scale * self.means + offset, scale**2 * self.variances + variance
-        )
+    def times(self, scale: float) -> Mixture:
+        """Return the mixture times a scale."""
+        return Mixture(self.weights, scale * self.means, scale**2 * self.variances)
 
     def above_zero(self) -> Mixture:
         """Return the same distributions with no mean below zero."""
@@ -190,7 +188,7 @@ class Posterior:
         rows = zip(kept, weights, over_time, strict=True)
         parts = np.concatenate([each.components(*row) for each, *row in rows], axis=2)
         size = candidates[0].smooth.estimate.size
-        return cls(candidates, weights, over_time, Mixture(*parts).transformed(size))
+        return cls(candidates, weights, over_time, Mixture(*parts).times(size))
 
     @property
     def probabilities(self) -> Array:

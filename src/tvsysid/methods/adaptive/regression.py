@@ -7,7 +7,6 @@ Realizations r are summed first, so that everything else is arrays over time.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +32,7 @@ MAX_PREDICTION = 0.25  # s from which the noise is predicted
 COLLINEAR = 1e-6  # determinant of the correlations of velocity and acceleration
 WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
 MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
+MISFIT_SHARE = 30.0  # the same where the residual is misfit
 MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
 UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
@@ -79,7 +79,8 @@ class FreeEstimates:
         self.coefficients[V] += known
         self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
         covariance = self.constants.covariance
-        viscosity_error = np.diag(variance) + self._misfit_covariance(V)
+        viscosity_error = signals.change_covariance + np.diag(variance)
+        viscosity_error = viscosity_error + self._misfit_covariance(V)
         error = free.error(covariance, viscosity_error, self._misfit_covariance(A))
         return self._estimate(U, values, error)
 
@@ -91,14 +92,6 @@ class FreeEstimates:
         covariance = constants.covariance[1:, 1:]
         error = free.error(covariance, np.diag(stiffness.variance()), self._misfit_covariance(A))
         return self._estimate(V, values, error)
-
-    def read_out(self) -> tuple[Array, Array]:
-        """Return what the constants add to stiffness, viscosity and inertia, and its variances."""
-        weights = np.zeros((3, len(self.constants.values)))
-        weights[:, : self.signals.readout.shape[1] - 1] = self.signals.readout[:, 1:]
-        weights[V, 0] = 0.0
-        covariance = self.constants.covariance
-        return weights @ self.constants.values, np.sum(weights @ covariance * weights, axis=1)
 
     def _solve(self, precision: Array) -> FreeCoefficient:
         """Estimate the constants, and stiffness beside them. Return that of the angle."""
@@ -135,17 +128,18 @@ class FreeEstimates:
         covariance.flat[:: times + 1] += WHITE_SHARE * noise
         rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
         filters = whitening_filters(covariance, signals.independent, rate, periodic)
-        white = np.eye(times) / math.sqrt(noise)
-        excess = excess_variances(signals, filters, residual)
+        excess = excess_variances(signals, filters, filters, residual)
         # A reflex's differences take up what decimation does to the acceleration.
         low_band = signals.reflex is None
         self.whitens = self.whitens and bool(excess[V] < MAX_EXCESS)
         if self.whitens:
             weighted = sandwich = Weighted.by(columns, filters, low_band)
         else:
-            excess = excess_variances(signals, white, residual)
-            coloured = np.asarray(np.linalg.inv(filters).T / noise, dtype=np.float64)
-            weighted = Weighted.by(columns, white, low_band)
+            covariance.flat[:: times + 1] += MISFIT_SHARE * noise
+            mild = whitening_filters(covariance, signals.independent, rate, periodic)
+            coloured = np.asarray(np.linalg.inv(filters).T @ (mild.T @ mild), dtype=np.float64)
+            excess = excess_variances(signals, mild, coloured, residual)
+            weighted = Weighted.by(columns, mild, low_band)
             sandwich = Weighted.by(columns, coloured, low_band)
         self.weights = weighted, sandwich, excess
         return noise
@@ -162,7 +156,8 @@ class FreeEstimates:
         least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
         size, still = max(abs(mean), least), own < power
         whitener = size * inverse_root(error + np.diag(still * (UNKNOWN * size) ** 2))
-        return FreeEstimate(self.axis, np.where(still, mean, values) / size, whitener, size)
+        estimate = FreeEstimate(self.axis, np.where(still, mean, values) / size, whitener, size)
+        return estimate if self.whitens else estimate.with_misfit()
 
 
 class Constants(NamedTuple):
@@ -286,17 +281,18 @@ class FreeCoefficient(NamedTuple):
         return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
 
 
-def excess_variances(signals: Signals, filters: Array, residual: Array) -> Array:
+def excess_variances(signals: Signals, filters: Array, coloured: Array, residual: Array) -> Array:
     """Return the variances of the residual's products with angle and velocity, shape (2,).
 
-    They are relative to what the weights of filters (time, time) predict.
+    They are those of products weighted by filters (time, time), squared, relative to the variances
+    that the squares of other filters, ``coloured``, predict.
     """
     weights, squares = filters.T @ filters, signals.columns[: V + 1] ** 2
     sums = squares.sum(axis=1)
     power = floored(sums)
     taken = np.einsum("frt,rt->ft", squares, squares[U]) / (power * power[U])
     share = np.maximum(1 - taken, 1e-3) * signals.independent / len(residual)
-    predicted = np.sum(floored(sums * np.diag(weights)) * share, axis=1)
+    predicted = np.sum(floored(sums * np.sum(coloured**2, axis=0)) * share, axis=1)
     return np.asarray(np.sum(squares * (residual @ weights) ** 2, axis=(1, 2)) / predicted)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.columns import readout
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
@@ -36,10 +35,11 @@ class Signals:
         Precision of the constants' priors, times the variance of the noise, shape (constant,).
     positive
         The products of the constants with each row are not negative, shape (row, constant).
-    readout
-        Weights (3, regressor) that give stiffness, viscosity and inertia from the coefficients.
     reflex
-        Model of the reflex whose columns are among the regressors.
+        Model of the reflex whose columns are among the regressors. The torque lacks what the change
+        of its viscosity over time adds.
+    change_covariance
+        Covariance (time, time) of that change.
     """
 
     columns: Array
@@ -47,8 +47,8 @@ class Signals:
     independent: int
     prior_precision: Array
     positive: Array
-    readout: Array = attrs.field(factory=lambda: np.eye(3))
     reflex: JointCascadeModel | None = None
+    change_covariance: Array | float = 0.0
 
     @classmethod
     def of(
@@ -102,7 +102,7 @@ def signals_with_reflex(
             selection = method.search(ensemble).refit(known.hyperparameters)
     except InputError:  # realizations are too short
         return None
-    search, _, _, is_shown, fit = selection
+    _, _, _, is_shown, fit = selection
     data, positive = fit.data, fit.positive
     if not is_shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
         return None
@@ -110,13 +110,16 @@ def signals_with_reflex(
     first = data.starts[2] + 1  # after the inertia
     gains = positive[:, data.own :]
     constants = len(data.signals) - 1, len(fit.free)
-    reflex = np.concatenate([fit.reflex_columns(), fit.slopes(), data.torque[None]])
+    change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
+    change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
+    torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
+    reflex = np.concatenate([fit.reflex_columns(), fit.slopes(), torque[None]])
     return Signals(
         columns=np.concatenate([data.signals, reflex]),
         edges=(data.times.start, ensemble.samples - data.times.stop),
         independent=len(data.torque) - 1,
         prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
         positive=np.pad(gains[gains.any(axis=1)], ((0, 0), constants)),
-        readout=readout(search.lags, ensemble.sampling_rate),
         reflex=model(repr(method), selection),
+        change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
     )

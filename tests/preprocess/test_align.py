@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,16 +42,3 @@ def test_large_shifts_are_excluded():
     np.testing.assert_array_equal(step.kept, [True, False, True, False, True])
     np.testing.assert_allclose(step.reached[[1, 3]], [33 / RATE, 50 / RATE])
     assert [list(run) for run in step.ensemble.runs] == [[0], [1], [2]]  # no longer in a row
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"reference": "goal"}, "there is no 'goal'"),
-        ({"search": 1.5}, "up to 1.5 s need that much context, but the realizations have 1 s"),
-        ({"max_shift": 0.01}, "every realization needs a shift of more than 0.01 s"),
-    ],
-)
-def test_impossible_alignments_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        tv.preprocess.align(late_by([20, 30]), **{"reference": "target", **settings})

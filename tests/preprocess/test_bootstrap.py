@@ -32,15 +32,3 @@ def test_ensembles_hold_the_realizations_of_the_weights():
     for each, times in zip(drawn, bootstrap_weights(5, 9, 6, 3), strict=True):
         np.testing.assert_array_equal(each.angle[:, 0], np.repeat(np.arange(5), times))
         np.testing.assert_array_equal(each.channels["emg"], each.angle)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"seed": -1}, "seed must be a whole number of 0 or more"),
-        ({"size": 40, "contiguous": True}, "a block of 40 .* cannot be drawn from 20"),
-    ],
-)
-def test_impossible_draws_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        bootstrap_weights(20, **{"size": 5, "count": 2, "seed": 0, **settings})

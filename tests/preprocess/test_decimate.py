@@ -58,21 +58,6 @@ def test_the_recorded_angle_goes_where_the_angle_goes(random):
     np.testing.assert_array_equal(found, [angle[start:][:700] for start in range(600, 3600, 500)])
 
 
-@pytest.mark.parametrize(
-    ("samples", "settings", "message"),
-    [
-        (100, {"rate": 300.0}, "not a whole multiple of 300 Hz; the nearest .* is 250 Hz"),
-        (100, {"rate": 2000.0}, "not a whole multiple of 2000 Hz"),
-        (100, {"rate": 0.0}, "rate must be a positive number"),
-        (30, {"rate": 100}, "30 samples is shorter than the filter's 31"),
-        (200, {"rate": 100, "sharp": True}, "200 samples is shorter than the filter's 201"),
-    ],
-)
-def test_impossible_rates_and_records_are_refused(random, samples, settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        tv.preprocess.decimate(recording_of(random.normal(size=samples)), **settings)
-
-
 def test_a_low_rate_is_warned_of(random):
     recording = recording_of(random.normal(size=1000))
     with pytest.warns(

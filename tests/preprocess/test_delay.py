@@ -23,18 +23,3 @@ def test_torque_is_shifted_and_samples_without_torque_are_cut(delay):
         inner = slice(trial.start + 20, trial.stop - 20)
         np.testing.assert_allclose(aligned.torque[inner], aligned.angle[inner], atol=1e-3)
         np.testing.assert_array_equal(np.diff(aligned.channels["emg"][trial]).round(9), 0.001)
-
-
-@pytest.mark.parametrize(
-    ("delay", "message"),
-    [
-        (np.nan, "a finite number"),
-        ("late", "got 'late'"),
-        (9.0, "no sample is left of a trial of 5 s"),
-    ],
-)
-def test_impossible_delays_are_refused(delay, message):
-    time = np.arange(500) / 100
-    recording = tv.Recording(waves(time), waves(time), 100.0)
-    with pytest.raises(tv.InputError, match=message):
-        tv.preprocess.align_channels(recording, delay)

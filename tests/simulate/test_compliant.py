@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import tvsysid as tv
 from tvsysid.simulate import (
     PERTURBATIONS,
-    PRBS,
     CompliantActuator,
-    Constant,
     FilteredNoise,
     SineWave,
 )
@@ -82,24 +79,3 @@ def test_the_disturbance_alone_moves_the_angle_by_half_a_degree():
     assert np.sqrt(np.mean(quiet.recording.angle[inside] ** 2)) == pytest.approx(math.radians(0.5))
     noise = loud.recording.torque - loud.noiseless.torque
     assert np.std(noise[inside]) == pytest.approx(np.std(quiet.recording.torque[inside]))
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"actuator_stiffness": 0.0}, "actuator_stiffness must be a positive number"),
-        (
-            {"actuator_inertia": -1.0, "disturbance": "torque"},
-            "actuator_inertia must be a number of zero or more",
-        ),
-        ({"disturbance": "force"}, "disturbance must be one of 'angle', 'torque', got 'force'"),
-        ({"noise_bandwidth": 600.0}, "bandwidth must be below half the sampling rate"),
-        (
-            {"stiffness": Constant(-150.0)},
-            r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together",
-        ),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        simulate(CompliantActuator(**settings), perturbation=PRBS())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import Constant, FilteredNoise, ScheduledJoint, SineWave, SquareWave
+from tvsysid.simulate import FilteredNoise, ScheduledJoint, SineWave, SquareWave
 
 
 def simulate(system, duration=20.0, **settings):
@@ -38,21 +38,3 @@ def test_the_variable_differs_between_realizations_and_gives_the_profile_on_aver
     expected = 200 * 0.3 * activity * np.hypot(late, 1 - late)
     np.testing.assert_allclose(stiffness.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(ensemble.channels["emg"][:, ensemble.core], (stiffness - 20) / 200)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"relation": 3.0}, "relation must be a callable of the variable, got 3.0"),
-        ({"relation": lambda activity: 100 - activity}, "relation must rise from 0 to 1"),
-        ({"relation": lambda activity: activity[1:]}, "relation must give one finite number"),
-        ({"interval": -1.0}, "interval must be a positive number"),
-        (
-            {"stiffness": Constant(500.0)},
-            "cover the stiffness of 500 to 500 N·m/rad; it gives 20 to 220",
-        ),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        simulate(ScheduledJoint(**settings))

@@ -1,0 +1,56 @@
+"""Settings of systems that make no sense are refused."""
+
+import attrs
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.simulate import (
+    CompliantActuator,
+    Constant,
+    FilteredNoise,
+    Joint,
+    Multisine,
+    ReflexJoint,
+    ScheduledJoint,
+    StretchReflex,
+)
+
+
+def simulate(system=None, duration=10.0, **settings):
+    usual = {"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1}
+    return (system or Joint()).simulate(duration, **(usual | settings))
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda: simulate(duration=0.0), "Joint: duration must be a positive number"),
+        (lambda: simulate(seed=-1), "seed must be a whole number of zero or more, got -1"),
+        (lambda: simulate(perturbation="prbs"), "perturbation must be FilteredNoise, PRBS"),
+        (lambda: simulate(rate=50.0), "rate must be a number of hertz above 80 Hz, got 50.0"),
+        (lambda: simulate(snr_db=np.nan), "snr_db must be a number of decibels"),
+        (lambda: simulate(perturbation=FilteredNoise(600.0)), "below half the sampling rate"),
+        (lambda: simulate(perturbation=Multisine((1.0, 600.0))), "below half the sampling rate"),
+        (lambda: Joint(stiffness=100.0), "stiffness must be a callable"),
+        (lambda: Joint(viscosity=np.nan), "viscosity must be a finite number or a callable"),
+        (lambda: simulate(Joint(lambda time: time[1:])), r"for each of 12000 .* got shape \(11999"),
+        (lambda: StretchReflex(delay=-0.01), "delay must be a number of zero or more, got -0.01"),
+        (
+            lambda: StretchReflex(frequency=lambda time: -time).torque(np.ones(9), 1.0, 1e3),
+            "positive at all times",
+        ),
+        (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),
+        (lambda: ScheduledJoint(relation=3.0), "relation must be a callable of the variable"),
+        (lambda: simulate(ScheduledJoint(relation=lambda emg: -emg)), "relation must rise from 0"),
+        (lambda: simulate(ScheduledJoint(Constant(500.0))), "cover the stiffness of 500 to 500"),
+        (lambda: CompliantActuator(actuator_stiffness=0.0), "must be a positive number"),
+        (lambda: CompliantActuator(disturbance="force"), "must be one of 'angle', 'torque', got"),
+        (lambda: simulate(CompliantActuator(Constant(-150.0))), r"lowest: -150 .* \(100 N·m/rad\)"),
+        (lambda: attrs.evolve(simulate(), truth={"stiffness": np.ones(5)}), "12000 samples, got 5"),
+        (lambda: attrs.evolve(simulate(), truth={"stiffness": 1.0}), "expected samples over time"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(act, message):
+    with pytest.raises(tv.InputError, match=message):
+        act()

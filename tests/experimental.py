@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import xarray as xr
+from tests.synthetic import claims  # noqa: F401  # those of either study
 
 import tvsysid as tv
 from tvsysid.study import summarize as summary_of
@@ -198,26 +199,6 @@ def exclusions_of(results):
             )
         )  # fmt: skip
     return pd.concat(tables, ignore_index=True)
-
-
-def claims():
-    """One claim for each verdict."""
-    rows = [
-        ("Stiffness rises with "
-         "torque.", "section 4.4", "correlation 0.9 or more in 6 of 6", 0.95, 0.9, 0.98, "",
-         "holds", ""),
-        ("A PRBS gives a VAF 20 to 30 % "
-         "higher.", "section 4.4", "12 % (eirf)", -8.0, -9.0, -7.0, "%",
-         "does not hold", "In-sample VAF."),
-        ("The random error is smallest for "
-         "bIRF.", "section 4.4", "birf 3.1, sds 3.2", 0.1, -0.2, 0.4, "N·m/rad",
-         "undecided", ""),
-        ("260 ± 12 realizations are "
-         "kept.", "section 4.4", "", np.nan, np.nan, np.nan, "", "not studied",
-         "Needs 300 realizations."),
-    ]  # fmt: skip
-    names = ["claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark"]
-    return pd.DataFrame(rows, columns=names)
 
 
 def excerpts_of(results, target=True, rate=1024.0):

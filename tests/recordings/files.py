@@ -13,6 +13,11 @@ from scipy.io.matlab import MatlabObject
 
 import tvsysid as tv
 
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # as below
+    import matio
+    from matio.utils import MatlabOpaque
+
 NAMES = {"angle": "pos", "torque": "tq"}
 
 
@@ -38,8 +43,6 @@ def write_mat_73(file, angle, torque):
 def save_objects(file, variables, version):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of pandas, about options that the library sets
-        import matio
-
         matio.save_to_mat(str(file), variables, version=version)
 
 
@@ -166,8 +169,6 @@ def write_object(file, values, age):
             record[name][0, 0] = item
         savemat(file, {"io": MatlabObject(record, "nldat")})
         return
-    from matio.utils import MatlabOpaque
-
     save_objects(file, {"io": MatlabOpaque(values, "nldat")}, age)
 
 
@@ -193,8 +194,6 @@ def write_gait(file, angle, torque):
 
 def parameters(**values):
     """Return objects of the toolbox's class `param`, in cells: matio writes no arrays of them."""
-    from matio.utils import MatlabOpaque
-
     items = np.empty((1, len(values)), dtype=object)
     for number, (name, value) in enumerate(values.items()):
         box = np.empty((1, 1), dtype=object)
@@ -214,8 +213,6 @@ def write_segdat(file, signals, kind, onsets, lengths):
             file, {"io": nldat(signals, onsetPointer=np.array(onsets), segLength=np.array(lengths))}
         )
         return
-    from matio.utils import MatlabOpaque
-
     values = nldat(signals, parameterSet=parameters(onsetPointer=onsets, segLength=lengths))
     save_objects(file, {"io": MatlabOpaque(values, "segdat")}, kind)
 

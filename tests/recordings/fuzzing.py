@@ -92,7 +92,7 @@ SEEDS = {
 SEEDS |= {name: write for name, write in files.WRITERS.items() if name != "v5.mat"}
 SEEDS |= dict.fromkeys(OWN, write_own)
 MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
-COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat", "segments.mat")
+COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat")
 INSIDE = dict.fromkeys(COMPRESSED, mutations.inside_mat)
 INSIDE |= dict.fromkeys(("ankle.h5", "every.h5"), mutations.inside_chunk)
 

@@ -1,6 +1,5 @@
 """Every format gives the same recording, states what it knows, and refuses what is no signal."""
 
-import os
 import pickle
 
 import h5py
@@ -61,17 +60,6 @@ def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
             read(file)
 
 
-def test_a_file_that_cannot_be_opened_is_told(tmp_path, monkeypatch):
-    def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(type(tmp_path), "open", refuse)
-    (tmp_path / "ankle.csv").touch()
-    os.truncate(tmp_path / "ankle.csv", 9)
-    with refused(r"cannot be read \(.*Permission denied\)\. Is it whole and closed in other"):
-        describe_file(tmp_path / "ankle.csv")
-
-
 def test_an_enormous_file_is_read_in_part(tmp_path, signals):
     file = tmp_path / "ankle.h5"
     write_hdf5(file, *signals)
@@ -108,7 +96,6 @@ def test_groups_dimensions_and_packed_values_of_netcdf(tmp_path, signals):
         (np.ones(599), r"lengths or trials: other \(599\), tq \(600\); name channels"),
         (np.ones((10, 20, 3)), r"expected a vector or a matrix, got an array of shape"),
         (np.zeros(0), "expected samples, got an empty array"),
-        (np.full(600, np.nan), "600 of 600 values are NaN"),
     ],
 )
 def test_what_is_no_signal_is_refused(tmp_path, signals, values, message):
@@ -161,18 +148,14 @@ def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
             described[path].read(path)
 
 
-def test_names_that_occur_twice_are_refused(tmp_path, signals):
+def test_names_that_occur_twice_are_refused(tmp_path):
     (tmp_path / "a.csv").write_text("pos, tq ,pos\n1,2,3\n")
-    (tmp_path / "a.tsv").write_text("pos\ttq\t tq\n1\t2\t3\n")
-    np.savez(tmp_path / "a.npz", pos=signals[0], tqq=signals[1], tq1=signals[0])
-    content = (tmp_path / "a.npz").read_bytes()
-    (tmp_path / "a.npz").write_bytes(content.replace(b"tqq.npy", b"tq1.npy"))
     savemat(tmp_path / "a.mat", {"tq": np.ones(3)})
     content = (tmp_path / "a.mat").read_bytes()
     (tmp_path / "a.mat").write_bytes(content + content[128:])
-    for file in tmp_path.iterdir():
-        with refused(rf"{file.name}: .*(called '(tq1?|pos)'|Duplicate variable name 'tq')"):
-            describe_file(file)
+    for name, text in {"a.csv": "channels are called 'pos'", "a.mat": "name 'tq'"}.items():
+        with refused(f"{name}: .*{text}"):
+            describe_file(tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -226,29 +209,23 @@ def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
     WRITERS["sub-1_motion.tsv"](file, *signals)
     beside = file.with_name("sub-1_task-a_run-2_channels.tsv")
     described = beside.rename(tmp_path / "task-a_channels.tsv")
-    rate = file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
-    of_another_task = file.with_name("sub-1_task-b_motion.json")
-    of_another_task.write_text('{"SamplingFrequency": 7}')
+    file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
+    file.with_name("sub-1_task-b_motion.json").write_text('{"SamplingFrequency": 7}')
     np.testing.assert_array_equal(read(file).torque, signals[1])
     assert describe_file(file)["tq"].sampling_rate == 200
-    rate.write_text("{}")
-    assert describe_file(file)["tq"].sampling_rate is None
     rows = described.read_text()
     for text, message in {
         rows.replace("MISC", "LATENCY"): "got values without evenly spaced times",
         rows + "\nemg\tEMG\tV": "for each of the 2 columns, got 3 rows",
-        "name\n": r"a row with name and type in task-a_channels\.tsv",
     }.items():
         described.write_text(text)
         with refused(message):
             read(file)
-    content = file.read_text()
-    file.write_text("pos\ttq\n" + content)
-    with refused(r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
-        read(file)
-    file.write_text(content)
     described.unlink()
     with refused(r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
+        read(file)
+    file.write_text("pos\ttq\n" + file.read_text())
+    with refused(r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
         read(file)
 
 

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from tests.recordings.files import (
+    MatlabOpaque,
     cells,
     nldat,
     read,
     refused,
+    save_objects,
     write_mat_73,
     write_object,
     write_segdat,
@@ -42,14 +44,11 @@ def test_toolbox_objects(tmp_path, signals, age):
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_variables_beside_objects(tmp_path, signals, version):
-    import matio
-    from matio.utils import MatlabOpaque
-
     file, run = tmp_path / "ankle.mat", np.empty((1, 1), dtype=[("pos", object), ("note", object)])
     run["pos"][0, 0], run["note"][0, 0] = signals[0][:, None], np.array(["ankle"])
     own, other = (MatlabOpaque(nldat(signals), kind) for kind in ("nldat", "timeseries"))
     objects = {"io": own, "tq": signals[1][:, None], "run": run, "series": other}
-    matio.save_to_mat(str(file), objects, version=version)
+    save_objects(file, objects, version)
     assert {*describe_file(file)} == {"io.pos", "io.tq", "tq", "run.pos", "run.note", "series"}
     recording = read(file, angle="run.pos", channels={"same": "io.tq"})
     np.testing.assert_array_equal([recording.angle, recording.torque], signals)

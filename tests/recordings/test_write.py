@@ -1,6 +1,5 @@
 import json
 from datetime import UTC, datetime
-from pathlib import Path
 
 import attrs
 import h5py
@@ -71,15 +70,11 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
 
 
 def assert_same(one, two):
-    assert type(one) is type(two)
-    assert list(one.channels) == list(two.channels)
-    for name, values in attrs.asdict(one, recurse=False).items():
-        other = getattr(two, name)
-        pairs = [(values, other)]
-        if name == "channels":
-            pairs = [(values[channel], other[channel]) for channel in values]
-        for value, back in pairs:
-            np.testing.assert_array_equal(value, back, strict=isinstance(value, np.ndarray))
+    kept, back = (attrs.asdict(each, recurse=False) for each in (one, two))
+    kept, back = kept | kept.pop("channels"), back | back.pop("channels")
+    assert list(kept) == list(back)
+    for name, value in kept.items():
+        np.testing.assert_array_equal(value, back[name], strict=isinstance(value, np.ndarray))
 
 
 # Some are names of other variables, some no names of variables in MATLAB.
@@ -106,7 +101,7 @@ def test_signals_are_read_back_unchanged(tmp_path, random, ending, count):
 
 
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
-def test_a_written_recording_is_a_file_like_others(tmp_path, random, monkeypatch, ending):
+def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
     angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
     file = tmp_path / f"ankle{ending}"
     write_recording(file, tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
@@ -116,18 +111,6 @@ def test_a_written_recording_is_a_file_like_others(tmp_path, random, monkeypatch
     np.testing.assert_array_equal(found.channels["emg"], emg)
     with pytest.raises(tv.InputError, match="not written by write_ensemble"):
         load_ensemble(file)
-    before = file.read_bytes()
-
-    def lose_power(file, _):
-        with open(file, "wb") as half:
-            half.write(b"half of it")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", lose_power)
-    with pytest.raises(OSError, match="No space left"):
-        write_recording(file, tv.Recording(torque, angle, 100.0))
-    assert file.read_bytes() == before
-    assert [item.name for item in tmp_path.iterdir()] == [f"ankle{ending}"]
 
 
 START = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)

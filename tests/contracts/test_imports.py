@@ -37,12 +37,11 @@ def room_of(module: str) -> str:
 def modules_imported(tree: ast.AST) -> set[str]:
     """Return the modules of the package that a file imports, at once or later.
 
-    The methods ``plot`` and ``read`` may import the function that they call. Imports for types do
-    not run.
+    The method ``plot`` may import the figure that it shows. Imports for types do not run.
     """
     for node in ast.walk(tree):
-        is_verb = isinstance(node, ast.FunctionDef) and node.name in {"plot", "read"}
-        if is_verb or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+        is_plot = isinstance(node, ast.FunctionDef) and node.name == "plot"
+        if is_plot or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
             node.body = []
     names = set()
     for node in ast.walk(tree):

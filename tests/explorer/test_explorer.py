@@ -123,7 +123,7 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
         raise AssertionError("done anew")
 
     found = outcome(found.settings)  # other tests may have filled the caches meanwhile
-    monkeypatch.setattr(tv.recordings.Reading, "read", nobody)
+    monkeypatch.setattr(steps, "read_recording", nobody)
     again = attrs.evolve(found.settings, method="esm")
     assert outcome(again).found is outcome(again).found
     monkeypatch.setattr(steps, "compare", nobody)

@@ -167,6 +167,7 @@ def identify(
     """
     from tvsysid.comparison import compare, prepare_recording
     from tvsysid.methods import centered_channels, parse
+    from tvsysid.recordings import read_recording
     from tvsysid.report import write_estimates, write_folder
 
     if scheduling is not None:
@@ -174,7 +175,7 @@ def identify(
         reading = attrs.evolve(reading, channels=channels)
         method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
     with shown_warnings():
-        recording = reading.read(file)
+        recording = read_recording(file, reading)
         if scheduling is None and segmentation.period is None:
             raise InputError(NO_PERIOD)
         out.mkdir(parents=True, exist_ok=True)

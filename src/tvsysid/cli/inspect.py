@@ -105,13 +105,14 @@ def _show_diagnosis(
     from tvsysid.quality import diagnose
     from tvsysid.quality.resampling import lowered
     from tvsysid.recommendation import recommend
+    from tvsysid.recordings import read_recording
     from tvsysid.report import write_diagnosis
 
     repeats = segmentation.period is not None
     if not repeats:
         remark("note", "no --period: the record is diagnosed in pieces, not taken to repeat")
     with shown_warnings():
-        recording = reading.read(file)
+        recording = read_recording(file, reading)
         prepared = prepare_recording(
             recording,
             attrs.evolve(segmentation, decimate=None),

@@ -127,9 +127,10 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Pilot:
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid import preprocess
     from tvsysid.planning import Pilot
+    from tvsysid.recordings import read_recording
 
     with shown_warnings():
-        recording = reading.read(file)
+        recording = read_recording(file, reading)
         if segmentation.decimate is not None:
             recording = preprocess.decimate(recording, segmentation.decimate)
         cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)

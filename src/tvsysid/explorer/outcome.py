@@ -18,7 +18,7 @@ from tvsysid.explorer.settings import Settings
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import centered_channels, parse
 from tvsysid.quality import Diagnosis, diagnose
-from tvsysid.recordings import Reading, Segmentation
+from tvsysid.recordings import Reading, Segmentation, read_recording
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Recording
 
@@ -112,7 +112,7 @@ def _prepared(
 
 @lru_cache(maxsize=4)
 def _read(source: Path, changed: int, reading: Reading) -> Warned[Recording]:
-    return _warned(lambda: reading.read(source))
+    return _warned(lambda: read_recording(source, reading))
 
 
 def _warned(work: Callable[[], T]) -> Warned[T]:

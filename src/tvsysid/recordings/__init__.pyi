@@ -5,11 +5,11 @@ from .export import write_nwb as write_nwb
 from .formats import describe_file as describe_file
 from .read import UsableTrials as UsableTrials
 from .read import join_trials as join_trials
+from .read import read_recording as read_recording
 from .read import read_trials as read_trials
 from .read import read_usable_trials as read_usable_trials
 from .reading import Reading as Reading
 from .reading import Segmentation as Segmentation
-from .reading import read_recording as read_recording
 from .write import describe_models as describe_models
 from .write import load_ensemble as load_ensemble
 from .write import load_recording as load_recording

@@ -15,7 +15,7 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import Channel, explained
 from tvsysid.recordings.formats import describe_file
-from tvsysid.recordings.reading import Reading, read_recording
+from tvsysid.recordings.reading import Reading
 from tvsysid.signals import Array, Recording
 
 MAX_ANGLE_RMS_RAD = 0.2  # about the mean; more is probably in degrees
@@ -46,8 +46,49 @@ class UsableTrials(NamedTuple):
     refused: dict[str, str]
 
 
-def read(file: Path, reading: Reading) -> Recording:
-    """Read a recording, and warn of what looks wrong. See :meth:`Reading.read`."""
+def read_recording(path: str | Path, reading: Reading | None = None, **settings: Any) -> Recording:
+    """Read angle and torque from a file, in rad and N·m, and further channels as they are.
+
+    Parameters
+    ----------
+    path
+        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS
+        (``_motion.tsv``), Parquet (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF
+        (``tvsysid[edf]``), by its ending.
+    reading
+        How the file is read. Without it, ``settings`` are those of
+        :class:`tvsysid.recordings.Reading`.
+    angle, torque
+        Names of the variables or columns, as ``tvsysid inspect`` lists them: ``run.angle`` in a
+        MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
+    sampling_rate
+        In Hz. What the file says of itself is compared with it, and never used in its place.
+    **settings
+        ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
+        ``angle_unit="deg"``, ``torque_unit="Nmm"`` and ``start``.
+
+    Raises
+    ------
+    InputError
+        If the angle, the torque or the sampling rate is not given; if the file cannot be read,
+        lacks a channel (the message lists those that it holds), or holds no usable numbers.
+
+    Warns
+    -----
+    DataQualityWarning
+        If the angle, said to be in rad, is so large that it is probably in degrees; if the file
+        states another unit or sampling rate; if a channel is constant.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
+    ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
+    Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
+    """
+    file, reading = Path(path), reading or Reading(**settings)
     channels, signals, trial_starts = _read_signals(file, reading)
     with explained(file.name):
         recording = _recording(reading, signals, trial_starts)
@@ -263,4 +304,4 @@ def _doubts(
 
 def _warn(name: str, texts: Iterable[str]) -> None:
     for text in texts:
-        warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=5)
+        warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=3)

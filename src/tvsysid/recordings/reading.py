@@ -1,18 +1,17 @@
-"""How a recording is read from a file and cut into realizations: every setting, declared once."""
+"""How a recording is read from a file and cut into realizations: every setting, declared once.
+
+The command line imports this module for its options, and must start quickly.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.validators import Validator, finite, not_negative, one_of, optional, positive
-
-if TYPE_CHECKING:  # the command line imports this module for its options, and must start quickly
-    from tvsysid.signals import Recording
 
 AngleUnit = Literal["rad", "deg"]
 TorqueUnit = Literal["Nm", "Nmm"]
@@ -91,12 +90,12 @@ class Reading:
 
     Examples
     --------
-    >>> import numpy as np, tempfile
+    >>> import numpy as np, tempfile, tvsysid as tv
     >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
     >>> reading = Reading(angle="pos", torque="tq", sampling_rate=100)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
-    ...     reading.read(f"{folder}/ankle.npz")
+    ...     tv.read_recording(f"{folder}/ankle.npz", reading)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
 
@@ -117,25 +116,6 @@ class Reading:
                 f"angle and torque are both {torque!r}; name the channel of each (--angle, "
                 "--torque)"
             )
-
-    def read(self, path: str | Path) -> Recording:
-        """Read angle and torque from a file, in rad and N·m, and the further channels as they are.
-
-        Raises
-        ------
-        InputError
-            If the angle, the torque or the sampling rate is not given; if the file cannot be read,
-            lacks a channel (the message lists those that it holds), or holds no usable numbers.
-
-        Warns
-        -----
-        DataQualityWarning
-            If the angle, said to be in rad, is so large that it is probably in degrees; if the file
-            states another unit or sampling rate; if a channel is constant.
-        """
-        from tvsysid.recordings.read import read  # noqa: PLC0415
-
-        return read(Path(path), self)
 
     @property
     def names(self) -> dict[str, str]:
@@ -174,35 +154,3 @@ class Segmentation:
     period: float | None = attrs.field(default=None, validator=_named(optional(positive)))
     decimate: float | None = attrs.field(default=None, validator=_named(optional(positive)))
     context: float = attrs.field(default=0.5, validator=_named(not_negative))
-
-
-def read_recording(path: str | Path, **settings: Any) -> Recording:
-    """Read angle and torque from a file, in rad and N·m.
-
-    Parameters
-    ----------
-    path
-        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS
-        (``_motion.tsv``), Parquet (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF
-        (``tvsysid[edf]``), by its ending.
-    angle, torque
-        Names of the variables or columns, as ``tvsysid inspect`` lists them: ``run.angle`` in a
-        MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
-    sampling_rate
-        In Hz. What the file says of itself is compared with it, and never used in its place.
-    **settings
-        ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
-        ``angle_unit="deg"``, ``torque_unit="Nmm"`` and ``start``: see
-        :class:`tvsysid.recordings.Reading`. Errors and warnings are those of
-        :meth:`tvsysid.recordings.Reading.read`.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
-    ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
-    Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
-    """
-    return Reading(**settings).read(path)

@@ -25,6 +25,8 @@ CHECKS = """
   };
   seen.names = [...page.querySelectorAll(".label")].map((cell) => [cell.textContent, lines(cell)]);
   seen.all = rows().filter((row) => !row.hidden).length;
+  const number = (cell) => cell.classList.contains("number")
+    ? cell.textContent.replace("−", "-").replace("–none", "").split(" ")[0] : null;
   seen.sorted = buttons.map((button, column) => [1, 2].map(() => {
     button.click();
     const heading = button.parentElement;
@@ -32,7 +34,7 @@ CHECKS = """
       sort: heading.getAttribute("aria-sort"),
       others: page.querySelectorAll("[aria-sort]").length,
       texts: rows().map((row) => row.cells[column].textContent),
-      numbers: rows().map((row) => row.cells[column].dataset.value ?? null),
+      numbers: rows().map((row) => number(row.cells[column])),
     };
   }));
   const scrolling = [...page.querySelectorAll(".scroll")]\

@@ -3,7 +3,6 @@ import re
 from itertools import pairwise
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from tests.experimental import claims, exclusions_of, experiment_of, fail, results_of, summary_of
 from tests.report.conftest import ALIGNED, HOSTILE, pictures
@@ -11,7 +10,7 @@ from tests.report.elements import Elements, section, table
 
 from tvsysid.report import problems, write_experiment_report
 from tvsysid.report.alignment import notable, sentence
-from tvsysid.report.experiment import metrics, outcome, recordings
+from tvsysid.report.experiment import kept, metrics, recordings
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures
 
@@ -106,9 +105,9 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
         & (experiment.summary.realizations == 150)
     ].value
     assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
-    found = metrics(experiment.summary, 6)[0].rows
+    found = metrics(experiment.summary, 6)
     assert len(found) == 16
-    failed = {(row.cells[1], row.cells[0], row.cells[2].value): row.cells[-1].text for row in found}
+    failed = found.set_index(["perturbation", "method", "realizations drawn"])["failed draws"]
     assert failed["filtered noise", "kbr", 40] == "6 of 18"
     assert failed["PRBS", "eirf", 75] == "6 of 18"
 
@@ -153,10 +152,8 @@ def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     results = results_of(("S1",), ("steps", "noise"), ("sds",), (30,))
     results["recorded"][:] = 200
     found = recordings(results, exclusions_of(results), COUNTS)
-    assert not [row for row in found.rows if row.total]
-    assert "the paper" not in " ".join(
-        outcome(results, summary_of(results), claims().iloc[:0], COUNTS)
-    )
+    assert "total" not in found.index
+    assert not any(each["paper"] for each in kept(results, summary_of(results), COUNTS))
 
 
 def test_claims_that_were_not_studied_are_folded_away(elements):
@@ -255,22 +252,3 @@ def test_when_everything_failed(tmp_path):
     text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
     assert "nan" not in text
     assert "144 identifications in all, of which 144 failed" in text
-
-
-@pytest.mark.slow
-def test_results_from_a_store_give_the_same_page(tmp_path, experiment):
-    import xarray as xr
-
-    experiment.results.to_netcdf(tmp_path / "results.nc", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "results.nc") as stored:
-        for name, each in (("one", experiment.results), ("two", stored)):
-            write_experiment_report(
-                tmp_path / f"{name}.html",
-                each,
-                experiment.summary,
-                claims(),
-                experiment.exclusions,
-                {},
-            )
-    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
-    assert np.isnan(experiment.results.seconds).any()

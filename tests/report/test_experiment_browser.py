@@ -10,11 +10,13 @@ CHECKS = """
   seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
   const rows = () => [...page.querySelectorAll("#metrics-table tbody tr")];
   const buttons = [...page.querySelectorAll("#metrics-table thead button")];
+  const number = (cell) => cell.classList.contains("number")
+    ? cell.textContent.replace("−", "-").replace("–none", "").split(" ")[0] : null;
   seen.sorted = buttons.map((button, column) => {
     button.click();
     return {
       sort: button.parentElement.getAttribute("aria-sort"),
-      numbers: rows().map((row) => row.cells[column].dataset.value ?? null),
+      numbers: rows().map((row) => number(row.cells[column])),
     };
   });
 """

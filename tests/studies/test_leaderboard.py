@@ -4,8 +4,8 @@ The scores are compared with slow and closed forms.
 """
 
 import hashlib
+import re
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -70,30 +70,28 @@ def offer_needy(file):
     file.write_text(file.read_text().replace("entered", "needy = own_scenarios:Needy\nentered"))
 
 
+def digest(study):
+    """Return a hash of the settings of each scenario, and of the size of its first seconds.
+
+    The sizes show a change of a default or of a simulation, which no setting shows.
+    """
+    settings = f"{study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
+    lines = [f"{study.trials} trials at {settings}"]
+    for scenario in study.scenarios:
+        system, perturbation = study.simulated(scenario)
+        seed, noise = np.random.SeedSequence(0), scenario.snr_db
+        simulation = system.simulate(8.0, perturbation=perturbation, snr_db=noise, seed=seed)
+        signals = simulation.recording.angle, simulation.recording.torque
+        lines.append(" ".join([*map(str, scenario), *(f"{np.std(each):.3e}" for each in signals)]))
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
 def test_the_scenarios_of_the_version_are_those_that_were_frozen():
     study = leaderboard.study_of()
-    assert leaderboard.digest(study) == "aea0ef10ed2fb7ec" == leaderboard.DIGEST, (
-        "give what is changed a new version"
-    )
+    assert digest(study) == "aea0ef10ed2fb7ec", "give what is changed a new version"
     assert (leaderboard.VERSION, len(study.scenarios), study.trials, study.seed) == (1, 13, 10, 1)
     kinds = {type(study.simulated(scenario)[0]) for scenario in study.scenarios}
     assert kinds == {type(system) for system in SYSTEMS.values()}
-
-
-def test_whatever_is_changed_makes_another_digest(monkeypatch):
-    def digest(**changes):
-        return leaderboard.digest(leaderboard.study_of(**TINY | {"methods": "sds"} | changes))
-
-    found = {digest(), digest(snr_db=9), digest(trials=3), digest(rate=50)}
-    monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint(inertia=0.021))
-    found.add(digest())
-    monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint())
-    monkeypatch.setattr(  # what no setting shows
-        tv.simulate.FilteredNoise,
-        "generate",
-        lambda self, samples, rate, random: random.standard_normal(samples),
-    )
-    assert len(found | {digest()}) == 6
 
 
 def test_errors_are_those_of_a_plain_loop():
@@ -112,11 +110,6 @@ def test_errors_are_those_of_a_plain_loop():
     found = leaderboard.errors_of(own).values
     np.testing.assert_allclose(found[:, ::2], expected[:, ::2], rtol=1e-12)
     assert found[1, 1, 1] > 0.5  # twice the stiffness was true
-
-
-def test_the_page_on_the_leaderboard_says_what_the_score_is():
-    page = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
-    assert leaderboard.SCORE.replace("’", "'") in " ".join(page.split())
 
 
 def test_the_score_is_a_geometric_mean_and_its_error_that_of_the_delta_method(random):
@@ -182,7 +175,7 @@ def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid,
     np.testing.assert_allclose(table.score, gmean(by_scenario, axis=1), rtol=1e-5)
     text = (tmp_path / "out" / "leaderboard.html").read_text()
     assert "First: sds, entered." in text
-    assert '<td>skipped</td><td class="number">4 of 4</td>' in text.replace("\n", "")
+    assert "lpv skipped 4 of 4" in " ".join(re.sub("<.+?>", " ", text).split())
     assert hashlib.sha256(f"tvsysid leaderboard 1 seed {secret}".encode()).hexdigest() in text
     assert str(secret) not in text + (tmp_path / "out" / "leaderboard.csv").read_text()
     assert "Not leaderboard 1: its scenarios or trials were changed." in text

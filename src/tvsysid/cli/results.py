@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tvsysid.cli.console import remark, say, say_written, show_table
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from tvsysid.report.sections import Problem
     from tvsysid.studies.published_study import Written
 
 SCORES = {  # names and formats, by heading
@@ -71,7 +70,7 @@ def show_study(
     return show_end(out, written.files, problems(results))
 
 
-def show_end(out: Path, files: Iterable[str], problems: Iterable[Problem]) -> int:
+def show_end(out: Path, files: Iterable[str], problems: Iterable[Mapping[str, Any]]) -> int:
     """Print failures, warnings and files; return the exit code, 1 if a method failed."""
     code = 0
     for each in problems:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
@@ -44,6 +45,11 @@ class Picture:
     svg: bytes
     width: int
     height: int
+
+    @property
+    def source(self) -> str:
+        """The picture itself as the address of an image."""
+        return "data:image/svg+xml;base64," + base64.b64encode(self.svg).decode()
 
 
 @contextmanager

@@ -6,7 +6,8 @@ from .experiment import write_experiment_report as write_experiment_report
 from .folder import write_estimates as write_estimates
 from .folder import write_folder as write_folder
 from .identification import write_identification as write_identification
-from .sections import problems as problems
+from .leaderboard import write_leaderboard_page as write_leaderboard_page
 from .sheet import write_sheet as write_sheet
+from .studies import problems as problems
 from .study import CLAIMS as CLAIMS
 from .study import write_report as write_report

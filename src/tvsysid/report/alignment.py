@@ -1,12 +1,12 @@
-"""Sentences on how the alignment of realizations changes their stiffness, and what to do."""
+"""How the alignment of realizations changes their stiffness, and what to do."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.report import page
+from tvsysid.report.page import in_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,58 +21,44 @@ REMEDY = (
 )
 
 
-def notable(table: pd.DataFrame) -> pd.DataFrame:
+def notable(aligned: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of :func:`tvsysid.study.alignments` that need action."""
-    certain = table.difference.abs() > CERTAIN * table.standard_error
-    return table[certain & (table.percent.abs() > NOTABLE)]
+    certain = aligned.difference.abs() > CERTAIN * aligned.standard_error
+    return aligned[certain & (aligned.percent.abs() > NOTABLE)]
 
 
-def sentence(table: pd.DataFrame) -> str:
+def sentence(aligned: pd.DataFrame) -> str:
     """Describe the effect of the alignment on the stiffness of one or more recordings.
 
     Empty if none was aligned.
     """
-    if not len(table):
+    if not len(aligned):
         return ""
-    aligned, unshifted = table.aligned.mean(), table.unshifted.mean()
-    error = float(np.sqrt(np.sum(table.standard_error**2))) / len(table)
-    several = f" in the mean of {len(table)} recordings" if len(table) > 1 else ""
+    after, before = aligned.aligned.mean(), aligned.unshifted.mean()
+    error = float(np.sqrt(np.sum(aligned.standard_error**2))) / len(aligned)
+    several = f" in the mean of {len(aligned)} recordings" if len(aligned) > 1 else ""
     text = (
-        f"Aligning realizations to the target changes the stiffness by {aligned - unshifted:.1f} ± "
-        f"{error:.1f} N·m/rad ({100 * (aligned / unshifted - 1):.0f} %){several}: {aligned:.1f} "
-        f"instead of {unshifted:.1f}, by sds from all that were kept."
+        f"Aligning realizations to the target changes the stiffness by {after - before:.1f} ± "
+        f"{error:.1f} N·m/rad ({100 * (after / before - 1):.0f} %){several}: {after:.1f} "
+        f"instead of {before:.1f}, by sds from all that were kept."
     )
     return text.replace("-", "−")
 
 
-def alignment_table(table: pd.DataFrame) -> page.Table:
-    """Return a table of the effect of the alignment on each recording."""
-    caption = (
-        "Mean stiffness over time of the realizations that were kept, identified by sds with the "
-        "shifts that align them to the target and as they were recorded; after ± stands one "
-        f"standard error. {REMEDY}"
-    )
-    unit = "N·m/rad"
-    columns = [
-        page.Column("recording", kind="label"),
-        *(
-            page.Column(heading, unit, "number")
-            for heading in ("aligned", "unshifted", "difference")
-        ),
-        page.Column("difference", "%", "number"),
-    ]
+def table(aligned: pd.DataFrame) -> pd.DataFrame:
+    """Return the effect of the alignment on each recording, with headings for a page."""
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    records: list[Any] = aligned.to_dict("records")
     rows = [
-        page.Row(
-            [
-                each["recording"],
-                page.number(each["aligned"], decimals=1),
-                page.number(each["unshifted"], decimals=1),
-                page.number(each["difference"], each["standard_error"], 1),
-                page.number(each["percent"], decimals=0),
-            ]
+        (
+            each["recording"],
+            in_text(each["aligned"], decimals=1),
+            in_text(each["unshifted"], decimals=1),
+            in_text(each["difference"], each["standard_error"], 1),
+            in_text(each["percent"], decimals=0),
         )
-        for each in table.to_dict("records")
+        for each in records
     ]
-    return page.Table(
-        "What the alignment does to the stiffness", caption, columns, rows, narrow=True
-    )
+    means = [f"{name} (N·m/rad)" for name in ("aligned", "unshifted", "difference")]
+    return pd.DataFrame(rows, columns=["recording", *means, "difference (%)"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ import attrs
 from tvsysid import __version__
 from tvsysid.errors import printable
 from tvsysid.figures import Picture
+from tvsysid.figures.words import count
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
@@ -137,11 +137,6 @@ class Figure:
     number: int = 0
     saved: bool = True
 
-    @property
-    def source(self) -> str:
-        """The picture itself as the address of an image."""
-        return "data:image/svg+xml;base64," + base64.b64encode(self.picture.svg).decode()
-
 
 Block = str | Table | Heading | Bullets | Box | Code | Fold | Figure
 """A piece of a section; text is a paragraph, escaped unless it is ``markupsafe.Markup``."""
@@ -172,6 +167,11 @@ class Page:
     notice: str = ""
 
     @property
+    def contents(self) -> dict[str, str]:
+        """Names of the sections by their anchors."""
+        return {part.anchor: part.contents or part.title for part in self.sections}
+
+    @property
     def sortable(self) -> bool:
         """Whether it has a table that can be sorted."""
         return any(
@@ -183,7 +183,12 @@ class Page:
 
 def write_page(path: str | Path, page: Page) -> None:
     """Write a page as one HTML file, which appears whole or not at all and needs nothing else."""
-    content = _template("base.html").render(page=page)
+    render(path, "base.html", page=page)
+
+
+def render(path: str | Path, template: str, **values: object) -> None:
+    """Write a template of this room, filled with values, as one HTML file."""
+    content = _template(template).render(values)
     with whole_file(path) as temporary:
         temporary.write_text(printable(content), encoding="utf-8")
 
@@ -204,7 +209,7 @@ def _template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["typeset"] = typeset
+    environment.filters |= {"typeset": typeset, "count": count}
     return environment.get_template(name)
 
 
@@ -219,12 +224,22 @@ def typeset(text: str) -> str:
 
 
 def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:
-    """Return value ± standard error with so many decimals, or to three digits.
+    """Return a cell with value ± standard error, as :func:`in_text`."""
+    return Cell(in_text(value, error, decimals), value if math.isfinite(value) else None)
+
+
+def in_text(value: float, error: float = math.nan, decimals: int | None = None) -> str:
+    r"""Return value ± standard error with so many decimals, or to three digits.
 
     A dash where there is no value.
+
+    Examples
+    --------
+    >>> in_text(49.125, 1.5, 1), in_text(-0.01234), in_text(float("nan"))
+    ('49.1 ±\xa01.5', '−0.0123', '–')
     """
     if not math.isfinite(value):
-        return Cell("–", None)
+        return "–"
     if decimals is None:
         decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
     texts = [
@@ -232,4 +247,4 @@ def number(value: float, error: float = math.nan, decimals: int | None = None) -
         for each in (value, error)
         if math.isfinite(each)
     ]
-    return Cell(" ± ".join(texts).replace("-", "−"), value)
+    return " ±\u00a0".join(texts).replace("-", "−")

@@ -1,4 +1,4 @@
-"""A leaderboard that others can enter: frozen scenarios, one score, and a page.
+"""A leaderboard that others can enter: frozen scenarios, and a ranking of methods by one score.
 
 What is run is frozen: to change any of it is to begin a version with a number of its own. The page
 has no times, machines or folders, so that it repeats.
@@ -9,20 +9,18 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
 
-from tvsysid import figures
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.figures.words import count
+from tvsysid.figures import Illustration, draw_all, leaderboard
 from tvsysid.methods import CLOSED_LOOP, names, parse
 from tvsysid.methods.registry import origin_of
 from tvsysid.numerics import Array
-from tvsysid.report import page, problems, sections
+from tvsysid.report import write_leaderboard_page
 from tvsysid.simulate import CompliantActuator, Joint, ReflexJoint, ScheduledJoint
 from tvsysid.studies.published_study import write_tables
 from tvsysid.study.scenarios import Scenario, Study, preset_study
@@ -34,10 +32,10 @@ if TYPE_CHECKING:
 
 VERSION = 1
 SEED = 1  # of the public trials; those of an official table are kept secret
-DIGEST = "aea0ef10ed2fb7ec"  # of the scenarios below
 TRIALS = 10
-SIMULATED_S = 8.0  # s of each scenario that its digest counts
 SECRET = 2**64  # a smaller seed could be found from its hash by trying
+DRAWS = 2000  # bootstrap draws
+MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
 
 OTHER_SINE = "sine:mean=80,amplitude=60,offset=0.3"
 SCHEDULED = "scheduled:variable=scheduling"
@@ -67,50 +65,42 @@ SCENARIOS = (
 )
 """Joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a variable."""
 
+KINDS = {
+    ReflexJoint: "reflex",
+    ScheduledJoint: "scheduled",
+    CompliantActuator: "closed loop",
+    Joint: "imposed angle",
+}
+FILES = ("leaderboard.html", "leaderboard.csv")
+PICTURE = (
+    "Left: rank, and score with two standard errors to either side. Right: error in each scenario, "
+    "in per cent of the mean stiffness, the darker the smaller, numbered as in the table of "
+    "scenarios. The tables have the same numbers."
+)
+
 
 def study_of(
     entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any
 ) -> Study:
     """Return the leaderboard's study: methods of the package, of installed packages, and others.
 
-    Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as
-    its digest shows. An installed method that cannot be made as it is is left out, with a
-    warning.
+    Further ``scenarios`` and ``changes`` of settings make it another one than the version's. An
+    installed method that cannot be made as it is is left out, with a warning.
     """
     first, *others = (
         {name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS
     )
-    methods = dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))
+    installed = list(names())
+    for name in names():
+        try:
+            parse(name)
+        except InputError as error:
+            warnings.warn(f"{error}; it is left out", DataQualityWarning, stacklevel=2)
+            installed.remove(name)
+    methods = dict.fromkeys((*installed, *CLOSED_LOOP, *entries))
     fixed = {"subtract_mean": True, "trials": TRIALS, "seed": SEED, "methods": tuple(methods)}
     study = preset_study({**first, **fixed, "also": others}, **changes)
     return attrs.evolve(study, also=(*study.also, *scenarios))
-
-
-def _usable(name: str) -> bool:
-    try:
-        parse(name)
-    except InputError as error:
-        warnings.warn(f"{error}; it is left out", DataQualityWarning, stacklevel=3)
-        return False
-    return True
-
-
-def digest(study: Study) -> str:
-    """Return a hash of the settings of each scenario, and of the size of its first seconds.
-
-    The sizes show a change of a default or of a simulation, which no setting shows.
-    """
-    settings = f"{study.rate:g} Hz of {study.period:g} s, {study.subtract_mean}"
-    lines = [f"{study.trials} trials at {settings}"]
-    for scenario in study.scenarios:
-        system, perturbation = study.simulated(scenario)
-        seed, snr_db = np.random.SeedSequence(0), scenario.snr_db
-        simulation = system.simulate(
-            SIMULATED_S, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=1000.0
-        )
-        signals = simulation.recording.angle, simulation.recording.torque
-        lines.append(" ".join([*map(str, scenario), *(f"{np.std(each):.3e}" for each in signals)]))
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 def commitment(seed: int) -> str:
@@ -119,20 +109,6 @@ def commitment(seed: int) -> str:
     Whoever is later given the seed can check that it is the same one.
     """
     return hashlib.sha256(f"tvsysid leaderboard {VERSION} seed {seed}".encode()).hexdigest()
-
-
-DRAWS = 2000  # bootstrap draws
-MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
-SCORE = (
-    "In each trial an entry’s error is the root mean square over time of its stiffness minus the "
-    "true one, divided by the mean true stiffness, and 100 % at most; a trial that it skips or in "
-    "which it fails counts as 100 %, and times that it leaves out as an estimate of 0. The score "
-    "is the geometric mean over scenarios of the root-mean-square error over trials, in per cent: "
-    "to halve the error in any scenario is worth the same. What stands after ± is one standard "
-    "error, from drawing trials with replacement, the same ones for all entries; down the table an "
-    "entry shares the rank of the one that leads it, unless it is behind by more than two standard "
-    "errors of their difference, and then leads the next."
-)
 
 
 def errors_of(results: xr.Dataset) -> xr.DataArray:
@@ -166,8 +142,8 @@ def replicates_of(errors: Array) -> Array:
     counts = random.multinomial(trials, share, (DRAWS, scenarios)).astype(float)
     drawn = scores_of(errors, counts)
     # A bootstrap draw varies less than a sample does
-    wider = np.sqrt(trials / (trials - 1))
-    return np.asarray(drawn * wider + drawn.mean(axis=0) * (1 - wider))
+    mean, wider = drawn.mean(axis=0), np.sqrt(trials / (trials - 1))
+    return np.asarray(mean + wider * (drawn - mean))
 
 
 def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
@@ -213,103 +189,7 @@ def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFr
     return pd.DataFrame(columns).sort_values("score", kind="stable", ignore_index=True)
 
 
-KINDS = {
-    ReflexJoint: "reflex",
-    ScheduledJoint: "scheduled",
-    CompliantActuator: "closed loop",
-    Joint: "imposed angle",
-}
-FILES = ("leaderboard.html", "leaderboard.csv")
-COLUMNS = (
-    "Score ± standard error, and gap to the leader of the rank or, for a leader, to the next "
-    "better rank; the share of times at which the entry’s own 95 % band holds the truth, which the "
-    "score does not count; scenarios with an estimate; and the score in the scenarios of each "
-    "kind, in %. Click a heading to sort."
-)
-PICTURE = (
-    "Left: rank, and score with two standard errors to either side. Right: error in each scenario, "
-    "in per cent of the mean stiffness, the darker the smaller, numbered as in the table of "
-    "scenarios. The tables have the same numbers."
-)
-COUNTED = (
-    "What failed or was skipped counts as an error of 100 %; what gave a warning counts as it is."
-)
-ENTER = (
-    "An entry is a method: a subclass of tvsysid.Method, installed with an entry point of the "
-    "group tvsysid.methods, or named as module:Class. This command runs it beside all others, and "
-    "writes such a page:"
-)
-
-
-ERRORS = (
-    "Error in per cent of the mean stiffness, by the numbers of the scenarios; without an estimate "
-    "it is 100 %."
-)
-CHANGED = f"Not leaderboard {VERSION}: its scenarios or trials were changed."
-ERRORS_TITLE = "Error in each scenario"
-SIMULATED = "What is simulated; all entries see the same trials."
-COMMAND = "tvsysid leaderboard --method module:Class"
-SECRET_SEED = f"secret; the SHA-256 of “tvsysid leaderboard {VERSION} seed ” followed by it is"
-PUBLIC = "which is public: whoever enters can try these very trials, so this table is for practice"
-
-
-def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.DataFrame:
-    """Write ``FILES`` to a folder, and return the table of standings.
-
-    Parameters
-    ----------
-    study, results, folder
-        As of :func:`study_of`, of this study by :func:`tvsysid.study.run`, and where to write.
-    """
-    scenarios = _scenarios(study)
-    groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
-    table = standings(results, groups)
-    write_tables(folder, {FILES[1]: table})
-    errors = table[["entry", *scenarios.index]]
-    errors = errors.set_axis(["entry", *map(str, scenarios.number)], axis=1)
-    drawing = partial(figures.leaderboard, table, groups)
-    picture = figures.Illustration(drawing, "Scores and errors", PICTURE, ("svg",))
-    found, seed = digest(study), study.seed
-    first = ", ".join(table.entry[table["rank"] == 1])
-    lines = [
-        f"First: {first}. The score is the error of the stiffness in per cent: less is better.",
-        f"Seed: {f'{seed}, {PUBLIC}' if seed == SEED else f'{SECRET_SEED} {commitment(seed)}'}.",
-    ]
-    versions = sections.settings_of(results, "versions")
-    facts = (
-        f"Digest of the scenarios: {found}. The same settings and software give the same page: "
-        f"{', '.join(f'{name} {each}' for name, each in versions.items())}."
-    )
-    parts = [
-        page.Section(
-            "standings",
-            "Standings",
-            [
-                page.Box(lines),
-                _table("Standings", COLUMNS, table.drop(columns=list(scenarios.index))),
-                page.Figure("figure-scores", figures.draw_all({"scores": picture})["scores"]),
-            ],
-        ),
-        page.Section("score", "What the score is", [SCORE]),
-        page.Section("errors", ERRORS_TITLE, [_table("Errors", ERRORS, errors)], wide=True),
-        page.Section("scenarios", "Scenarios", [_table("Scenarios", SIMULATED, scenarios), facts]),
-        sections.problems_section(problems(results), "entry", COUNTED),
-        page.Section("enter", "How to enter", [ENTER, page.Code("Command", COMMAND)]),
-    ]
-    methods, trials = count(len(table), "method"), count(study.trials, "trial")
-    whole = page.Page(
-        f"Leaderboard {VERSION} of time-varying joint identification",
-        f"How well {methods} found the stiffness of simulated joints: "
-        f"{count(len(scenarios), 'scenario')} of {trials} each.",
-        parts,
-        sections.version_of(results),
-        "" if found == DIGEST else CHANGED,
-    )
-    page.write_page(folder / FILES[0], whole)
-    return table
-
-
-def _scenarios(study: Study) -> pd.DataFrame:
+def scenarios_of(study: Study) -> pd.DataFrame:
     """Return kind and settings of each scenario, by label, those of a kind together."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -320,23 +200,39 @@ def _scenarios(study: Study) -> pd.DataFrame:
     ]
     table = pd.DataFrame(study.scenarios, index=[each.label for each in study.scenarios])
     table.insert(0, "kind", kinds)
-    table = pd.concat([rows for _, rows in table.groupby("kind", sort=False)])
+    order = table.kind.map(list(dict.fromkeys(kinds)).index)
+    table = table.iloc[np.argsort(order, kind="stable")]
     table.insert(0, "number", range(1, len(table) + 1))
-    return table.rename(columns={"duration_s": "data (s)", "snr_db": "SNR (dB)"})
+    return table
 
 
-def _table(label: str, caption: str, frame: pd.DataFrame) -> page.Table:
-    """Return a data frame as a table: texts, whole numbers, and others ± their ``_error``."""
-    columns: list[page.Column] = []
-    cells: list[list[Any]] = []
-    for name in (str(each) for each in frame if not str(each).endswith("_error")):
-        values, errors = frame[name], frame.get(f"{name}_error")
-        decimals = {"i": 0, "f": 1 if errors is None else 2}.get(values.dtype.kind)
-        columns.append(page.Column(name, kind="label" if decimals is None else "number"))
-        if decimals is None:
-            cells.append(values.to_list())
-        else:
-            pairs = zip(values, values * np.nan if errors is None else errors, strict=True)
-            cells.append([page.number(*pair, decimals) for pair in pairs])
-    rows = [page.Row(row) for row in zip(*cells, strict=True)]
-    return page.Table(label, caption, columns, rows, f"{label.lower()}-table", True, True)
+def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.DataFrame:
+    """Write ``FILES`` to a folder, and return the table of standings.
+
+    Parameters
+    ----------
+    study, results, folder
+        As of :func:`study_of`, of this study by :func:`tvsysid.study.run`, and where to write.
+    """
+    scenarios = scenarios_of(study)
+    groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
+    table = standings(results, groups)
+    write_tables(folder, {FILES[1]: table})
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+        version = attrs.evolve(study_of(), methods=study.methods, seed=study.seed)
+    picture = Illustration(
+        lambda: leaderboard(table, groups), "Scores and errors", PICTURE, ("svg",)
+    )
+    write_leaderboard_page(
+        folder / FILES[0],
+        results,
+        table,
+        scenarios,
+        draw_all({"scores": picture})["scores"],
+        number=VERSION,
+        is_official=study == version,
+        trials=study.trials,
+        seed=SEED if study.seed == SEED else None,
+        commitment=commitment(study.seed),
+    )
+    return table

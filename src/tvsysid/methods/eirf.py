@@ -89,7 +89,7 @@ class EnsembleIRF(Method):
             "separated from the joint's response; record more, or shorten max_lag"
         )
         enough = np.full(len(windows.weights), independent > unknowns)
-        return shared.window_model(ensemble, ensemble, windows, enough, why)
+        return shared.window_model(ensemble, windows, enough, why)
 
     def _solve(
         self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array

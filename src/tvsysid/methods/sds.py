@@ -100,7 +100,7 @@ class ShortDataSegments(shared.ByReference):
             f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
             "shorten max_lag, or lengthen window"
         )
-        return shared.window_model(ensemble, moved, windows, enough, why, errors)
+        return shared.window_model(ensemble, windows, enough, why, errors)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -114,20 +114,20 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
 
 def agreement_of_moments(
-    fitted: float, cross: Array, moments: Array, left: float, samples: int
+    fitted: float, cross: Array, moments: Array, left: float, samples: float
 ) -> float:
     """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
     The response is taken as the same at all times: what a fit leaves because it smooths a change
-    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are mean
-    squares of the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments``
-    (lag, lag) mean products of lagged angles with what is left and with each other, over so many
-    ``samples``.
+    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are squares of
+    the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments`` (lag, lag)
+    products of lagged angles with what is left and with each other: means, or sums of one number
+    of times, over so many ``samples``.
     """
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()
     answer = float(np.sum((cross @ vectors)[kept] ** 2 / values[kept]))
-    chance = len(cross) * left / samples
+    chance = len(cross) * left / max(samples, 1)
     return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
 

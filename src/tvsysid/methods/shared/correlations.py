@@ -14,12 +14,7 @@ from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import reference_around
-from tvsysid.methods.shared.residuals import (
-    independent_realizations,
-    noise_correlation,
-    residual,
-    second_order_agreement,
-)
+from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
 from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, LaggedReference
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.instrument import lag_samples
@@ -31,7 +26,12 @@ from tvsysid.numerics.moments import (
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, full, truncated
-from tvsysid.numerics.second_order import second_order_readout, static_stiffness
+from tvsysid.numerics.second_order import (
+    agreement_of_moments,
+    derivative_filters,
+    second_order_readout,
+    static_stiffness,
+)
 from tvsysid.signals import Array, Ensemble
 
 Solver = Callable[[Array, Array, Array, Array], Solution]
@@ -40,16 +40,18 @@ Solver = Callable[[Array, Array, Array, Array], Solution]
 class Windows(NamedTuple):
     """Least squares in a window about each time whose ``lags`` lie within the context.
 
-    There are ``realizations`` realizations. The windows reach ``half`` samples to either side, of
-    which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and ``rank`` describe
-    the solution. These have shape (time,): the number of ``samples`` in the window, the number of
-    ``independent`` ones, the ``noise`` variance and its degrees of ``freedom``. ``readout``
-    (time, 3, lag) gives stiffness, viscosity and inertia from the correlations. The ``impedance``
-    has shape (time, 3), as have the numbers of a ``second_order`` fit. With instruments,
-    ``on_instruments`` (time, 3, lag) gives it from their correlations with the torque.
+    There are ``realizations`` realizations. ``agreement`` is the share in per cent of the torque
+    that depends on the angle which a second-order fit explains. The windows reach ``half`` samples
+    to either side, of which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and
+    ``rank`` describe the solution. These have shape (time,): the number of ``samples`` in the
+    window, the number of ``independent`` ones, the ``noise`` variance and its degrees of
+    ``freedom``. ``readout`` (time, 3, lag) gives stiffness, viscosity and inertia from the
+    correlations. The ``impedance`` has shape (time, 3). With instruments, ``on_instruments``
+    (time, 3, lag) gives it from their correlations with the torque.
     """
 
     realizations: int
+    agreement: float
     lags: int
     half: int
     margin: int
@@ -59,7 +61,6 @@ class Windows(NamedTuple):
     independent: Array
     noise: Array
     freedom: Array
-    second_order: Array
     readout: Array
     impedance: Array
     on_instruments: Array
@@ -94,7 +95,8 @@ def solve_windows(
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
-    parts = []
+    filters = derivative_filters(lags, ensemble.sampling_rate)
+    parts, sums_over_time = [], []
     for chunk in time_chunks(times - 2 * margin, 2 * lags + 1):
         begin, end = max(0, chunk.start + margin - half), min(times, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
@@ -113,18 +115,23 @@ def solve_windows(
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
             solution = solve(phi_uu, phi_uy, variance, count)
-        readout, _, second_order = second_order_readout(
+        readout, fitted, second_order = second_order_readout(
             phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
         )
+        known = np.isfinite(fitted)
+        cross = phi_uy - (phi_uu @ (second_order @ filters)[..., None])[..., 0]
+        moments_over_time = fitted, cross, phi_uu, square - fitted, count / samples
+        sums_over_time.append([each[known].sum(axis=0) for each in moments_over_time])
         freedom = independent - solution.usable
         left = np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
         impedance = (readout @ phi_uy[..., None])[..., 0]
         of_readout = readout, impedance, readout @ projection
         of_noise = count, independent, noise, freedom
-        parts.append((*solution[:2], *of_noise, second_order, *of_readout))
+        parts.append((*solution[:2], *of_noise, *of_readout))
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return Windows(realizations, lags, half, margin, *arrays)
+    agreement = agreement_of_moments(*(sum(each) for each in zip(*sums_over_time, strict=True)))
+    return Windows(realizations, agreement, lags, half, margin, *arrays)
 
 
 def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
@@ -185,7 +192,6 @@ def window_errors(
 
 def window_model(
     ensemble: Ensemble,
-    moved: Ensemble,
     windows: Windows,
     enough: NDArray[np.bool_],
     reason: str,
@@ -198,9 +204,7 @@ def window_model(
         angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
         products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
         errors = partial(window_errors, windows, products, noise, missing, enough, reason)
-    second_order = padded(windows.second_order, missing)
-    agreement = second_order_agreement(ensemble, moved, second_order)
-    details = {"second_order_agreement": agreement}
+    details = {"second_order_agreement": windows.agreement}
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     return impulse_response_model(ensemble, windows.weights, windows.impedance, diagnostics, errors)

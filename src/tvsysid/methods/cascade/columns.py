@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import reduce
-from typing import NamedTuple
 
+import attrs
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import correlate1d
@@ -137,73 +137,105 @@ def convolved(values: Array, response: Array) -> Array:
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 
-class Columns(NamedTuple):
-    """Columns of the regression: a signal times functions of time, perhaps behind a muscle.
+Windows = Sequence[tuple[slice, Array]]  # stretches of time, and the weights of their samples
+
+
+@attrs.frozen(eq=False)
+class Columns:
+    """Columns of the regression, given by their ``values`` (column, realization, time)."""
+
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def of(self, rows: slice) -> Columns:
+        """Return the columns of some realizations."""
+        return Columns(self.values[:, rows])
+
+    def weighted(self, windows: Windows) -> Array:
+        """Return the columns (column, realization, time) times the weights of the samples."""
+        flat = self.values.reshape(-1, self.values.shape[-1])
+        parts = [flat[:, window] @ weights for window, weights in windows]
+        return np.concatenate(parts, axis=1).reshape(self.values.shape)
+
+    def times(self, weighted: Array, windows: Windows) -> Array:
+        """Return products of other columns, which are weighted, with these."""
+        return weighted.reshape(len(weighted), -1) @ self.values.reshape(len(self), -1).T
+
+
+@attrs.frozen(eq=False)
+class Modulated:
+    """Columns that are a signal times functions of time, perhaps behind a muscle.
 
     The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
-    column). The ``muscle`` is the matrix (time, history + time) of its impulse response.
+    column). The ``muscle`` is the matrix (time, history + time) of its impulse response. Many
+    realizations are summed first: one matrix (time, time) serves all functions.
     """
 
     signal: Array
     functions: Array
     muscle: Array | None = None
 
-    @classmethod
-    def single(cls, values: Array) -> Columns:
-        """Return a single column of values (realization, time)."""
-        return cls(values, np.ones((values.shape[1], 1)))
+    def __len__(self) -> int:
+        return int(self.functions.shape[1])
 
-    def within(self, window: slice, rows: slice) -> Columns:
-        """Return the columns for some realizations and a window of time."""
-        muscle, end = self.muscle, window.stop
+    def of(self, rows: slice) -> Modulated:
+        """Return the columns of some realizations."""
+        return attrs.evolve(self, signal=self.signal[rows])
+
+    def within(self, window: slice) -> Modulated:
+        """Return the columns in a window of time."""
+        muscle, times = self.muscle, window
         if muscle is not None:
-            samples = window.stop - window.start
             history = muscle.shape[1] - muscle.shape[0]
-            muscle, end = muscle[:samples, : history + samples], end + history
-        times = slice(window.start, end)
-        return Columns(self.signal[rows, times], self.functions[times], muscle)
+            samples = window.stop - window.start
+            times = slice(window.start, window.stop + history)
+            muscle = muscle[:samples, : samples + history]
+        return Modulated(self.signal[:, times], self.functions[times], muscle)
 
-    def products(self, others: Sequence[Columns], weights: Array) -> Array:
-        """Return products with the columns of others, weighted by a matrix (time, time).
+    def times(self, weighted: Array, windows: Windows) -> Array:
+        """Return products of other columns, which are weighted, with these."""
+        out = np.zeros((len(weighted), len(self)))
+        for window, _ in windows:
+            inside, part = self.within(window), weighted[..., window]
+            if inside.muscle is not None:
+                part = part @ inside.muscle
+            out += np.einsum("krt,rt->kt", part, inside.signal) @ inside.functions
+        return out
 
-        Sums over many realizations come first: one matrix (time, time) for each pair of signals
-        serves all functions of time. Few columns are multiplied by the weights themselves.
-        """
-        columns, rows = self.functions.shape[1], len(self.signal)
-        are_few = columns * rows < len(others) * (columns + rows)
-        left = self.signal * self.functions.T[:, None] if are_few else None
-        if self.muscle is not None:
-            weights = self.muscle.T @ weights
-        if left is not None:
-            weights = left @ weights
-        parts = []
-        for other in others:
-            right = weights if other.muscle is None else weights @ other.muscle
-            if are_few:
-                sums = np.einsum("krt,rt->kt", right, other.signal)
-            else:
-                sums = self.functions.T @ (self.signal.T @ other.signal * right)
-            parts.append(sums @ other.functions)
-        return np.concatenate(parts, axis=1)
+    def summed(self, other: Modulated, windows: Windows) -> Array:
+        """Return weighted products with other columns."""
+        out = np.zeros((len(self), len(other)))
+        for window, weights in windows:
+            left, right = self.within(window), other.within(window)
+            muscles = weights if left.muscle is None else left.muscle.T @ weights
+            muscles = muscles if right.muscle is None else muscles @ right.muscle
+            sums = left.signal.T @ right.signal * muscles
+            out += left.functions.T @ sums @ right.functions
+        return out
 
 
 def products(
-    parts: Sequence[Columns],
-    windows: Sequence[tuple[slice, Array]],
-    known: Array,
-    rows: slice = slice(None),
+    parts: Sequence[Columns | Modulated], windows: Windows, known: Array, rows: slice = slice(None)
 ) -> Array:
-    """Return products of all columns, of which those of the first ones are ``known``.
-
-    The ``windows`` are stretches of time with the weights of their samples.
-    """
-    ends = np.cumsum([0, *(part.functions.shape[1] for part in parts)])
+    """Return weighted products of all columns, of which those of the first ones are ``known``."""
+    parts = [part.of(rows) for part in parts]
+    ends = np.cumsum([0, *map(len, parts)])
     out = np.zeros((ends[-1], ends[-1]))
     out[: len(known), : len(known)] = known
-    first = int(np.searchsorted(ends, len(known)))
-    for window, weights in windows:
-        inside = [part.within(window, rows) for part in parts]
-        for place in range(first, len(parts)):
-            lower = slice(ends[place], ends[place + 1]), slice(ends[place + 1])
-            out[lower] += inside[place].products(inside[: place + 1], weights)
+    weighted: dict[Columns, Array] = {}
+
+    def product(left: Columns | Modulated, right: Columns | Modulated) -> Array:
+        if isinstance(left, Modulated):
+            if isinstance(right, Modulated):
+                return left.summed(right, windows)
+            return product(right, left).T
+        if left not in weighted:
+            weighted[left] = left.weighted(windows)
+        return right.times(weighted[left], windows)
+
+    for place in range(int(np.searchsorted(ends, len(known))), len(parts)):
+        row = np.concatenate([product(parts[place], each) for each in parts[: place + 1]], axis=1)
+        out[ends[place] : ends[place + 1], : row.shape[1]] = row
     return np.tril(out) + np.tril(out, -1).T

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from tvsysid.methods.cascade.columns import Columns, convolved, deviations, muscle, products
+from tvsysid.methods.cascade.columns import (
+    Columns,
+    Modulated,
+    convolved,
+    deviations,
+    muscle,
+    products,
+)
 from tvsysid.methods.cascade.evidence import (
     USUAL_PARAMETERS,
     Prior,
@@ -29,6 +36,7 @@ from tvsysid.numerics.noise import autocorrelation
 
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 CACHED_DELAYS = 4  # of the basis of the gain
+MAX_FEW = 2  # realizations up to which products of columns are not sums over these first
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 
 DEFAULT: Any = attrs.NOTHING  # a field with this value is computed anew
@@ -118,10 +126,22 @@ class Data:
         return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
 
     @property
-    def columns(self) -> list[Columns]:
+    def are_few(self) -> bool:
+        """Return whether realizations are too few to sum them first."""
+        return len(self.torque) <= MAX_FEW
+
+    @cached_property
+    def columns(self) -> list[Columns | Modulated]:
         """Return the torque and the intrinsic columns."""
         functions = np.split(self.functions[self.times], self.starts[1:], axis=1)
-        return [Columns.single(self.torque), *map(Columns, self.signals, functions)]
+        parts: list[Columns | Modulated] = [Columns(self.torque[None])]
+        for signal, each in zip(self.signals, functions, strict=True):
+            constant = each.shape[1] == 1
+            if constant or self.are_few:
+                parts.append(Columns(signal * each.T[:, None]))
+            else:
+                parts.append(Modulated(signal, each))
+        return parts
 
     @cached_property
     def fold_products(self) -> list[Array]:
@@ -233,19 +253,19 @@ class Fit:
         torque = torque[:, -self.data.torque.shape[1] :]
         return deviations(torque) if len(torque) == 1 else torque
 
-    def _columns(self) -> list[Columns]:
+    def _columns(self) -> list[Columns | Modulated]:
         """Return the torque and all columns."""
         if self.drive is None:
             return self.data.columns
-        if self._units == 1:
-            return [*self.data.columns, Columns.single(self.reflex(self.shape, np.ones(1)))]
+        if self._units == 1 or self.data.are_few:
+            return [*self.data.columns, Columns(self.reflex_columns())]
         drive, gain, response = self._driven(self.shape)
         times = self.data.torque.shape[1]
         history, longest = drive.shape[1] - times, min(times, MAX_WINDOW)
         response = np.pad(response, (0, history + longest))
         later = response[history : history + longest]
         matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
-        return [*self.data.columns, Columns(drive, gain, matrix)]
+        return [*self.data.columns, Modulated(drive, gain, matrix)]
 
     def torques(self, coefficients: Array | None = None) -> tuple[Array, Array]:
         """Return intrinsic and reflex torque (realization, time), less their means."""
@@ -320,7 +340,7 @@ class Fit:
         data, known = self.data, self.products
         if true is not None:
             data, known = attrs.evolve(data, true=true), known[:0, :0]
-        parts = [*self._columns(), *map(Columns.single, self.slopes())]
+        parts = self._columns() + [Columns(self.slopes())] * bool(self.free)
         return _moments(products(parts, data.windows, known), data.number)
 
     @property

@@ -10,7 +10,6 @@ import xarray as xr
 
 import tvsysid as tv
 from tvsysid.recordings import (
-    describe_models,
     load_ensemble,
     load_recording,
     whole_file,
@@ -37,8 +36,8 @@ def test_a_simulation_is_read_back(tmp_path, random, ending):
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(duration=20.0)
     models = {key: tv.methods.parse(key).identify(ensemble) for key in ("esm", "birf")}
-    write_models(tmp_path / "models.nc", models, ensemble)
-    describe_models(tmp_path / "models.nc", {"file": "\udce9.mat", "delay": 0.5})
+    about = {"file": "\udce9.mat", "delay": 0.5}
+    write_models(tmp_path / "models.nc", models, ensemble, about)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert tree.attrs == {"file": "\\udce9.mat", "delay": 0.5}
         for key, model in models.items():

@@ -140,8 +140,8 @@ def sheet_page(identified, tmp_path_factory):
     """Path of a sheet about as many visits as fit."""
     folder = tmp_path_factory.mktemp("visits")
     folders = [folder / f"visit number {place}" for place in range(1, 7)]
-    tv.recordings.write_models(folders[0] / "models.nc", dict(identified.found.models))
-    tv.recordings.describe_models(folders[0] / "models.nc", facts(identified))
+    models = identified.found.models
+    tv.recordings.write_models(folders[0] / "models.nc", models, about=facts(identified))
     for each in folders[1:]:
         shutil.copytree(folders[0], each)
     tv.report.write_sheet(folder / "sheet.html", folders)

@@ -30,8 +30,8 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_one_visit_says_its_answer(identified, tmp_path):
-    tv.recordings.write_models(tmp_path / "models.nc", dict(identified.found.models))
-    tv.recordings.describe_models(tmp_path / "models.nc", facts(identified))
+    models = identified.found.models
+    tv.recordings.write_models(tmp_path / "models.nc", models, about=facts(identified))
     tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
     told = " ".join(text for _, text in Elements((tmp_path / "sheet.html").read_text()).of("p"))
     assert "Recommended (adaptive): stiffness " in told
@@ -43,8 +43,8 @@ def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identifie
     visits = [tmp_path / name for name in ("sound", "biased")]
     withdrawn = attrs.evolve(identified, unnamed_references=["Channel 'command' moves the angle."])
     for folder, account in zip(visits, (identified, withdrawn), strict=True):
-        tv.recordings.write_models(folder / "models.nc", dict(identified.found.models))
-        tv.recordings.describe_models(folder / "models.nc", facts(account))
+        models = identified.found.models
+        tv.recordings.write_models(folder / "models.nc", models, about=facts(account))
     for folders, place in (([visits[1]], 1), (visits, 2)):
         tv.report.write_sheet(tmp_path / "sheet.html", folders)
         told = Elements((tmp_path / "sheet.html").read_text())

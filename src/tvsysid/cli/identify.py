@@ -168,7 +168,7 @@ def identify(
     from tvsysid.comparison import compare, prepare_recording
     from tvsysid.methods import centered_channels, parse
     from tvsysid.recordings import read_recording
-    from tvsysid.report import write_estimates, write_folder
+    from tvsysid.report import write_folder
 
     if scheduling is not None:
         channels = {**reading.channels, "scheduling": scheduling}
@@ -200,7 +200,6 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    write_estimates(out, found)  # kept if what follows is interrupted
     account = _account(found, prepared, recording, file, reading)
     written = write_folder(out, account, command_line(), sheet)
     _show_impedance(account)

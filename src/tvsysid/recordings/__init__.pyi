@@ -10,7 +10,6 @@ from .read import read_trials as read_trials
 from .read import read_usable_trials as read_usable_trials
 from .reading import Reading as Reading
 from .reading import Segmentation as Segmentation
-from .write import describe_models as describe_models
 from .write import load_ensemble as load_ensemble
 from .write import load_recording as load_recording
 from .write import whole_file as whole_file

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
@@ -24,13 +25,13 @@ from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
 VARIABLE = re.compile(r"[a-z](\w{,29}[^\W_])?", re.ASCII | re.IGNORECASE)  # of a MAT file
 UNITS = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
 RESERVED = {"time", "realization", "trial", "sample", "tvsysid"}
 RESERVED |= {name for kind in (Recording, Ensemble) for name in attrs.fields_dict(kind)}
 
+Group = tuple[Variables, Mapping[str, Any]]  # of a NetCDF file, with its attributes
 Written = TypeVar("Written", Recording, Ensemble)
 
 
@@ -83,7 +84,10 @@ def write_table(path: str | Path, table: pd.DataFrame, digits: int = 6, missing:
 
 
 def write_models(
-    path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None
+    path: str | Path,
+    models: Mapping[str, Model],
+    ensemble: Ensemble | None = None,
+    about: Mapping[str, str | float] = MappingProxyType({}),
 ) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
@@ -96,6 +100,8 @@ def write_models(
     ----------
     path, models, ensemble
         File to write; models by name of the group; the ensemble whose torque is written too.
+    about
+        Attributes of the file.
 
     Examples
     --------
@@ -115,34 +121,12 @@ def write_models(
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
-    import h5netcdf  # noqa: PLC0415  # heavy; xarray takes half a second more
-    import h5py  # noqa: PLC0415  # heavy
-
-    stream = BytesIO()
-    with h5netcdf.File(stream, "w") as root:
-        for name, model in models.items():
-            variables, coordinates, about = layout(model, ensemble)
-            group = root.create_group(name)
-            group.attrs.update(about)
-            for each, (axes, values, units) in _without_complex({**coordinates, **variables}):
-                sizes = dict(zip(axes, values.shape, strict=True))
-                for axis in sizes.keys() - group.dimensions.keys():
-                    group.dimensions[axis] = sizes[axis]
-                kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-                variable = group.create_variable(each, axes, data=values.astype(kind))
-                variable.attrs.update(units)
-    _save(path, stream)
-
-
-def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
-    """Add attributes to a file of :func:`write_models`, which stays whole or as it was."""
-    import h5py  # noqa: PLC0415  # heavy
-
-    stream = BytesIO(Path(path).read_bytes())
-    with h5py.File(stream, "r+") as root:
-        for name, value in about.items():
-            root.attrs[name] = printable(value) if isinstance(value, str) else value
-    _save(path, stream)
+    groups = {}
+    for name, model in models.items():
+        variables, coordinates, attributes = layout(model, ensemble)
+        groups[name] = dict(_without_complex({**coordinates, **variables})), attributes
+    texts = {name: printable(value) for name, value in about.items() if isinstance(value, str)}
+    _save_netcdf(path, {"/": ({}, {**about, **texts})} | groups)
 
 
 def _without_complex(variables: Variables) -> Iterator[tuple[str, Variable]]:
@@ -155,10 +139,23 @@ def _without_complex(variables: Variables) -> Iterator[tuple[str, Variable]]:
             yield name, (axes, values, attributes)
 
 
-def _save_netcdf(path: str | Path, content: xr.Dataset) -> None:
+def _save_netcdf(path: str | Path, groups: Mapping[str, Group]) -> None:
     """Write a NetCDF file by way of memory: HDF5 crashes where a disk is full."""
+    import h5netcdf  # noqa: PLC0415  # heavy; xarray takes half a second more
+    import h5py  # noqa: PLC0415  # heavy
+
     stream = BytesIO()
-    content.to_netcdf(stream, engine="h5netcdf")
+    with h5netcdf.File(stream, "w") as root:
+        for name, (variables, attributes) in groups.items():
+            group = root if name == "/" else root.create_group(name)
+            group.attrs.update(attributes)
+            for each, (axes, values, units) in variables.items():
+                sizes = dict(zip(axes, values.shape, strict=True))
+                for axis in sizes.keys() - group.dimensions.keys():
+                    group.dimensions[axis] = sizes[axis]
+                kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
+                variable = group.create_variable(each, axes, data=values.astype(kind))
+                variable.attrs.update(units)
     _save(path, stream)
 
 
@@ -230,12 +227,11 @@ def _write(path: str | Path, signals: Recording | Ensemble) -> None:
     if file.suffix.lower() == ".mat":
         _save_mat(file, {**arrays, **about})
         return
-    import xarray as xr  # noqa: PLC0415  # heavy
-
-    content = xr.Dataset(attrs=about)
-    for name, each in arrays.items():
-        content[name] = (*signals.AXES, "sample")[: each.ndim], each, UNITS.get(name, {})
-    _save_netcdf(file, content)
+    axes = (*signals.AXES, "sample")
+    variables = {
+        name: (axes[: each.ndim], each, UNITS.get(name, {})) for name, each in arrays.items()
+    }
+    _save_netcdf(file, {"/": (variables, about)})
 
 
 def _load(path: str | Path, kind: type[Written]) -> Written:

@@ -3,7 +3,6 @@ from .answer import Account as Account
 from .diagnosis import diagnosis_section as diagnosis_section
 from .diagnosis import write_diagnosis as write_diagnosis
 from .experiment import write_experiment_report as write_experiment_report
-from .folder import write_estimates as write_estimates
 from .folder import write_folder as write_folder
 from .identification import write_identification as write_identification
 from .leaderboard import write_leaderboard_page as write_leaderboard_page

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import attrs
 
-from tvsysid.comparison import Comparison
 from tvsysid.errors import printable
 from tvsysid.figures import (
     save,
@@ -15,29 +14,22 @@ from tvsysid.figures import (
     variable_of,
 )
 from tvsysid.figures.words import count
-from tvsysid.recordings import describe_models, write_models, write_table
+from tvsysid.recordings import write_models, write_table
 from tvsysid.report.answer import Account, taken
 from tvsysid.report.identification import write_identification
 from tvsysid.report.outcome import illustrations
 from tvsysid.report.sheet import facts, group_name, write_sheet
 
 
-def write_estimates(folder: Path, found: Comparison) -> None:
-    """Write ``stiffness.csv`` and ``models.nc``."""
-    write_table(folder / "stiffness.csv", found.over_time())
-    models = {group_name(label): model for label, model in found.models.items()}
-    write_models(folder / "models.nc", models, found.ensemble)
-
-
 def write_folder(
     folder: Path, account: Account, command: str = "", sheet: bool = False
 ) -> list[str]:
-    """Write all that ``tvsysid identify`` writes beside the estimates.
+    """Write all that ``tvsysid identify`` writes.
 
     Parameters
     ----------
     folder
-        Folder with the files of :func:`write_estimates`.
+        Folder of the files.
     account
         What was found, and what is known of it.
     command
@@ -51,7 +43,9 @@ def write_folder(
         Names of all files.
     """
     found, names = account.found, ["report.html"]
-    describe_models(folder / "models.nc", facts(account))
+    write_table(folder / "stiffness.csv", found.over_time())
+    models = {group_name(label): model for label, model in found.models.items()}
+    write_models(folder / "models.nc", models, found.ensemble, facts(account))
     title, variable = _title(account), variable_of(found.models, found.ensemble)
     on_page = illustrations(account)
     stem = "methods" if "methods" in on_page else "answer"

@@ -56,6 +56,13 @@ REACH = {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
+# Methods of other data than those of all other tests
+OTHER_DATA = (
+    tv.ScheduledIRF,
+    tv.ScheduledImpedance,
+    tv.SkirtDecomposition,
+    tv.ModalDecomposition,
+)
 # Methods whose checks take seconds
 SECONDS = ("kbr experiment", "cascade", "sdss", "tvpc", "bpc")
 
@@ -107,10 +114,7 @@ def model_of(method, *data):
             )
             for name in METHODS
         ),
-        *(
-            pytest.param(scheduled(), id=scheduled.key, marks=pytest.mark.slow)
-            for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)
-        ),
+        *(pytest.param(other(), id=other.key, marks=pytest.mark.slow) for other in OTHER_DATA),
         *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
     ],
 )

@@ -90,11 +90,3 @@ def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message)
     )
     imposed = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
     assert "no impulses" in MODAL.skip(imposed)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_cases")
-def test_it_passes_every_check():
-    assert [
-        f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed
-    ] == []

@@ -140,19 +140,3 @@ def test_what_it_does_not_serve_is_said_in_words(method, perturbation, message):
     ensemble = perturbed(perturbation)
     with pytest.raises(tv.InputError, match=message):
         method.identify(ensemble)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"harmonics": -1}, {"harmonics": 1.5}, {"frequencies": (1.0, -2.0)}]
-)
-def test_settings_that_make_no_sense_are_refused(settings):
-    with pytest.raises(tv.InputError):
-        tv.SkirtDecomposition(**settings)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_cases")
-def test_it_passes_every_check():
-    assert [
-        f"{each.name}: {each.message}" for each in tv.check_method(SKIRT) if not each.passed
-    ] == []

@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
+from tvsysid.numerics.bands import mean_and_spread
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import optional, positive
@@ -113,43 +114,37 @@ class ModalDecomposition(base.Method):
             )
         return None
 
-    def fit(self, ensemble: Ensemble) -> ModalModel:
+    def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
-        samples = ensemble.samples
+        samples, rate = ensemble.samples, ensemble.sampling_rate
         _, viscosity, inertia, inertia_error = _mean_impedance(ensemble)
         decay = viscosity / (2 * inertia)
         if self.inertia is not None:
             inertia, inertia_error = self.inertia, 0.0
-        tracks = []  # a row for each impulse
+        tracks = [np.full((samples, 2), np.nan)]  # for each impulse, after one that says nothing
         for run in ensemble.runs:
-            own = ensemble.select(run)
-            recorded = own.angle_as_recorded[:, own.core]
-            angle = recorded.reshape(len(own) * samples, -1).mean(axis=1)
-            peaks = _impulses(own.torque[:, own.core].ravel(), own.sampling_rate)
-            for times in _ringing_times(peaks, len(angle), self.window, own.sampling_rate):
-                row = np.full((samples, 2), np.nan)
-                row[times % samples] = track(
-                    angle, times, self.window, own.sampling_rate, inertia, decay
-                )
-                tracks.append(row)
-        mean, error, count = _over_impulses(tracks or [np.full((samples, 2), np.nan)])
-        constant = np.where(np.isnan(mean[:, 0]), np.nan, inertia)
-        errors = np.column_stack([np.hypot(error, inertia_error * mean), np.full(samples, np.nan)])
-        freedom = np.maximum(count - 1.0, 1.0)[:, None]
-        return ModalModel(
-            method=repr(self),
-            sampling_rate=ensemble.sampling_rate,
+            recorded = ensemble.angle_as_recorded[run, ensemble.core]
+            angle = recorded.reshape(len(run) * samples, -1).mean(axis=1)
+            peaks = _impulses(ensemble.torque[run, ensemble.core].ravel(), rate)
+            for times in _ringing_times(peaks, len(angle), self.window, rate):
+                tracks.append(np.full((samples, 2), np.nan))
+                tracks[-1][times % samples] = track(angle, times, self.window, rate, inertia, decay)
+        count = np.isfinite(tracks).sum(axis=0)
+        mean, spread = mean_and_spread(np.stack(tracks))
+        error = np.where(count >= MIN_IMPULSES, spread, np.nan) / np.sqrt(np.maximum(count, 1))
+        constant = np.where(np.isnan(mean[:, :1]), np.nan, inertia)
+        errors = np.hypot(error, inertia_error * mean)
+        errors = np.column_stack([errors, np.full(samples, np.nan)])
+        freedom = np.maximum(count[:, :1] - 1.0, 1.0)
+        return Model(
+            sampling_rate=rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(
                 np.column_stack([mean, constant]), shared.standard_errors(errors, freedom)
             ),
-            diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
+            method=repr(self),
+            diagnostics=Diagnostics(2.0, details={"impulses": len(tracks) - 1.0}),
         )
-
-
-@attrs.frozen(eq=False, repr=False, kw_only=True)
-class ModalModel(Model):
-    """Stiffness and viscosity at the times after impulses, and a known inertia."""
 
 
 def _mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
@@ -182,19 +177,14 @@ def _mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
 
 def _impulses(torque: Array, rate: float) -> NDArray[np.int64]:
     """Return the samples at which impulses of a torque (time,) peak."""
-    size = np.abs(torque)
-    peaks, _ = scipy.signal.find_peaks(
-        size,
-        height=MIN_PEAK * size.max(initial=0.0),
-        distance=max(1, round(2 * IMPULSE_REACH_S * rate)),
-    )
-    return np.asarray(peaks, dtype=np.int64)
+    size, distance = np.abs(torque), max(1, round(2 * IMPULSE_REACH_S * rate))
+    height = MIN_PEAK * size.max(initial=0.0)
+    return np.asarray(scipy.signal.find_peaks(size, height=height, distance=distance)[0])
 
 
 def _is_near_impulse(torque: Array, rate: float) -> NDArray[np.bool_]:
     """Return whether each sample of a torque (time,) belongs to an impulse."""
-    is_peak = np.zeros(len(torque), dtype=bool)
-    is_peak[_impulses(torque, rate)] = True
+    is_peak = np.isin(np.arange(len(torque)), _impulses(torque, rate))
     return np.asarray(binary_dilation(is_peak, iterations=round(IMPULSE_REACH_S * rate)))
 
 
@@ -241,17 +231,3 @@ def track(
     fade = -np.gradient(logarithm, 1 / rate)  # s of the class's equation
     stiffness = found**2 + fade**2 + np.gradient(fade, 1 / rate)
     return inertia * np.stack([stiffness, 2 * fade], axis=1)
-
-
-def _over_impulses(tracks: list[Array]) -> tuple[Array, Array, Array]:
-    """Return mean and standard error (time, 2) over impulses, and the number of impulses (time,).
-
-    The error is NaN where fewer than three impulses reach.
-    """
-    values = np.stack(tracks)
-    count = np.isfinite(values[..., 0]).sum(axis=0)
-    known = np.where(count, count, np.nan)[:, None]
-    mean = np.nansum(values, axis=0) / known
-    variance = np.nansum((values - mean) ** 2, axis=0) / np.maximum(known - 1, 1)
-    error = np.sqrt(variance / known)
-    return mean, np.where(count[:, None] >= MIN_IMPULSES, error, np.nan), count

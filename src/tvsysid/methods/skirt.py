@@ -19,19 +19,16 @@ from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, at_least, optional, positive
 
-ComplexArray = NDArray[np.complex128]
-
-MOST = 20  # lines that are looked for
-LINES = 0.99  # share of the angle's variance that lines must explain
-WEAK = 1e-4  # share of it from which on a peak counts as a line
-BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are looked for
-LIKELY, SURE = 0.05, 1e-4  # p-values below which a skirt is fitted, and warned of
-NOISELESS = 1e-5  # share of the torque's variance below which what is left is rounding and filters
-# of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
-ON_GRID = 0.02
-NEAR = 2.0  # Hz about a line within which the residual tells its noise
+MAX_LINES = 20
+MIN_SHARE = 0.99  # of the angle's power in its lines
+MIN_LINE_SHARE = 1e-4  # of the angle's power in each line that is found
+ROUNDS = 5  # of the refinement of a line's frequency
+MAX_BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are tested
+FITTED_P, WARNED_P = 0.05, 1e-4  # p-values below which skirts are fitted, and warned of
+NOISELESS = 1e-5  # relative variance below which the residual is rounding and filters
+ON_GRID = 0.02  # of 1/period: subtracting a mean removes lines this close to its multiples
+NEAR_HZ = 2.0  # distance from a line within which the residual gives its noise
 DISAGREEMENT = "lines that do not agree with each other"
-
 
 FREQUENCIES = Validator("positive numbers", lambda several: all(map(positive.is_valid, several)))
 
@@ -93,237 +90,231 @@ class SkirtDecomposition(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if the angle is no multisine, or its lines are unsuitable."""
-        lines = self._lines(ensemble)
-        found = ", ".join(f"{line:.4g}" for line in lines) or "none"
-        share = 0.0
-        if lines.size:
-            waves, angle = self._waves(ensemble, lines)
-            share = 1 - float(np.sum((angle - waves.real.sum(axis=0)) ** 2) / np.sum(angle**2))
-        if share < LINES:
+        lines = Lines.of(ensemble, self.frequencies)
+        found = ", ".join(f"{line:.4g}" for line in lines.frequencies) or "none"
+        if lines.share < MIN_SHARE:
             return (
-                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of it, "
-                f"and {100 * LINES:g} % are needed; perturb with some sines of fixed frequencies "
-                "and impose the angle"
+                f"the angle is no multisine: lines ({found} Hz) explain {100 * lines.share:.1f} % "
+                f"of it, and {100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed "
+                "frequencies and impose the angle"
             )
-        if lines.size < 2:
+        if len(lines.frequencies) < 2:
             return (
                 f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
             )
-        if (self.harmonics or 0) > _most_harmonics(lines, ensemble):
+        if (self.harmonics or 0) > lines.max_harmonics(ensemble):
             return (
-                f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a "
-                f"change of {self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs "
-                "lines twice as far apart or further; give fewer harmonics"
+                f"the skirts of lines {lines.spacing:.3g} Hz apart overlap: a change of "
+                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice "
+                "as far apart or further; give fewer harmonics"
             )
         return None
 
     def fit(self, ensemble: Ensemble) -> SecondOrderModel:
         """Return the model of an ensemble."""
-        lines = self._lines(ensemble)
-        waves, _ = self._waves(ensemble, lines)
-        most, chosen = _most_harmonics(lines, ensemble), self.harmonics or 0
+        lines = Lines.of(ensemble, self.frequencies)
+        highest, harmonics = lines.max_harmonics(ensemble), self.harmonics or 0
         while True:
-            features = evaluate(FourierSeries(chosen), ensemble.samples)
-            skirts = _skirts(ensemble, waves, features, lines)
-            p_values = {
-                each: _p_value(each, chosen, lines, skirts, waves, ensemble)
-                for each in range(chosen + 1, most + BEYOND + 1)
-            }
-            likely = [each for each, p in p_values.items() if each <= most and p < LIKELY]
+            skirts = Skirts.of(ensemble, lines, harmonics)
+            tested = range(harmonics + 1, highest + MAX_BEYOND + 1)
+            p_values = {each: skirts.p_value(each, lines, ensemble) for each in tested}
+            likely = [each for each, p in p_values.items() if each <= highest and p < FITTED_P]
             if self.harmonics is not None or not likely:
                 break
-            chosen = max(likely)
-        posterior, agreement = _second_order(skirts, lines, features.shape[1])
-        left = [str(each) for each, p in p_values.items() if p < SURE]
-        share, warned = np.var(skirts.left) / np.var(ensemble.torque[:, ensemble.core]), ""
-        if share > NOISELESS and (left or agreement < SURE):
-            found = f"skirts of harmonic {', '.join(left)}" if left else DISAGREEMENT
+            harmonics = max(likely)
+        joint, agreement = second_order(skirts, lines.frequencies)
+        left = ", ".join(str(each) for each, p in p_values.items() if p < WARNED_P)
+        misfit = np.var(skirts.residual) / np.var(ensemble.torque[:, ensemble.core])
+        warned: tuple[str, ...] = ()
+        if misfit > NOISELESS and (left or agreement < WARNED_P):
+            seen = f"skirts of harmonic {left}" if left else DISAGREEMENT
             warned = (
-                f"the torque has {found}, where the impedance that is fitted changes by {chosen} "
-                "harmonics, which no band counts: it changes faster, or is not of second order; "
-                "give more harmonics, or use kbr"
+                f"the torque has {seen}, where the impedance that is fitted changes by "
+                f"{harmonics} harmonics, which no band counts: it changes faster, or is not of "
+                "second order; give more harmonics, or use kbr",
             )
-        count = features.shape[1]
-        expansions = (features, features, np.ones((ensemble.samples, 1)))
-        ends = (slice(count), slice(count, 2 * count), slice(2 * count, None))
+        count = skirts.features.shape[1]
+        parts = (slice(count), slice(count, 2 * count), slice(2 * count, None))
+        expansions = (skirts.features, skirts.features, np.ones((ensemble.samples, 1)))
+        impedance = [own @ joint.mean[part] for own, part in zip(expansions, parts, strict=True)]
+        covariances = [joint.covariance[part, part] for part in parts]
         errors = partial(
-            shared.posterior_errors,
-            expansions,
-            [posterior.covariance[part, part] for part in ends],
-            skirts.freedom,
-            ensemble.samples,
+            shared.posterior_errors, expansions, covariances, skirts.freedom, ensemble.samples
         )
-        parts = zip(expansions, ends, strict=True)
-        impedance = np.stack([own @ posterior.mean[part] for own, part in parts], axis=1)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(impedance, errors),
-            posterior=posterior,
+            estimates=shared.impedance_estimates(np.stack(impedance, axis=1), errors),
+            posterior=joint,
             labels=(*names, "inertia"),
             diagnostics=Diagnostics(
-                posterior.effective,
-                warnings=(warned,) if warned else (),
-                details={"lines": float(len(lines)), "harmonics": float(chosen)},
+                float(len(joint.mean)),
+                warnings=warned,
+                details={"lines": float(len(lines.frequencies)), "harmonics": float(harmonics)},
             ),
         )
 
-    def _lines(self, ensemble: Ensemble) -> Array:
-        """Return the frequencies (line,) in Hz."""
-        if self.frequencies is not None:
-            return np.array(self.frequencies)
-        run = max(ensemble.runs, key=len)
-        lines = _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
-        beside = np.abs(lines * ensemble.duration - np.round(lines * ensemble.duration))
-        # Subtracting the mean has removed what lies on the grid
-        return lines[beside > ON_GRID] if ensemble.mean_subtracted else lines
 
-    def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
-        """Return each line as a complex wave (line, realization, time), and the angle.
+class Lines(NamedTuple):
+    """Lines of a multisine.
 
-        The waves are fitted to the angle of each trial.
-        """
-        assert ensemble.onsets is not None
-        assert ensemble.trials is not None
-        angle = ensemble.angle[:, ensemble.core]
-        turning = np.exp(
-            2j * np.pi * lines[:, None, None] * (ensemble.onsets[:, None] + ensemble.time)
-        )
-        if (
-            ensemble.mean_subtracted and np.ptp(ensemble.trials) == 0
-        ):  # as angle and torque have lost theirs
-            turning -= turning.mean(axis=1, keepdims=True)
-        for trial in np.unique(ensemble.trials):
-            own = ensemble.trials == trial
-            part = turning[:, own].reshape(len(lines), -1)
-            columns = np.concatenate([part.real, -part.imag, np.ones((1, part.shape[1]))])
-            found = np.linalg.lstsq(columns.T, angle[own].ravel(), rcond=None)[0]
-            angle = np.where(own[:, None], angle - found[-1], angle)
-            turning[:, own] *= (found[: len(lines)] + 1j * found[len(lines) : -1])[:, None, None]
-        return turning, angle
+    ``frequencies`` (line,) are in Hz. ``waves`` (line, realization, time) are the lines as complex
+    waves, fitted to the angle of each trial. ``share`` is that of the angle's power.
+    """
+
+    frequencies: Array
+    waves: NDArray[np.complex128]
+    share: float
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, given: tuple[float, ...] | None) -> Lines:
+        """Return the lines of given frequencies, or those that are found in the angle."""
+        angle, trials = ensemble.angle[:, ensemble.core], ensemble.trials
+        if given is None:
+            run = max(ensemble.runs, key=len)
+            lines = find_lines(angle[run].ravel(), ensemble.sampling_rate)
+            if ensemble.mean_subtracted:
+                turns = lines * ensemble.duration
+                lines = lines[np.abs(turns - np.round(turns)) > ON_GRID]
+        else:
+            lines = np.array(given)
+        time = ensemble.onsets[:, None] + ensemble.time
+        waves = np.exp(2j * np.pi * lines[:, None, None] * time)
+        if ensemble.mean_subtracted and np.ptp(trials) == 0:  # as angle and torque have lost theirs
+            waves -= waves.mean(axis=1, keepdims=True)
+        left = total = 0.0
+        for trial in np.unique(trials):
+            own = trials == trial
+            part, values = waves[:, own].reshape(len(lines), -1), angle[own].ravel()
+            columns = np.concatenate([part.real, -part.imag, np.ones((1, len(values)))])
+            *weights, offset = np.linalg.lstsq(columns.T, values, rcond=None)[0]
+            left += np.sum((values - np.append(weights, offset) @ columns) ** 2)
+            total += np.sum((values - offset) ** 2)
+            real, imaginary = np.reshape(weights, (2, len(lines)))
+            waves[:, own] *= (real + 1j * imaginary)[:, None, None]
+        return cls(lines, waves, 1 - float(left / total))
+
+    @property
+    def spacing(self) -> float:
+        """Return the smallest distance of two lines in Hz."""
+        return float(np.diff(np.sort(self.frequencies)).min())
+
+    def max_harmonics(self, ensemble: Ensemble) -> int:
+        """Return the number of harmonics up to which skirts do not overlap."""
+        return math.ceil(self.spacing * ensemble.duration / 2 - ON_GRID) - 1
 
 
 class Skirts(NamedTuple):
-    """Coefficients g of the lines, their covariance, and its degrees of freedom.
+    """Responses g to all lines, fitted to the torque.
 
-    The coefficients (line, real or imaginary, function) are in a row. Their residual torque has
-    shape (realization, time). Its ``density`` (line,) about each line is 1 for white noise.
+    ``features`` (time, function) are the functions of time. The coefficients ``mean`` (line, real
+    or imaginary, function) are in a row, beside their covariance and its degrees of freedom. The
+    ``residual`` has shape (realization, time). Its ``density`` (line,) about each line is 1 for
+    white noise of unit variance.
     """
 
+    features: Array
     mean: Array
     covariance: Array
     density: Array
     freedom: float
-    left: Array
+    residual: Array
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, lines: Lines, harmonics: int) -> Skirts:
+        """Fit responses that change by some harmonics of the period."""
+        features = evaluate(FourierSeries(harmonics), ensemble.samples)
+        torque = ensemble.torque[:, ensemble.core]
+        torque = (torque - torque.mean()).ravel()
+        parts = np.stack([lines.waves.real, -lines.waves.imag], axis=1)
+        columns = (parts[:, :, None] * features.T[:, None]).reshape(-1, torque.size)
+        gram = columns @ columns.T
+        inverse = np.linalg.inv(gram)
+        mean = inverse @ (columns @ torque)
+        residual = (torque - mean @ columns).reshape(len(ensemble), -1)
+        power = np.mean(np.abs(rfft(residual, axis=1)) ** 2, axis=0) / ensemble.samples
+        spectrum = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
+        apart = np.abs(np.subtract.outer(lines.frequencies, lines.frequencies))
+        away = np.abs(np.subtract.outer(lines.frequencies, spectrum))
+        near = away <= max(NEAR_HZ, 1.5 / ensemble.duration)
+        numbers = 2 * near.sum(axis=1)
+        taken = 2 * features.shape[1] * np.sum(apart <= NEAR_HZ, axis=1)
+        freedom = numbers * shared.independent_realizations(ensemble) - taken
+        freedom = np.maximum(1.0, freedom)
+        density = near @ power / near.sum(axis=1) * numbers * len(ensemble) / freedom
+        scale = np.repeat(np.sqrt(density), 2 * features.shape[1])
+        covariance = inverse @ (gram * np.outer(scale, scale)) @ inverse
+        return cls(features, mean, covariance, density, float(freedom.min()), residual)
+
+    def p_value(self, harmonic: int, lines: Lines, ensemble: Ensemble) -> float:
+        """Return the probability that noise alone leaves such skirts of a harmonic of the period.
+
+        Skirts that meet those that are fitted do not count.
+        """
+        sides = np.array([[1.0], [-1.0]])
+        beside = np.abs(lines.frequencies + sides * harmonic / ensemble.duration)
+        fitted = (self.features.shape[1] / 2) / ensemble.duration
+        free = np.abs(beside[..., None] - lines.frequencies).min(axis=2) > fitted
+        turning = np.exp(2j * np.pi * harmonic * sides * ensemble.time / ensemble.duration)
+        parts = lines.waves * turning[:, None, None]
+        power = np.abs(np.einsum("skrt,rt->sk", parts.conj(), self.residual)) ** 2
+        ratio = power / (self.density * np.einsum("skrt,skrt->sk", parts, parts.conj()).real)
+        return float(gammaincc(free.sum(), ratio[free].sum())) if free.any() else 1.0
 
 
-def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Array) -> Skirts:
-    """Fit all lines' responses to the torque."""
-    torque = ensemble.torque[:, ensemble.core]
-    torque = (torque - torque.mean()).ravel()
-    parts = np.stack([waves.real, -waves.imag], axis=1)[:, :, None] * features.T[:, None]
-    columns = parts.reshape(-1, torque.size)
-    gram = columns @ columns.T
-    inverse = np.linalg.inv(gram)
-    mean = inverse @ (columns @ torque)
-    left = (torque - mean @ columns).reshape(len(ensemble), -1)
-    power = np.mean(np.abs(rfft(left, axis=1)) ** 2, axis=0) / left.shape[1]
-    frequencies = np.fft.rfftfreq(left.shape[1], 1 / ensemble.sampling_rate)
-    density, freedom = np.empty(len(lines)), np.empty(len(lines))
-    for place, line in enumerate(lines):
-        near = np.abs(frequencies - line) <= max(NEAR, 1.5 / ensemble.duration)
-        numbers = 2.0 * near.sum() * shared.independent_realizations(ensemble)
-        taken = 2 * features.shape[1] * np.sum(np.abs(lines - line) <= NEAR)
-        freedom[place] = max(1.0, numbers - taken)
-        density[place] = power[near].mean() * 2 * near.sum() * len(ensemble) / freedom[place]
-    each = np.repeat(np.sqrt(density), 2 * features.shape[1])
-    covariance = inverse @ (gram * np.outer(each, each)) @ inverse
-    return Skirts(mean, covariance, density, float(freedom.min()), left)
+class Joint(NamedTuple):
+    """Coefficients of stiffness, viscosity and inertia, and their covariance."""
+
+    mean: Array
+    covariance: Array
 
 
-def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
-    """Return the number of harmonics up to which skirts do not overlap."""
-    return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2 - ON_GRID) - 1
-
-
-def _p_value(
-    harmonic: int,
-    chosen: int,
-    lines: Array,
-    skirts: Skirts,
-    waves: ComplexArray,
-    ensemble: Ensemble,
-) -> float:
-    """Return the probability that noise alone leaves such skirts of a harmonic of the period.
-
-    Where these meet skirts of up to the harmonic ``chosen``, which are fitted, nothing is left
-    to see.
-    """
-    sides = np.array([[1.0], [-1.0]])
-    beside = np.abs(lines + sides * harmonic / ensemble.duration)
-    seen = np.abs(beside[..., None] - lines).min(axis=2) > (chosen + 0.5) / ensemble.duration
-    turning = np.exp(2j * np.pi * harmonic * sides * ensemble.time / ensemble.duration)
-    parts = waves * turning[:, None, None]
-    power = np.abs(np.einsum("skrt,rt->sk", parts.conj(), skirts.left)) ** 2
-    ratio = power / (skirts.density * np.einsum("skrt,skrt->sk", parts, parts.conj()).real)
-    return float(gammaincc(seen.sum(), ratio[seen].sum())) if seen.any() else 1.0
-
-
-def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Regression, float]:
+def second_order(skirts: Skirts, lines: Array) -> tuple[Joint, float]:
     """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
 
     Return also the probability that noise alone makes the lines differ as much from the fit.
     """
-    speed = 2 * np.pi * lines
+    speed, count = 2 * np.pi * lines, skirts.features.shape[1]
     design = np.zeros((len(lines), 2, count, 2 * count + 1))
     for function in range(count):
         design[:, 0, function, function] = 1.0
         design[:, 1, function, count + function] = speed
     design[:, 0, 0, -1] = -(speed**2)
-    flat = design.reshape(-1, 2 * count + 1)
-    weighted = np.linalg.solve(skirts.covariance, flat)
-    covariance = np.linalg.inv(flat.T @ weighted)
+    design = design.reshape(-1, 2 * count + 1)
+    weighted = np.linalg.solve(skirts.covariance, design)
+    covariance = np.linalg.inv(design.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
-    posterior = shared.Regression(
-        mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True
-    )
-    rest = skirts.mean - flat @ mean
+    rest = skirts.mean - design @ mean
     misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
-    return posterior, float(chdtrc(len(rest) - len(mean), misfit))
+    return Joint(mean, covariance), float(chdtrc(len(rest) - len(mean), misfit))
 
 
-def _found(angle: Array, rate: float) -> Array:
+def find_lines(angle: Array, rate: float) -> Array:
     """Return the frequencies in Hz of the lines of a signal (time,), the strongest first.
 
-    At each of them the phase does not turn.
+    A line has the frequency at which the phase is the same in both halves of the signal.
     """
-    samples = len(angle)
-    half, left = samples // 2, angle - angle.mean()
-    total, lines = float(np.sum(left**2)), np.empty(0)
+    angle = angle - angle.mean()
+    samples, half, total = len(angle), len(angle) // 2, float(np.sum(angle**2))
+    time = np.arange(samples) / rate
     windows = np.zeros((2, samples))
     windows[0, :half] = windows[1, half : 2 * half] = np.hanning(half)
-    time = np.arange(samples) / rate
-    while len(lines) < MOST and total > 0:
+    lines, left = np.empty(0), angle
+    while len(lines) < MAX_LINES and total > 0:
         spectrum = np.abs(rfft(left * np.hanning(samples)))
         line = float(np.argmax(spectrum[1:]) + 1) * rate / samples
-        for _ in range(5):
+        for _ in range(ROUNDS):
             first, second = windows @ (left * np.exp(-2j * np.pi * line * time))
             line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
-        if (
-            not 0 < line < rate / 2
-            or np.min(np.abs(lines - line), initial=np.inf) < 2 * rate / samples
-        ):
+        is_new = np.min(np.abs(lines - line), initial=np.inf) >= 2 * rate / samples
+        if not (0 < line < rate / 2 and is_new):
             break
-        turns = 2 * np.pi * np.outer(np.append(lines, line), time)
+        turns = 2 * np.pi * np.outer([*lines, line], time)
         columns = np.concatenate([np.cos(turns), np.sin(turns)])
-        rest = (
-            angle
-            - angle.mean()
-            - np.linalg.lstsq(columns.T, angle - angle.mean(), rcond=None)[0] @ columns
-        )
-        if np.sum(left**2) - np.sum(rest**2) < WEAK * total:
+        rest = angle - np.linalg.lstsq(columns.T, angle, rcond=None)[0] @ columns
+        if np.sum(left**2) - np.sum(rest**2) < MIN_LINE_SHARE * total:
             break
         lines, left = np.append(lines, line), rest
     return lines

@@ -32,11 +32,11 @@ from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, optional, positive
 
-LARGEST_HORIZON = 60  # samples beyond which the Hankel matrices have thousands of columns
+MAX_HORIZON = 60  # samples; beyond, the Hankel matrices have thousands of columns
 STEPS = 4  # fits in the time of one window
-MEMORY = 0.6  # s that a reflex response lasts at most
+MEMORY_S = 0.6  # maximum duration of a reflex response
 NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread"
-COLOUR = 0.6  # s up to which the noise's autocorrelation counts
+MAX_COLOUR_S = 0.6  # lag up to which the noise's autocorrelation counts
 
 
 @attrs.frozen
@@ -136,10 +136,10 @@ class SubspaceCascade(Method):
         The Hankel matrices may be too short or too large, or a window may hold too few samples.
         """
         rate, depth = ensemble.sampling_rate, whole_samples(self.horizon, ensemble)
-        if not (self.order or 1) < depth <= LARGEST_HORIZON:
+        if not (self.order or 1) < depth <= MAX_HORIZON:
             return (
                 f"its horizon of {self.horizon:g} s has {depth} samples at {rate:g} Hz; expected "
-                f"more than the {self.order or 1} of the order and {LARGEST_HORIZON} at most; "
+                f"more than the {self.order or 1} of the order and {MAX_HORIZON} at most; "
                 "change the horizon, or decimate to some 100 Hz"
             )
         edges = 2 * missing_edge(whole_samples(self.delay, ensemble), ensemble)
@@ -154,15 +154,15 @@ class SubspaceCascade(Method):
                 "realizations, fewer terms or a shorter horizon"
             )
         held = len(ensemble) * whole_samples(self.window or ensemble.duration, ensemble)
-        if held < self._fewest():
+        if held < self._min_samples():
             return (
                 f"a window of {self.window:g} s holds {held} samples of {len(ensemble)} "
-                f"realizations, it needs {self._fewest()}; give a longer window, more realizations "
-                "or fewer terms"
+                f"realizations, it needs {self._min_samples()}; give a longer window, more "
+                "realizations or fewer terms"
             )
         return None
 
-    def _fewest(self) -> int:
+    def _min_samples(self) -> int:
         """Return the number of samples that a window must hold.
 
         It is twice the number of basis systems of the reflex: each term times each state or input.
@@ -171,145 +171,119 @@ class SubspaceCascade(Method):
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
         """Return the model of an ensemble."""
-        lags, depth = (
-            fitting_lags(type(self).__name__, self.delay, ensemble),
-            whole_samples(self.horizon, ensemble),
-        )
+        lags = fitting_lags(type(self).__name__, self.delay, ensemble)
+        depth, rate = whole_samples(self.horizon, ensemble), ensemble.sampling_rate
         terms = velocity_terms(ensemble, self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
         axis = 0 if ensemble.mean_subtracted else None
         inputs = np.stack([each - each.mean(axis=axis) for each in terms], axis=-1)
         lines = [Line.of(ensemble, inputs, run, lags) for run in ensemble.runs]
-        pieces = [
-            piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth
-        ]
-        found = subspace.dynamics(pieces, depth, self.order)
-        rows = subspace.joined([subspace.rows_of(piece, found) for piece in pieces])
+        pieces = [piece for piece in map(Line.core, lines) if len(piece.output) >= 2 * depth]
+        all_poles = subspace.dynamics(pieces, depth, self.order)
+        rows = _rows_of(pieces, all_poles)
         left = subspace.project(rows)
-        rest = [
-            piece._replace(output=piece.output - piece.regressors() @ left.response)
-            for piece in pieces
-        ]
-        reflex = subspace.dynamics(rest, depth, found.order, lagged=False)
-        later = subspace.joined([subspace.rows_of(piece, reflex) for piece in pieces])
+        rest = [piece.without(left.response) for piece in pieces]
+        poles = subspace.dynamics(rest, depth, len(all_poles) - 1, lagged=False)
         sizes = [len(piece.output) for piece in pieces]
-        whole = fit(rows, left, later, reflex, sizes, ensemble.sampling_rate)
-        fits: list[Fit | None] = [whole]
-        between = np.ones((ensemble.samples, 1))
+        whole = fit(rows, left, _rows_of(pieces, poles), poles, sizes, rate)
+        fits: Sequence[Fit | None] = [whole]
+        shares = np.ones((ensemble.samples, 1))
         if self.window is not None:
-            fits, between = self._over_time(ensemble, lines, found, reflex, whole.reflex.weights)
-        weights = whole.reflex.weights
-        drive, slope, _ = of_unit_slope(ensemble, weights)
-        return self._model(ensemble, fits, between, drive, slope).with_shares(ensemble)
+            fits, shares = self._fit_windows(ensemble, lines, all_poles, whole.reflex)
+        drive, slope, _ = of_unit_slope(ensemble, whole.reflex.weights)
+        return self._model(ensemble, fits, shares, drive, slope).with_shares(ensemble)
 
-    def _over_time(
+    def _fit_windows(
         self,
         ensemble: Ensemble,
         lines: Sequence[Line],
-        found: subspace.Dynamics,
-        reflex: subspace.Dynamics,
-        weights: Array,
-    ) -> tuple[list[Fit | None], Array]:
+        all_poles: Array,
+        reflex: subspace.Hammerstein,
+    ) -> tuple[Sequence[Fit | None], Array]:
         """Return the fits in windows, and the share (time, fit) of each fit at each time.
 
-        Poles and weights are those of all data.
+        A fit is None where too few samples are known. Poles and weights are those of all data.
         """
         half = whole_samples(self.window or 0.0, ensemble) // 2
-        centres, between = grid(ensemble.samples, max(1, 2 * half // STEPS))
-        longest = whole_samples(MEMORY, ensemble)
-        past = max(lasting(each.impulse_response(longest)) for each in (found, reflex))
+        centres, shares = grid(ensemble.samples, max(1, 2 * half // STEPS))
+        longest, systems = whole_samples(MEMORY_S, ensemble), (all_poles, reflex.denominator)
+        past = max(lasting(subspace.impulse_response([1.0], each, longest)) for each in systems)
         whole = [
-            [subspace.rows_of(line.piece, each, free=False) for line in lines]
-            for each in (found, reflex)
+            [subspace.rows_of(line.piece, each, free=False) for line in lines] for each in systems
         ]
         fits: list[Fit | None] = []
         for centre in centres:
-            windows = [line.windows(centre, half, past) for line in lines]
-            sizes = [window.stop - window.start for each in windows for window in each]
-            if sum(sizes) < self._fewest():
+            windows = [
+                (place, window)
+                for place, line in enumerate(lines)
+                for window in line.windows(centre, half, past)
+            ]
+            sizes = [window.stop - window.start for _, window in windows]
+            if sum(sizes) < self._min_samples():
                 fits.append(None)
                 continue
             rows, later = (
-                subspace.joined(
-                    [
-                        line.chosen(window)
-                        for line, each in zip(of, windows, strict=True)
-                        for window in each
-                    ]
-                )
-                for of in whole
+                subspace.joined(each[place].chosen(window) for place, window in windows)
+                for each in whole
             )
-            fits.append(
-                fit(
-                    rows,
-                    subspace.project(rows),
-                    later,
-                    reflex,
-                    sizes,
-                    ensemble.sampling_rate,
-                    weights,
-                )
-            )
-        return fits, between
+            left, rate = subspace.project(rows), ensemble.sampling_rate
+            fits.append(fit(rows, left, later, reflex.denominator, sizes, rate, reflex.weights))
+        return fits, shares
 
     def _model(
         self,
         ensemble: Ensemble,
         fits: Sequence[Fit | None],
-        between: Array,
+        shares: Array,
         drive: Drive,
         slope: float,
     ) -> TwoPathwayModel:
-        """Return the model of fits and of their shares ``between`` (time, fit) at each time.
+        """Return the model of fits and of their ``shares`` (time, fit) at each time.
 
         The drive was divided by ``slope``.
         """
-        lags, rate = whole_samples(self.delay, ensemble), ensemble.sampling_rate
-        known = [fit for fit in fits if fit is not None]
+        known = [each for each in fits if each is not None]
         if not known:
             raise InputError(
                 "SubspaceCascade: in no window the velocity is known as long before as the reflex "
-                f"lasts, some {MEMORY:g} s; give realizations that follow each other, more "
+                f"lasts, some {MEMORY_S:g} s; give realizations that follow each other, more "
                 "context, or window=None"
             )
-        lasts = max(
-            lasting(fit.reflex.impulse_response(whole_samples(MEMORY, ensemble))) for fit in known
-        )
-
-        edge = missing_edge(lags, ensemble)
+        lags, rate = whole_samples(self.delay, ensemble), ensemble.sampling_rate
+        edge, longest = missing_edge(lags, ensemble), whole_samples(MEMORY_S, ensemble)
+        lasts = max(lasting(each.reflex.impulse_response(longest)) for each in known)
 
         def over_time(values: Sequence[Array], missing: int = 0) -> Array:
-            given = iter(values)
-            table = np.stack(
-                [np.full_like(values[0], np.nan) if fit is None else next(given) for fit in fits]
-            )
-            # What has no share in a time does not count there, be it known or not.
-            mixed = np.asarray(
-                np.where(between[..., None] > 0, between[..., None] * table, 0.0).sum(axis=1)
-            )
+            table = np.full((len(fits), len(values[0])), np.nan)
+            table[[each is not None for each in fits]] = values
+            # A fit without a share at a time does not count there, even if it is NaN
+            mixed = np.where(shares[..., None] > 0, shares[..., None] * table, 0.0).sum(axis=1)
             return padded(mixed[missing : len(mixed) - missing], missing)
 
-        errors = over_time([fit.errors for fit in known], edge)
-        freedom = min(fit.freedom for fit in known)
+        impedance, errors, response = (
+            over_time(each, edge)
+            for each in zip(
+                *((fit.impedance, fit.errors, fit.response) for fit in known), strict=True
+            )
+        )
+        freedom = min(each.freedom for each in known)
         bands = standard_errors(errors, freedom, [np.inf if self.window else 0.0] * 3)
-        impedance = over_time([fit.impedance for fit in known], edge)
-        gain = over_time([np.array([fit.reflex.static_gain * slope]) for fit in known])[:, 0]
-        order = known[0].reflex.order
-        agrees = agreement(*np.stack([fit.shares for fit in known], axis=1))
+        gain = slope * over_time([np.array([fit.reflex.static_gain]) for fit in known])[:, 0]
+        no_band = StandardError.none(len(gain), NO_BAND)
+        estimates = impedance_estimates(impedance, bands)
+        estimates["reflex_gain"] = Estimate(gain, UNITS["reflex_gain"], error=no_band)
+        order = len(known[0].reflex.denominator) - 1
+        agrees = agreement(*np.stack([each.powers for each in known], axis=1))
         return TwoPathwayModel(
             method=repr(self),
             sampling_rate=rate,
             time=ensemble.time,
-            estimates={
-                **impedance_estimates(impedance, bands),
-                "reflex_gain": Estimate(
-                    gain, UNITS["reflex_gain"], error=StandardError.none(len(gain), NO_BAND)
-                ),
-            },
-            impulse_response=over_time([fit.response for fit in known], edge),
+            estimates=estimates,
+            impulse_response=response,
             lags=np.arange(-lags, lags + 1) / rate,
-            reflex_response=over_time([fit.reflex.impulse_response(lasts) * slope for fit in known])
-            * rate,
+            reflex_response=slope
+            * rate
+            * over_time([fit.reflex.impulse_response(lasts) for fit in known]),
             reflex_lags=(lags + np.arange(lasts)) / rate,
             drive=drive,
             diagnostics=Diagnostics(
@@ -322,24 +296,28 @@ class SubspaceCascade(Method):
 class Fit(NamedTuple):
     """Intrinsic ``response`` (lag,) in N·m/rad/s, ``impedance`` (3,) and the ``reflex``.
 
-    ``errors`` are the standard errors of the impedance. ``shares`` are three powers of the torque:
+    ``errors`` are the standard errors of the impedance. ``powers`` are three powers of the torque:
     a second-order fit explains the first, and lagged angles explain the second beyond it. The
     third is the power that they would explain by chance.
     """
 
     response: Array
-    shares: Array
+    powers: Array
     impedance: Array
     errors: Array
     freedom: int
     reflex: subspace.Hammerstein
 
 
+def _rows_of(pieces: Sequence[subspace.Piece], poles: Array) -> subspace.Rows:
+    return subspace.joined(subspace.rows_of(piece, poles) for piece in pieces)
+
+
 def fit(
     rows: subspace.Rows,
     left: subspace.Rows,
     later: subspace.Rows,
-    dynamics: subspace.Dynamics,
+    poles: Array,
     sizes: Sequence[int],
     rate: float,
     weights: Array | None = None,
@@ -347,15 +325,14 @@ def fit(
     """Fit both pathways to samples in which the joint is constant.
 
     ``sizes`` are the numbers of samples of the pieces, which follow each other. ``left`` are the
-    projected ``rows``, which give the intrinsic response. The reflex has the poles of
-    ``dynamics``, and these ``weights`` or its own. It is fitted to the residual of the intrinsic
+    projected ``rows``, which give the intrinsic response. The reflex has the denominator
+    ``poles``, and these ``weights`` or its own. It is fitted to the residual of the intrinsic
     response in ``later``.
     """
-    response, count = left.response, len(left.output)
+    response, count, order = left.response, len(left.output), len(poles) - 1
     rest = later._replace(output=later.output - later.signals @ response)
-    if weights is None:
-        weights = subspace.weights_of(rest, dynamics)
-    found = subspace.hammerstein(rest, dynamics, weights)
+    weights = subspace.weights_of(rest, order) if weights is None else weights
+    reflex = subspace.hammerstein(rest, poles, weights)
     moments, own = (np.asarray(each.T @ each / count) for each in (rows.signals, left.signals))
     inverse, own = (
         np.asarray(np.linalg.pinv(each, subspace.ROUNDING, hermitian=True))
@@ -363,19 +340,14 @@ def fit(
     )
     cross = moments @ response
     (readout,), (fitted,), _ = second_order_readout(moments[None], cross[None], inverse[None], rate)
-    freedom = max(1, count - len(cross) - len(found.weights) - found.order * (2 + len(sizes)))
+    freedom = max(1, count - len(cross) - len(weights) - order * (2 + len(sizes)))
     answers = left.signals @ (own @ moments @ readout.T) / count
-    variances = coloured_variances(answers, found.left, sizes, round(COLOUR * rate))
+    variances = coloured_variances(answers, reflex.left, sizes, round(MAX_COLOUR_S * rate))
     errors = np.sqrt(np.maximum(variances, 0.0) * count / freedom)
-    chance = (
-        float(found.left @ found.left)
-        / freedom
-        / count
-        * np.trace(own @ moments)
-        * (1 - 3 / len(cross))
-    )
-    shares = np.array([fitted, cross @ response - fitted, chance])
-    return Fit(response * rate, shares, readout @ cross, errors, freedom, found)
+    noise = float(reflex.left @ reflex.left) / freedom
+    chance = noise / count * np.trace(own @ moments) * (1 - 3 / len(cross))
+    powers = np.array([fitted, cross @ response - fitted, chance])
+    return Fit(response * rate, powers, readout @ cross, errors, freedom, reflex)
 
 
 def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags: int) -> Array:
@@ -383,15 +355,11 @@ def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags:
 
     The sums run over pieces of these ``sizes``, which follow each other.
     """
-    ends = np.cumsum(sizes)[:-1]
-    columns = np.concatenate([noise[:, None], answers], axis=1)
-    total = np.zeros((columns.shape[1], lags + 1))
-    pieces = np.split(columns, ends)
-    for size in sorted(set(sizes)):
-        alike = np.stack([piece for piece in pieces if len(piece) == size])
-        total += [
-            autocovariance(alike[..., column], lags) * alike[..., 0].size
-            for column in range(columns.shape[1])
-        ]
+    pieces = np.split(np.column_stack([noise, answers]), np.cumsum(sizes)[:-1])
+    longest = max(sizes)
+    padded_pieces = np.stack([np.pad(each, ((0, longest - len(each)), (0, 0))) for each in pieces])
+    own, *others = (
+        autocovariance(each, lags) * each.size for each in np.moveaxis(padded_pieces, -1, 0)
+    )
     taper = np.r_[1.0, 2 * (1 - np.arange(1, lags + 1) / (lags + 1))]
-    return np.asarray(total[1:] @ (taper * total[0] / len(noise)))
+    return np.asarray(others @ (taper * own / len(noise)))

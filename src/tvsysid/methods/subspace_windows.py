@@ -31,45 +31,40 @@ class Line(NamedTuple):
 
         The inputs (realization, time, input) are delayed by ``lags`` samples.
         """
+        core, context = ensemble.core, ensemble.context
         level = 0.0 if ensemble.mean_subtracted else 1.0
-        core, before, after = (
-            ensemble.core,
-            slice(0, ensemble.context),
-            slice(ensemble.core.stop, None),
+
+        def line(values: Array) -> Array:
+            ends = values[run[0], :context], values[run[-1], core.stop :]
+            return np.concatenate([ends[0], *values[run, core], ends[1]])
+
+        angle, torque = (
+            line(each - level * each.mean()) for each in (ensemble.angle, ensemble.torque)
         )
-        angle, torque, inputs = (
-            np.concatenate([x[run[0], before], *x[run, core], x[run[-1], after]])
-            for x in (
-                ensemble.angle - level * ensemble.angle.mean(),
-                ensemble.torque - level * ensemble.torque.mean(),
-                inputs,
-            )
-        )
-        piece = subspace.Piece(torque[lags:-lags], angle, inputs[: -2 * lags])
-        return cls(piece, ensemble.context - lags, len(run), ensemble.samples)
+        piece = subspace.Piece(torque[lags:-lags], angle, line(inputs)[: -2 * lags])
+        return cls(piece, context - lags, len(run), ensemble.samples)
 
     def core(self) -> subspace.Piece:
         """Return the realizations without context, as far as lags reach."""
-        first, last = (
-            max(0, self.first),
-            min(len(self.piece.output), self.first + self.realizations * self.samples),
-        )
+        first, last = max(0, self.first), self.first + self.realizations * self.samples
+        last = min(len(self.piece.output), last)
         output, lagged, inputs = self.piece
-        return subspace.Piece(
-            output[first:last], lagged[first : last + 2 * self.piece.lags], inputs[first:last]
-        )
+        lagged = lagged[first : last + 2 * self.piece.lags]
+        return subspace.Piece(output[first:last], lagged, inputs[first:last])
 
     def windows(self, centre: int, half: int, past: int) -> list[slice]:
         """Return the window of samples about ``centre`` in each realization.
 
         The first ``past`` samples are left out, because the inputs before them are not known.
         """
-        starts = self.first + centre + self.samples * np.arange(self.realizations)
-        bounds = [
-            (max(past, int(at) - half), min(len(self.piece.output), int(at) + half + 1))
-            for at in starts
+        middle = self.first + centre + self.samples * np.arange(self.realizations)
+        first = np.maximum(past, middle - half)
+        last = np.minimum(len(self.piece.output), middle + half + 1)
+        return [
+            slice(*pair)
+            for pair in zip(first.tolist(), last.tolist(), strict=True)
+            if pair[1] > pair[0]
         ]
-        return [slice(first, last) for first, last in bounds if last > first]
 
 
 def lasting(response: Array) -> int:
@@ -85,6 +80,5 @@ def grid(samples: int, step: int) -> tuple[list[int], Array]:
     """
     count = max(2, 1 + round((samples - 1) / step))
     centres = np.unique(np.round(np.linspace(0, samples - 1, count)).astype(int))
-    return centres.tolist(), np.stack(
-        [np.interp(np.arange(samples), centres, row) for row in np.eye(len(centres))], axis=1
-    )
+    shares = [np.interp(np.arange(samples), centres, unit) for unit in np.eye(len(centres))]
+    return centres.tolist(), np.stack(shares, axis=1)

@@ -7,8 +7,7 @@ estimated as the free response of its initial state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import reduce
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +19,7 @@ from scipy.linalg import cholesky, solve_triangular
 from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import lagged_gram
 
-ROUNDING = (
-    1e-9  # share of the largest singular value below which a direction of the inputs is rounding
-)
+ROUNDING = 1e-9  # relative singular value below which a direction of the inputs is rounding
 RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
 COLLINEAR = 1e-12  # eigenvalue of products of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
@@ -51,23 +48,9 @@ class Piece(NamedTuple):
         """Lagged signal at lags from -lags to lags, (time, lag)."""
         return sliding_window_view(self.lagged, 2 * self.lags + 1)[:, ::-1]
 
-
-class Dynamics(NamedTuple):
-    """Poles of a linear system.
-
-    ``denominator`` (order + 1,) is that of its transfer function in powers of 1/z.
-    """
-
-    denominator: Array
-
-    @property
-    def order(self) -> int:
-        """Number of poles."""
-        return len(self.denominator) - 1
-
-    def impulse_response(self, samples: int) -> Array:
-        """Of 1 / denominator, (lag,) from 0."""
-        return _impulse_response([1.0], self.denominator, samples)
+    def without(self, response: Array) -> Piece:
+        """Return the piece without the output of the short path, whose response is given."""
+        return self._replace(output=self.output - self.regressors() @ response)
 
 
 class Rows(NamedTuple):
@@ -84,7 +67,7 @@ class Rows(NamedTuple):
     @property
     def response(self) -> Array:
         """Least-squares response (lag,) of the output to the signals."""
-        return np.asarray(np.linalg.lstsq(self.signals, self.output, rcond=ROUNDING)[0])
+        return _least_squares(self.signals, self.output)
 
     def chosen(self, samples: slice) -> Rows:
         """Some of the rows."""
@@ -107,58 +90,51 @@ class Hammerstein(NamedTuple):
         """Area under the impulse response of the linear part."""
         return float(self.numerator.sum() / self.denominator.sum())
 
-    @property
-    def order(self) -> int:
-        """Number of poles."""
-        return len(self.denominator) - 1
-
     def impulse_response(self, samples: int) -> Array:
         """Of the linear part, (lag,) from 0."""
-        return _impulse_response(self.numerator, self.denominator, samples)
+        return impulse_response(self.numerator, self.denominator, samples)
 
 
 def dynamics(
     pieces: Sequence[Piece], horizon: int, order: int | None = None, lagged: bool = True
-) -> Dynamics:
-    r"""Poles of the system from inputs to output, by past-input MOESP.
+) -> Array:
+    r"""Return the denominator (order + 1,) of the system from inputs to output, in powers of 1/z.
 
-    With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon``
-    samples, the part of the outputs that follows from past inputs and not from future ones spans
-    the columns of the extended observability matrix :math:`[C; CA; CA^2; \dots]`, whose shift
-    invariance gives A.
+    This is MOESP with past inputs. With future inputs, past inputs and future outputs as
+    block-Hankel matrices of ``horizon`` samples, the part of the outputs that follows from past
+    inputs and not from future ones spans the columns of the extended observability matrix
+    :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A.
 
     ``order`` is the number of poles; None takes that after which the singular values fall most.
     The ``lagged`` signals are among the inputs where the short path is still in the output.
     """
     left, singular, _ = np.linalg.svd(_from_past(pieces, horizon, lagged), full_matrices=False)
     if order is None:
-        candidates = singular[: horizon // 2 + 1]
-        order = 1 + int(
-            np.argmax(candidates[:-1] / np.maximum(candidates[1:], ROUNDING * singular[0]))
-        )
+        next_one = np.maximum(singular[1:], ROUNDING * singular[0])
+        order = 1 + int(np.argmax((singular[:-1] / next_one)[: horizon // 2]))
     observability = left[:, :order]
     poles = np.linalg.eigvals(np.linalg.lstsq(observability[:-1], observability[1:], rcond=None)[0])
     size = np.abs(poles)
     within = np.where(size > 1, poles / np.where(size > 1, size**2, 1.0), poles)
     within *= SLOWEST / np.maximum(np.abs(within), SLOWEST)
-    return Dynamics(np.real(np.poly(within)))
+    return np.real(np.poly(within))
 
 
-def rows_of(piece: Piece, found: Dynamics, free: bool = True) -> Rows:
-    """Rows of a piece; if ``free``, without what an initial state could have made of them."""
-    once = scipy.signal.lfilter([1.0], found.denominator, piece.inputs, axis=0)
-    delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(found.order + 1)]
+def rows_of(piece: Piece, denominator: Array, free: bool = True) -> Rows:
+    """Return the rows of a piece; if ``free``, without the free responses of initial states."""
+    order = len(denominator) - 1
+    once = scipy.signal.lfilter([1.0], denominator, piece.inputs, axis=0)
+    delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(order + 1)]
     rows = Rows(np.concatenate(delayed, axis=1), piece.regressors(), piece.output)
     if not free:
         return rows
-    impulse = np.zeros((len(once), found.order))
-    impulse[np.arange(found.order), np.arange(found.order)] = 1.0
-    responses = np.linalg.qr(scipy.signal.lfilter([1.0], found.denominator, impulse, axis=0))[0]
+    impulses = np.eye(len(once), order)
+    responses = np.linalg.qr(scipy.signal.lfilter([1.0], denominator, impulses, axis=0))[0]
     return Rows(*(each - responses @ (responses.T @ each) for each in rows))
 
 
-def joined(rows: Sequence[Rows]) -> Rows:
-    """Rows of several pieces, one after the other."""
+def joined(rows: Iterable[Rows]) -> Rows:
+    """Return the rows of several pieces, one after the other."""
     return Rows(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
@@ -170,14 +146,12 @@ def project(rows: Rows) -> Rows:
     are the least squares of what is left, the response of the short path whatever numerator and
     weights the system has: U are the lagged signals, :math:`\Phi` the answers.
     """
-    answers = _basis(rows.answers)
-    return rows._replace(
-        signals=rows.signals - answers @ (answers.T @ rows.signals),
-        output=rows.output - answers @ (answers.T @ rows.output),
-    )
+    basis = _basis(rows.answers)
+    signals, output = (each - basis @ (basis.T @ each) for each in (rows.signals, rows.output))
+    return Rows(rows.answers, signals, output)
 
 
-def weights_of(rows: Rows, found: Dynamics) -> Array:
+def weights_of(rows: Rows, order: int) -> Array:
     """Return weights (input,) of the Hammerstein system that fits the output of the rows.
 
     The weights have unit norm; the poles are given. Numerator and weights take turns, each by least
@@ -186,31 +160,33 @@ def weights_of(rows: Rows, found: Dynamics) -> Array:
     positive.
     """
     basis = _basis(rows.answers)
-    target, product = basis.T @ rows.output, basis.T @ rows.answers
-    start = np.linalg.lstsq(product, target, rcond=ROUNDING)[0].reshape(found.order + 1, -1)
-    product = product.reshape(len(target), *start.shape)
-    weights = np.linalg.svd(start, full_matrices=False)[2][0]
-    total, error = float(target @ target), np.inf
+    target, answers = basis.T @ rows.output, basis.T @ rows.answers
+    product = answers.reshape(len(target), order + 1, -1)
+    start = _least_squares(answers, target).reshape(product.shape[1:])
+    weights, error = np.linalg.svd(start, full_matrices=False)[2][0], np.inf
     for _ in range(ROUNDS):
-        numerator = np.linalg.lstsq(product @ weights, target, rcond=ROUNDING)[0]
-        turned = np.linalg.lstsq(
-            np.einsum("tni,n->ti", product, numerator), target, rcond=ROUNDING
-        )[0]
+        numerator = _least_squares(product @ weights, target)
+        columns = np.einsum("tni,n->ti", product, numerator)
+        turned = _least_squares(columns, target)
         if not turned.any():
             break
         weights = turned / np.linalg.norm(turned) * np.sign(turned[np.argmax(turned != 0)])
-        left = target - np.einsum("tni,n,i->t", product, numerator, turned)
-        before, error = error, float(left @ left)
-        if before - error <= TINY * total:
+        before, error = error, float(np.sum((target - columns @ turned) ** 2))
+        if before - error <= TINY * float(target @ target):
             break
     return np.asarray(weights)
 
 
-def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
+def hammerstein(rows: Rows, denominator: Array, weights: Array) -> Hammerstein:
     """Fit the numerator to the output of the rows by least squares; the weights are known."""
-    columns = rows.answers.reshape(len(rows.answers), found.order + 1, -1) @ weights
-    numerator = np.asarray(np.linalg.lstsq(columns, rows.output, rcond=ROUNDING)[0])
-    return Hammerstein(weights, numerator, found.denominator, rows.output - columns @ numerator)
+    columns = rows.answers.reshape(len(rows.answers), len(denominator), -1) @ weights
+    numerator = _least_squares(columns, rows.output)
+    return Hammerstein(weights, numerator, denominator, rows.output - columns @ numerator)
+
+
+def impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
+    """Return the impulse response (lag,) of numerator / denominator from lag 0 on."""
+    return np.asarray(scipy.signal.lfilter(numerator, denominator, np.eye(1, samples)[0]))
 
 
 def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
@@ -223,18 +199,14 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     inputs that are nearly collinear.
     """
     further = 2 * pieces[0].lags * lagged  # samples that the lagged signal has more than the others
-    signals = [
-        np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (further, 0)))
-        for piece in pieces
-    ]
-    if lagged:
-        signals = [
-            np.vstack([each, piece.lagged]) for each, piece in zip(signals, pieces, strict=True)
-        ]
+    gram: Array = np.zeros(())
+    for output, angle, inputs in pieces:
+        signals = np.pad(np.vstack([output, inputs.T]), ((0, 0), (further, 0)))
+        signals = np.vstack([signals, angle]) if lagged else signals
+        gram = gram + lagged_gram(signals[:, None], 2 * horizon + further - 1)
     lags = np.arange(2 * horizon + further)
-    gram = reduce(np.add, (lagged_gram(each[:, None], lags[-1]) for each in signals))
     gram = gram.reshape(gram[..., 0, 0].size, -1)
-    first_past = np.full((len(signals[0]), 1), horizon)
+    first_past = np.full((len(signals), 1), horizon)
     first_past[0] = -horizon  # the output is no input
     first_past[-1] += further
     future = np.flatnonzero(lags < first_past)
@@ -249,17 +221,15 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
 
 
-def _impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
-    return np.asarray(scipy.signal.lfilter(numerator, denominator, np.eye(1, samples)[0]))
+def _least_squares(columns: Array, target: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(columns, target, rcond=ROUNDING)[0])
 
 
 def _basis(columns: Array) -> Array:
     """Return an orthonormal basis of what columns span, beyond rounding."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     basis = columns / np.where(size > 0, size, 1.0)
-    for _ in range(
-        2
-    ):  # products of columns that are nearly collinear are not accurate enough for one step
+    for _ in range(2):  # a second step, as products of nearly collinear columns are inaccurate
         values, vectors = np.linalg.eigh(basis.T @ basis)
         kept = values > COLLINEAR
         basis = basis @ (vectors[:, kept] / np.sqrt(values[kept]))

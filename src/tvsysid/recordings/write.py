@@ -121,12 +121,12 @@ def write_models(
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
-    groups = {}
+    texts = {name: printable(value) for name, value in about.items() if isinstance(value, str)}
+    groups: dict[str, Group] = {"/": ({}, {**about, **texts})}
     for name, model in models.items():
         variables, coordinates, attributes = layout(model, ensemble)
         groups[name] = dict(_without_complex({**coordinates, **variables})), attributes
-    texts = {name: printable(value) for name, value in about.items() if isinstance(value, str)}
-    _save_netcdf(path, {"/": ({}, {**about, **texts})} | groups)
+    _save_netcdf(path, groups)
 
 
 def _without_complex(variables: Variables) -> Iterator[tuple[str, Variable]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from typing import Literal, NamedTuple
@@ -16,7 +15,7 @@ from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.responses import FrequencyResponseModel
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.numerics.spectra import ShortTimeSpectra
+from tvsysid.numerics.spectra import ShortTimeSpectra, power_share
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import one_of, positive
 
@@ -182,9 +181,8 @@ class EnsembleSpectral(shared.ByReference):
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
-        spectrum = shared.PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 64)], rate)
-        (fast,) = spectrum.shares((rate / 4, math.inf))
-        if fast < OVERSAMPLED:
+        some = ensemble.angle[:: max(1, len(ensemble) // 64)]
+        if power_share(some, rate, rate / 4) < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the "
                 "response there is noise, and so is the prediction of torque; decimate to "

@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.gaussian import Moments, ridge
+from tvsysid.numerics.gaussian import Moments, ridge, solve
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
 EARLY, LATE = 0.04, 0.30  # s that the reference may come after the angle, and before it
@@ -24,22 +23,20 @@ HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 LEAST = 1e-3  # of that prior's variance, however long the lag
 BLOCKS = 5  # groups of realizations, each predicted by what the others tell
-HARDLY_MOVED = (
-    0.1  # share of the angle that a reference predicts below which short windows cannot use it
-)
+# share of the angle that a reference predicts below which short windows cannot use it
+HARDLY_MOVED = 0.1
 
 
 def lag_samples(rate: float) -> tuple[int, int]:
-    """Samples that the reference is needed after and before the angle."""
+    """Return the numbers of samples that the reference is needed after and before the angle."""
     return round(EARLY * rate), round(LATE * rate)
 
 
 def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.int64]:
     """Return the group of each realization, for a scatter over groups.
 
-    Consecutive realizations share a group, because the noise of neighbours is alike.
-
-    A realization that was drawn twice is in one group.
+    Consecutive realizations share a group, because the noise of neighbours is alike. A realization
+    that was drawn twice is in one group.
     """
     distinct, place = np.unique(np.stack([trials, onsets], axis=1), axis=0, return_inverse=True)
     return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
@@ -48,7 +45,7 @@ def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.i
 def predicted(
     reference: Array, angle: Array, core: slice, rate: float, groups: NDArray[np.int64]
 ) -> Array:
-    """Angle (realization, time) that a reference predicts, at all samples of the angle.
+    """Return the angle (realization, time) that a reference predicts, at all its samples.
 
     The reference has as many more samples at either end as the lags need (:func:`lag_samples`).
     The coefficients are those of the ``core`` of the realizations in other ``groups``
@@ -59,39 +56,29 @@ def predicted(
     period = core.stop - core.start
     functions = FourierSeries(HARMONICS)((np.arange(angle.shape[1]) - core.start) / period)
     deviation = _prior_deviation(early, late, rate)
-    of_groups = []
+    parts = []
     for group in np.unique(groups):
         own = groups == group
         lagged, target = reference[own, core.start : core.stop + early + late], angle[own, core]
         moments = len(target) * window_moments(lagged, lagged, late, early)[:, ::-1, ::-1]
+        gram = expanded(moments, functions[core]) * np.outer(deviation, deviation)
         cross = len(target) * diagonal_moments(target, lagged, early + late)[:, ::-1]
-        gram = expanded(moments, functions[core])
-        of_groups.append(
-            (
-                own,
-                gram * np.outer(deviation, deviation),
-                (cross.T @ functions[core]).ravel() * deviation,
-            )
-        )
-    gram, right = (np.sum([each[place] for each in of_groups], axis=0) for place in (1, 2))
-    square = float(np.vdot(angle[:, core], angle[:, core]))
-    found = ridge(Moments(gram, right, square, angle[:, core].size))
-    weight = (
-        found.noise_variance
-        * found.effective
-        / max(float(found.mean @ found.mean), np.finfo(float).tiny)
-    )
-    penalty = weight * np.eye(len(right))
+        cross = (cross.T @ functions[core]).ravel() * deviation
+        parts.append((own, Moments(gram, cross, float(np.vdot(target, target)), target.size)))
+    whole = Moments(*(sum(each) for each in zip(*(part for _, part in parts), strict=True)))
+    found = ridge(whole)
+    power = max(float(found.mean @ found.mean), np.finfo(float).tiny)
+    precision = np.full(len(deviation), found.noise_variance * found.effective / power)
     out = np.empty_like(angle)
-    for own, its_gram, its_right in of_groups:
-        others = solve(gram - its_gram + penalty, right - its_right, assume_a="pos") * deviation
-        weights = functions @ others.reshape(early + late + 1, -1).T
+    for own, part in parts:
+        coefficients = solve(whole.without(part), precision).mean * deviation
+        weights = functions @ coefficients.reshape(early + late + 1, -1).T
         out[own] = convolve_lags(reference[own], weights)
     return out
 
 
 def _prior_deviation(early: int, late: int, rate: float) -> Array:
-    """Prior standard deviations of the coefficients, relative ones: (lag x function,)."""
+    """Return relative prior standard deviations of the coefficients, shape (lag x function,)."""
     lags = np.maximum(np.arange(-early, late + 1), 0) / rate
     harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
     return np.asarray(

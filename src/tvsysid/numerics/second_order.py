@@ -17,11 +17,6 @@ ROUNDING = (
 SINGULAR = 1e-9
 
 
-def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
-    r"""Return the area under an impulse response, :math:`\Delta t \sum_\tau h` (eq. 20)."""
-    return np.asarray(impulse_response.sum(axis=1) * sample_time)
-
-
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
 ) -> tuple[Array, Array, Array]:

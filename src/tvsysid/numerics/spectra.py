@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ ComplexArray = NDArray[np.complex128]
 
 
 class ShortTimeSpectra(NamedTuple):
-    """Spectral densities, shape (time, frequency): input, output with input, output."""
+    """Spectral densities (time, frequency) of input, output with input, and output."""
 
     uu: Array
     yu: ComplexArray
@@ -60,16 +61,16 @@ def short_time_spectra(
 
 
 def hann(length: int) -> Array:
-    """Hann window that is symmetric about, and peaks at, sample length // 2."""
+    """Return a Hann window that is symmetric about, and peaks at, sample length // 2."""
     if length % 2 == 0:
         return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))
     return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))
 
 
 def power_spectrum(x: Array) -> Array:
-    """Power of x (realization, time) at each frequency of a realization, summed over them.
+    """Return the power of x (realization, time) at each frequency, summed over realizations.
 
-    Under a Hann window.
+    The window is Hann's.
     """
     centred = x - x.mean(axis=1, keepdims=True)
     spectrum = rfft(centred * hann(x.shape[1]), axis=1)
@@ -79,22 +80,9 @@ def power_spectrum(x: Array) -> Array:
     )
 
 
-class PowerSpectrum(NamedTuple):
-    """Power at each frequency of a realization in Hz, summed over realizations."""
-
-    frequency: Array
-    power: Array
-
-    @classmethod
-    def of(cls, x: Array, sampling_rate: float) -> PowerSpectrum:
-        """Return the spectrum of x (realization, time), as :func:`power_spectrum`."""
-        return cls(np.asarray(np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)), power_spectrum(x))
-
-    def shares(self, *bands: tuple[float, float]) -> list[float]:
-        """Return the share of the variance that lies within each band (low, high) in Hz."""
-        total = self.power.sum()
-        inside = [
-            self.power[(self.frequency >= low) & (self.frequency <= high)].sum()
-            for low, high in bands
-        ]
-        return [float(share / total) if total > 0 else 0.0 for share in inside]
+def power_share(x: Array, sampling_rate: float, low: float, high: float = math.inf) -> float:
+    """Return the share of the variance of x (realization, time) from low to high in Hz."""
+    power, frequency = power_spectrum(x), np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
+    total = float(power.sum())
+    inside = float(power[(frequency >= low) & (frequency <= high)].sum())
+    return inside / total if total > 0 else 0.0

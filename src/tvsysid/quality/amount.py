@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.second_order import second_order_fit
-from tvsysid.numerics.spectra import PowerSpectrum
+from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
 from tvsysid.quality.fit import constant_impedance
 from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE, FittedEnsemble
@@ -107,7 +107,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 def same_perturbation(data: FittedEnsemble) -> Measured:
     """Return the share of the angle that repeats, or is noise, where no torque responds to it."""
     edge, given = NOISE_BAND * data.rate, data.ensemble
-    white = 100 * PowerSpectrum.of(data.core("angle"), data.rate).shares((edge, np.inf))[0]
+    white = 100 * power_share(data.core("angle"), data.rate, edge)
     angle = given.angle[:, given.core] - given.angle[:, given.core].mean()
     common = 100 * (np.mean(angle.mean(axis=0) ** 2) / np.mean(angle**2) - 1 / len(data))
     share, what = max(

@@ -1,1 +1,10 @@
-"""Kernel-based regression: the method and its model are in kbr.py."""
+"""Kernel-based regression.
+
+Read it in this order:
+
+- ``kernel.py``: the prior, which says how smoothly stiffness may change. Another kernel goes here.
+- ``record.py``: the data, as sums of products of spectra.
+- ``fit.py``: the posterior for a given prior, and the noise variance.
+- ``search.py``: how the prior is chosen by maximum marginal likelihood.
+- ``kbr.py``: the method, its settings and its model.
+"""

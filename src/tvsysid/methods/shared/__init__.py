@@ -32,4 +32,4 @@ from tvsysid.numerics.second_order import (
     derivative_moments,
     second_order_fit,
 )
-from tvsysid.numerics.spectra import PowerSpectrum, hann, short_time_spectra
+from tvsysid.numerics.spectra import hann, short_time_spectra

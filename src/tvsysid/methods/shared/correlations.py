@@ -30,7 +30,6 @@ from tvsysid.numerics.second_order import (
     agreement_of_moments,
     derivative_filters,
     second_order_readout,
-    static_stiffness,
 )
 from tvsysid.signals import Array, Ensemble
 
@@ -222,7 +221,8 @@ def impulse_response_model(
     missing, rate = missing_edge(lags, ensemble), ensemble.sampling_rate
     response = padded(weights * rate, missing)
     over_time = padded(impedance, missing)
-    over_time = np.column_stack([static_stiffness(response, 1 / rate), over_time[:, 1:]])
+    area = response.sum(axis=1) / rate  # equation 20
+    over_time = np.column_stack([area, over_time[:, 1:]])
     return ImpulseResponseModel(
         sampling_rate=rate,
         time=ensemble.time,

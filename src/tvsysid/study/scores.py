@@ -1,11 +1,11 @@
-"""From the trials of a simulation study to its metrics, with bootstrap replicates."""
+"""From the draws of a study to its metrics, with bootstrap replicates."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import attrs
 import numpy as np
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from tvsysid import metrics
 from tvsysid.metrics.errors import Value
 from tvsysid.numerics import Array
+from tvsysid.study.dataset import axes_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-DRAWS = 1000  # bootstrap draws
-MAX_WEIGHTS = 2_000_000  # draw-trial weights kept in memory; very many trials get fewer draws
+DRAWS = 1000  # replicates
 AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
 AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
 MAIN = "stiffness"  # the quantity whose metrics have no quantity in their names
@@ -29,18 +29,20 @@ NEWTON, PERCENT, POINTS = "N·m/rad", "%", "percentage points"
 
 @attrs.frozen(slots=False)
 class Cell:
-    """Results of one method in the trials of one scenario, for one quantity.
+    """Results of one method in the draws of one case, for one quantity.
 
     Parameters
     ----------
     time, truth
         Time in s, and the true values, shape (time,).
     estimate, covered, time_varying_vaf
-        Estimates, whether bands hold the truth, and time-varying VAF, shape (trial, time).
+        Estimates, whether bands hold the truth, and time-varying VAF, shape (draw, time).
     vaf, bandpassed_vaf, seconds
-        Mean VAFs of the trials, and seconds of the identifications, shape (trial,).
+        Mean VAFs of the draws, and seconds of the identifications, shape (draw,).
+    resampled
+        Whether the draws are bootstraps of a recording.
     weights
-        Weights of the trials, shape (draw, trial), for replicates.
+        Weights of the draws, shape (replicate, draw), for replicates.
     """
 
     time: Array
@@ -51,20 +53,22 @@ class Cell:
     vaf: Array
     bandpassed_vaf: Array
     seconds: Array
+    resampled: bool
     weights: Array | None = None
 
     @classmethod
-    def of(cls, trials: xr.Dataset, quantity: str) -> Cell:
-        """Return the cell of a dataset of the trials.
+    def of(cls, draws: xr.Dataset, quantity: str, resampled: bool) -> Cell:
+        """Return the cell of a dataset of the draws.
 
-        Where the truth differs from trial to trial, the estimate's error is added to the mean
-        truth.
+        Where the truth differs from draw to draw, the estimate's error is added to the mean truth.
         """
-        own = trials.sel(quantity=quantity).isel(statistic=0)
+        own = draws.sel(quantity=quantity).isel(statistic=0, missing_dims="ignore")
         if "trial_truth" in own:
             own = own.assign(estimate=own.estimate - (own.trial_truth - own.truth))
-        names = [field.name for field in attrs.fields(cls)[:-1]]
-        return cls(**{name: own[name].values for name in names})
+        if "covered" not in own:
+            own = own.assign(covered=np.nan * own.estimate)
+        names = [field.name for field in attrs.fields(cls)[:-2]]
+        return cls(**{name: own[name].values for name in names}, resampled=resampled)
 
     @cached_property
     def distance(self) -> Array:
@@ -76,16 +80,26 @@ class Cell:
         return np.asarray((self.distance >= low) & (self.distance <= high + 1e-9))
 
     def mean(self, values: Array) -> Array:
-        """Return the mean over trials."""
+        """Return the mean over draws."""
         return metrics.weighted_mean(values, self.weights)
 
 
 def _error(cell: Cell, name: str) -> Value:
     """Return an error of the catalogue of metrics."""
-    if name == "random_error" and len(cell.estimate) == 1:
-        return np.nan  # one trial has no spread
+    count = len(cell.estimate)
+    if name == "random_error" and count == 1:
+        return np.nan  # one draw has no spread
     given = (cell.estimate,) if name == "random_error" else (cell.estimate, cell.truth)
-    return metrics.CATALOGUE[name].function(*given, weights=cell.weights)
+    value = metrics.CATALOGUE[name].function(*given, weights=cell.weights)
+    # That of bootstraps is a standard error, whose variance has the divisor n - 1.
+    is_unbiased = cell.resampled and name == "random_error"
+    return value * np.sqrt(count / (count - 1)) if is_unbiased else value
+
+
+def _mean(cell: Cell) -> Value:
+    """Return the mean over times with an estimate in every draw."""
+    known = np.isfinite(cell.estimate).all(axis=0)
+    return cell.mean(cell.estimate[:, known].mean(axis=1))
 
 
 def _rise_time(cell: Cell) -> Value:
@@ -107,7 +121,7 @@ def _switch_dip(cell: Cell) -> Value:
 
 
 def _vaf_sd(cell: Cell, side: int = 0) -> Value:
-    """Return the mean SD over trials at all times (0), or for a low (-1) or high (1) truth."""
+    """Return the mean SD over draws at all times (0), or for a low (-1) or high (1) truth."""
     own = cell.time_varying_vaf - cell.time_varying_vaf.mean(axis=0)
     variance = cell.mean(np.square(own)) - np.square(cell.mean(own))
     chosen = (side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side)
@@ -121,6 +135,7 @@ def _coverage(cell: Cell, low: float, high: float) -> Value:
 
 ERRORS = ("bias_error", "debiased_bias_error", "mean_bias", "random_error", "total_error")
 METRICS: dict[str, tuple[str, Callable[[Cell], Value]]] = {
+    "mean": (NEWTON, _mean),
     **{name: (NEWTON, partial(_error, name=name)) for name in ERRORS},
     "rise_time": ("s", _rise_time),
     "vaf": (PERCENT, lambda cell: cell.mean(cell.vaf)),
@@ -139,27 +154,39 @@ METRICS: dict[str, tuple[str, Callable[[Cell], Value]]] = {
     "coverage_away": (PERCENT, partial(_coverage, low=AWAY, high=np.inf)),
     "without_band": (PERCENT, lambda cell: 100 * cell.mean(np.isnan(cell.covered).mean(axis=1))),
     "left_out": ("samples", lambda cell: metrics.left_out(cell.estimate)),
-    "failed": ("trials", lambda cell: np.nan),
+    "failed": ("draws", lambda cell: np.nan),
     "seconds": ("s", lambda cell: cell.mean(cell.seconds)),
 }
 """Unit and function of each metric."""
-OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")
-"""Metrics of a stiffness that switches."""
-OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
-"""Metrics of each quantity that is both estimated and known."""
-OF_ALL_TRIALS = ("lowest_vaf", "left_out")
-"""Metrics of all trials together, which have no replicates."""
+OF_QUANTITY = ("mean", *ERRORS, "coverage", "without_band", "left_out")
+"""Metrics of each quantity."""
+OF_BANDS = ("coverage", "coverage_at_switch", "coverage_away", "without_band")
+OF_ALL_DRAWS = ("lowest_vaf", "left_out")
+"""Metrics of all draws together, which have no replicates."""
+
+
+class Row(NamedTuple):
+    """A metric of a quantity, or of a pathway; of the torque, the quantity is empty."""
+
+    quantity: str
+    measure: str
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """Name of the metric."""
+        return self.measure if self.quantity in ("", MAIN) else f"{self.quantity} {self.measure}"
 
 
 def score(results: xr.Dataset) -> xr.Dataset:
-    """Return every metric of every scenario and method, with bootstrap replicates.
+    """Return every metric of every case and method; of trials, with bootstrap replicates.
 
     A replicate is the metric of trials drawn with replacement. The same draws serve all methods and
     scenarios, so that the uncertainty of a difference between methods, which see the same data, is
-    that of the difference of their replicates.
+    that of the difference of their replicates. Bootstraps of a recording have no replicates.
 
-    The results are those of :func:`tvsysid.study.run` of a simulation study.
-    Trials in which a method failed are left out for that method, and counted.
+    The results are those of :func:`tvsysid.study.run`. Draws in which a method failed are left out
+    for that method, and counted.
 
     Returns
     -------
@@ -168,20 +195,20 @@ def score(results: xr.Dataset) -> xr.Dataset:
         (scenario, method_key, metric, draw), and ``trials`` that count over (scenario, method_key).
         Along ``metric`` lie ``measure``, ``quantity`` (empty for metrics of the torque) and
         ``unit``: those of the stiffness go by the name of the measure, those of other quantities
-        that are both estimated and known have their quantity before it (``"viscosity
-        bias_error"``).
+        have their quantity before it (``"viscosity bias_error"``). Of an experiment ``value`` over
+        (recording, analysis, metric) and ``bootstraps`` that count.
 
-        ``vaf`` and ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst
-        trial, ``lowest_time_varying_vaf`` that of the worst time after averaging over trials; all
-        are against the noiseless torque. ``switch_dip`` (square wave) is the mean time-varying VAF
-        0.3 s and more from the switches minus that within 0.05 s of one; ``time_varying_vaf_sd`` is
-        its standard deviation over trials, averaged over time, ``..._soft`` and ``..._stiff`` over
-        times of less and more than the mean stiffness. ``coverage`` is the share of times and
-        trials at which the 95 % band holds the truth, of those that have a band; ``without_band``
-        is the share that has none; ``coverage_at_switch`` and ``coverage_away`` (square wave) are
-        the former within 0.05 s of a switch and 0.3 s and more from one. ``left_out`` counts times
-        without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an
-        identification took.
+        ``mean`` is that over time and trials. ``vaf`` and ``bandpassed_vaf`` are
+        means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
+        that of the worst time after averaging over trials; all are against the noiseless torque.
+        ``switch_dip`` (square wave) is the mean time-varying VAF 0.3 s and more from the switches
+        minus that within 0.05 s of one; ``time_varying_vaf_sd`` is its standard deviation over
+        trials, averaged over time, ``..._soft`` and ``..._stiff`` over times of less and more than
+        the mean stiffness. ``coverage`` is the share of times and trials at which the 95 % band
+        holds the truth, of those that have a band; ``without_band`` is the share that has none;
+        ``coverage_at_switch`` and ``coverage_away`` (square wave) are the former within 0.05 s of a
+        switch and 0.3 s and more from one. ``left_out`` counts times without an estimate;
+        ``failed`` counts trials; ``seconds`` is the mean time an identification took.
 
     References
     ----------
@@ -189,80 +216,78 @@ def score(results: xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    units = units_of(results)
-    pathways = list(map(str, results.pathway.values)) if PATHWAY in results else []
-    rows = [
-        (MAIN if name in (*OF_QUANTITY, "rise_time") else "", name, *each)
-        for name, each in METRICS.items()
-    ]
-    rows += [
-        (other, name, units[other] if name in ERRORS else METRICS[name][0], METRICS[name][1])
-        for other in units
-        if other != MAIN
-        for name in OF_QUANTITY
-    ]
-    rows += [(pathway, PATHWAY, *METRICS["vaf"]) for pathway in pathways]
-    quantities, measures, metric_units, _ = zip(*rows, strict=True)
-    count = results.sizes["trial"]
-    chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=DRAWS)
-    failed = results.failure.transpose("scenario", "method_key", "trial").values != ""
-    used = results.asked.values[..., None] & ~failed
+    case, draw, method = axes_of(results)
+    resampled, count = draw == "bootstrap", results.sizes[draw]
+    rows = _metrics_of(results, f"{draw}s")
+    random = np.random.default_rng(0)
+    sizes = 0 if resampled else DRAWS
+    chosen = random.multinomial(count, np.full(count, 1 / count), size=sizes)
+    failed = results.failure.transpose(case, method, draw).values != ""
+    asked = results.asked.values if "asked" in results.coords else np.ones(failed.shape[:2], bool)
+    used = asked[..., None] & ~failed
     value = np.full((*used.shape[:2], len(rows)), np.nan)
-    replicates = np.full((*value.shape, DRAWS), np.nan)
+    replicates = np.full((*value.shape, sizes), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the mean of nothing is NaN
         for place in zip(*np.nonzero(used.any(axis=-1)), strict=True):
             mine = used[place]
             weights = chosen[:, mine].astype(np.float64)
             drawn = weights.any(axis=1)
-            cells = _cells(results.isel(scenario=place[0], method_key=place[1], trial=mine))
-            for number, (quantity, name, _, function) in enumerate(rows):
-                if (cell := cells.get(quantity)) is None:
+            own = results.isel({case: place[0], method: place[1], draw: mine})
+            cells = _cells(own, resampled)
+            for number, row in enumerate(rows):
+                if (cell := cells.get(row.quantity)) is None:
                     continue
+                function = METRICS.get(row.measure, METRICS["vaf"])[1]
                 value[place][number] = function(cell)
-                if mine.sum() > 1 and name not in OF_ALL_TRIALS:
-                    cell = attrs.evolve(cell, weights=weights[drawn])
-                    replicates[place][number, drawn] = _replicates(cell, name, function)
+                if mine.sum() > 1 and drawn.any() and row.measure not in OF_ALL_DRAWS:
+                    weighted = attrs.evolve(cell, weights=weights[drawn])
+                    replicates[place][number, drawn] = _replicates(weighted, row.measure, function)
         spread = np.nanstd(replicates, axis=-1)
-    value[..., measures.index("failed")] = failed.sum(axis=-1)
-    dims = ("scenario", "method_key", "metric")
-    labels = [
-        name if quantity in ("", MAIN) else f"{quantity} {name}" for quantity, name, *_ in rows
-    ]
-    return xr.Dataset(
-        {
-            "value": (dims, value),
+    value[..., [row.measure for row in rows].index("failed")] = (asked[..., None] & failed).sum(-1)
+    dims = (case, method, "metric")
+    variables = {"value": (dims, value), f"{draw}s": (dims[:2], used.sum(axis=-1))}
+    if not resampled:
+        variables |= {
             "standard_error": (dims, spread),
             "replicates": ((*dims, "draw"), replicates),
-            "trials": (dims[:2], used.sum(axis=-1)),
-        },
+        }
+    return xr.Dataset(
+        variables,
         {
             **{name: each for name, each in results.coords.items() if set(each.dims) <= {*dims}},
-            "metric": labels,
-            "measure": ("metric", list(measures)),
-            "quantity": ("metric", list(quantities)),
-            "unit": ("metric", list(metric_units)),
-            "switches": (
-                "scenario",
-                [len(np.unique(truth)) == 2 for truth in results.truth.sel(quantity=MAIN).values],
-            ),
+            "metric": [row.label for row in rows],
+            "measure": ("metric", [row.measure for row in rows]),
+            "quantity": ("metric", [row.quantity for row in rows]),
+            "unit": ("metric", [row.unit for row in rows]),
         },
         results.attrs,
     )
 
 
-def _cells(trials: xr.Dataset) -> dict[str, Cell]:
-    """Return the cells of the stiffness, of other quantities that are known, and of pathways."""
-    cells = {name: Cell.of(trials, name) for name in map(str, trials.quantity.values)}
+def _metrics_of(results: xr.Dataset, draws: str) -> list[Row]:
+    """Return the metrics of the stiffness and the torque, of other quantities, and of pathways."""
+    units, own = units_of(results), (*OF_QUANTITY, "rise_time")
+    of_main = {name: unit for name, (unit, _) in METRICS.items()} | {"failed": draws}
+    rows = [Row(MAIN if name in own else "", name, unit) for name, unit in of_main.items()]
+    for other in (each for each in units if each != MAIN):
+        for name in OF_QUANTITY:
+            unit = units[other] if METRICS[name][0] == NEWTON else METRICS[name][0]
+            rows.append(Row(other, name, unit))
+    pathways = map(str, results.pathway.values) if PATHWAY in results else ()
+    rows += [Row(pathway, PATHWAY, PERCENT) for pathway in pathways]
+    has_bands = "covered" in results
+    return [row for row in rows if has_bands or row.measure not in OF_BANDS]
+
+
+def _cells(draws: xr.Dataset, resampled: bool) -> dict[str, Cell]:
+    """Return the cells of the quantities that are estimated, of the torque, and of pathways."""
+    cells = {name: Cell.of(draws, name, resampled) for name in map(str, draws.quantity.values)}
     main = cells[MAIN]
-    cells = {
-        name: cell
-        for name, cell in cells.items()
-        if np.isfinite(cell.truth).any() and np.isfinite(cell.estimate).any()
-    }
-    for name in map(str, trials.pathway.values) if PATHWAY in trials else ():
-        shares = trials[PATHWAY].sel(pathway=name).isel(statistic=0).values
-        cells[name] = attrs.evolve(main, vaf=shares)
+    cells = {name: cell for name, cell in cells.items() if np.isfinite(cell.estimate).any()}
+    for name in map(str, draws.pathway.values) if PATHWAY in draws else ():
+        shares = draws[PATHWAY].sel(pathway=name).isel(statistic=0, missing_dims="ignore")
+        cells[name] = attrs.evolve(main, vaf=shares.values)
     return cells | {MAIN: main, "": main}
 
 

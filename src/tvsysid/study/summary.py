@@ -2,129 +2,60 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_SWITCHES, PATHWAY, score, units_of
+from tvsysid.study.scores import MAIN, score
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 COLUMNS = (
-    *("stiffness", "perturbation", "duration_s", "snr_db", "method", "trials"),
-    *("metric", "value", "unit", "standard_error", "viscosity", "scenario", "system", "quantity"),
+    *("stiffness", "participant", "perturbation", "duration_s", "snr_db", "method"),
+    *("realizations", "trials", "bootstraps", "metric", "value", "unit", "standard_error"),
+    *("viscosity", "scenario", "system", "quantity"),
 )
-"""Of the summary of a simulation study."""
+"""Of the summary, as far as they apply."""
 OF_RECORDING = ("recording", "participant", "perturbation")
 LABELS = ("participant", "perturbation", "method", "realizations")
-NAMES = {
-    "profile": "stiffness",
-    "method_key": "method",
-    "measure": "metric",
-    "time": "time_s",
-}
+NAMES = {"profile": "stiffness", "method_key": "method", "time": "time_s"}
 """Columns of tables by the names of coordinates."""
-UNITS = {
-    **dict.fromkeys(("vaf", "bandpassed_vaf", "lowest_time_varying_vaf", PATHWAY), "%"),
-    "seconds": "s",
-    "failed": "draws",
-}
-"""Units of metrics of the torque, and of an analysis."""
-OF_TRUTH = ("bias_error", "mean_bias")  # known of virtual participants only
 
 
 def summarize(found: xr.Dataset) -> pd.DataFrame:
-    r"""Return the metrics of a study as a table.
+    """Return the metrics of a study as a table.
 
     Parameters
     ----------
     found
-        Of a simulation study its scores, as of :func:`score`; of an experiment its results, as of
-        :func:`tvsysid.study.run`.
+        Scores, as of :func:`score`, or results, as of :func:`tvsysid.study.run`.
 
     Returns
     -------
     pandas.DataFrame
-        Of a simulation study a row for each scenario, method and metric, with columns ``COLUMNS``:
-        stiffness is the name of the profile, trials the number that count, standard_error that of
-        the Monte-Carlo estimate (NaN for counts, for the worst trial, and for a single one),
-        quantity the one that was estimated, or empty. Rows of metrics that do not apply are left
-        out.
-
-        Of an experiment columns participant, perturbation, method, realizations, metric, value,
-        unit, quantity. ``mean_stiffness``: over time and bootstraps. ``random_error``:
-        :math:`\sqrt{\overline{s^2(t)}}`, with s the standard deviation over bootstraps. ``vaf``,
-        ``bandpassed_vaf``: means over bootstraps. ``lowest_time_varying_vaf``: that of the worst
-        time after averaging over bootstraps. ``bias_error``, ``mean_bias`` (virtual participants):
-        root mean square over time, and mean, of the mean estimate minus the survivors' mean true
-        stiffness. ``seconds``: mean time of an identification. ``failed``: draws without a result.
-        Every other quantity that was estimated has rows of its own: ``mean_viscosity``,
-        ``random_error``, and where it is known ``bias_error`` and ``mean_bias``.
+        A row for each scenario or recording, method and metric. Columns of a simulation study are
+        stiffness (the name of the profile), perturbation, duration_s, snr_db, method, trials (the
+        number that count), metric, value, unit, standard_error (that of the Monte-Carlo estimate;
+        NaN for counts, for the worst trial, and for a single one), viscosity, scenario, system and
+        quantity (the one that was estimated, or empty). Those of an experiment are participant,
+        perturbation, method, realizations, bootstraps, metric, value, unit and quantity. Rows of
+        metrics that do not apply are left out.
     """
-    if "recording" in found.dims:
-        return _of_experiment(found)
     scores = found if "metric" in found.dims else score(found)
-    table = scores.drop_vars("replicates").to_dataframe(dim_order=scores.value.dims).reset_index()
-    known = table.quantity.isin(["", MAIN]) | np.isfinite(table.value)
-    applies = table.asked & (table.switches | ~table.measure.isin(OF_SWITCHES))
-    table = table[known & applies].drop(columns="metric").rename(columns=NAMES)
-    chosen: pd.DataFrame = table[list(COLUMNS)].reset_index(drop=True)
-    return chosen
-
-
-def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    scores = measured(results)
-    of_torque = scores.drop_dims("quantity")
-    parts = [scores.drop_vars(of_torque), of_torque]
-    if PATHWAY in results:
-        parts.append(results[[PATHWAY]].mean("bootstrap").rename(pathway="quantity"))
-    arrays = [each.to_array("metric", "value").transpose(..., "metric") for each in parts]
-    table = pd.concat([each.to_dataframe().reset_index() for each in arrays], ignore_index=True)
-    table = table.rename(columns=NAMES).fillna({"quantity": ""})
-    table["unit"] = table.metric.map(UNITS).fillna(table.quantity.map(units_of(results)))
-    is_mean = table.metric == "mean"
-    table["metric"] = table.metric.mask(is_mean, "mean_" + table.quantity)
-    is_main = table.quantity.isin(["", MAIN]) & ~table.metric.isin(OF_TRUTH)
-    table = table[is_main | np.isfinite(table.value)]
-    groups = [rows for _, rows in table.groupby(["recording", "analysis"], sort=False)]
-    columns = [*LABELS, "metric", "value", "unit", "quantity"]
-    chosen: pd.DataFrame = pd.concat(groups, ignore_index=True)[columns]
-    return chosen
-
-
-def measured(results: xr.Dataset) -> xr.Dataset:
-    """Return the metrics of an experiment, each over recording, analysis and perhaps quantity.
-
-    They are NaN where there is no value.
-    """
-    import xarray as xr  # noqa: PLC0415  # heavy
-
-    draws = "bootstrap"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a method that failed has no values
-        mean = results.estimate.mean(draws)
-        error = mean - results.truth
-        return xr.Dataset(
-            {
-                "mean": mean.mean("time"),
-                "random_error": np.sqrt(results.estimate.var(draws, ddof=1).mean("time")),
-                "bias_error": np.sqrt(np.square(error).mean("time")),
-                "mean_bias": error.mean("time"),
-                "vaf": results.vaf.mean(draws),
-                "bandpassed_vaf": results.bandpassed_vaf.mean(draws),
-                "lowest_time_varying_vaf": results.time_varying_vaf.mean(draws).min("time"),
-                "seconds": results.seconds.mean(draws),
-                "failed": results.vaf.isnull().sum(draws),
-            }
-        )
+    case, _, _ = scores.value.dims
+    scores = scores.drop_vars("replicates", errors="ignore")
+    table = scores.to_dataframe(dim_order=scores.value.dims).reset_index()
+    known = table.value.notna()
+    applies = known.groupby([table[case], table.metric], sort=False).transform("any")
+    applies &= known | table.quantity.isin(["", MAIN])
+    if "asked" in table:
+        applies &= table.asked
+    table["metric"] = table.measure.mask(table.measure == "mean", "mean_" + table.quantity)
+    table = table[applies].rename(columns=NAMES).reset_index(drop=True)
+    return table[[name for name in COLUMNS if name in table]]
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:

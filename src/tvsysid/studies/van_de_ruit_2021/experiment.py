@@ -17,8 +17,8 @@ from tvsysid.figures.results import unique
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
 from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, TAIL, Claim, Evidence, Margin
+from tvsysid.study import score
 from tvsysid.study.bootstraps import STEPS
-from tvsysid.study.summary import measured
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,7 +124,10 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
     time = results.time - results.time[0]
     from_turn = np.abs((2 * time / (time[-1] + time[1]) + 0.5) % 1 - 0.5) / 2
     away, at = from_turn > 0.25 - DIP_WIDTH / 2, from_turn < DIP_WIDTH / 2
-    found = measured(own)[["vaf", "bandpassed_vaf", "random_error"]].assign(
+    scores = score(results.sel(quantity=["stiffness"])).value
+    scores = scores.sel(metric=["vaf", "bandpassed_vaf", "random_error"])
+    measured = scores.drop_vars(["measure", "quantity", "unit"]).to_dataset("metric")
+    found: xr.Dataset = measured.assign(
         correlation_with_torque=xr.corr(mean, results.mean_torque, "time"),
         vaf_dip=vaf.where(away).mean("time") - vaf.where(at).mean("time"),
     )

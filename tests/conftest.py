@@ -9,7 +9,6 @@ import signal
 import sys
 import tempfile
 import time
-from contextlib import nullcontext
 from functools import cache, partial
 from pathlib import Path
 
@@ -173,11 +172,6 @@ def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     return command
 
 
-def _without_helpers(monkeypatch):
-    for module in ("published_study", "van_de_ruit_2021.folder"):
-        monkeypatch.setattr(f"tvsysid.studies.{module}.helpers", lambda workers: nullcontext())
-
-
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
@@ -189,7 +183,6 @@ def undrawn(monkeypatch):
     ):
         monkeypatch.setattr(f"{paper}.{name}", lambda *given: {})
     monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
-    _without_helpers(monkeypatch)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
     monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given: None)
@@ -211,7 +204,6 @@ def sketched(monkeypatch):
 
     empty = _empty_figure()
     monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
-    _without_helpers(monkeypatch)
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
-import sys
 from functools import partial
 from xml.etree import ElementTree
 
 import pytest
 from tests.synthetic import responses_of
 
-from tvsysid.figures import Illustration, draw_all, drawn, helpers, impulse_responses, save
+from tvsysid.figures import Illustration, draw_all, drawn, impulse_responses, save
 
 
 def illustrations(count=2):
@@ -31,22 +30,6 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
         round(96 * 7.0),
         round(96 * 3.6),
     )
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
-def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
-    import multiprocessing
-
-    before = set(multiprocessing.active_children())
-    one = draw_all(illustrations(), tmp_path / "one")
-    with helpers(2) as pool:
-        two = draw_all(illustrations(), tmp_path / "two", pool)
-    assert one == two
-    for path in (tmp_path / "one" / "folder").iterdir():
-        assert path.read_bytes() == (tmp_path / "two" / "folder" / path.name).read_bytes()
-    if sys.platform.startswith("linux"):
-        assert set(multiprocessing.active_children()) <= before
 
 
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):

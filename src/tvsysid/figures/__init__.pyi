@@ -23,9 +23,7 @@ from .saving import Illustration as Illustration
 from .saving import Picture as Picture
 from .saving import draw_all as draw_all
 from .saving import drawn as drawn
-from .saving import helpers as helpers
 from .saving import save as save
-from .saving import share_out as share_out
 from .simulations import coverage_over_time as coverage_over_time
 from .simulations import error_against as error_against
 from .simulations import error_against_amount as error_against_amount

@@ -14,14 +14,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
-"""Variables of a study that are drawn over time.
-
-Of an experiment, also those of :data:`TORQUES`.
-"""
-TORQUES = ["target_torque", "mean_torque"]
-BANDS = ["covered", "truth"]  # variables that :func:`tvsysid.figures.coverage_over_time` takes
-
 
 def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
     """Return the traits of each scenario of a study, by its label."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import base64
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import attrs
 
@@ -18,8 +16,6 @@ from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-T = TypeVar("T")
 
 
 @attrs.frozen
@@ -52,22 +48,8 @@ class Picture:
         return "data:image/svg+xml;base64," + base64.b64encode(self.svg).decode()
 
 
-@contextmanager
-def helpers(workers: int) -> Iterator[Executor | None]:
-    """Start the processes that :func:`share_out` uses; none for a single worker."""
-    from tvsysid.study import processes  # noqa: PLC0415  # heavy
-
-    if workers == 1:
-        yield None
-        return
-    with processes(workers) as pool:
-        yield pool
-
-
 def draw_all(
-    illustrations: Mapping[str, Illustration],
-    folder: str | Path | None = None,
-    pool: Executor | None = None,
+    illustrations: Mapping[str, Illustration], folder: str | Path | None = None
 ) -> dict[str, Picture]:
     """Draw figures, and save each in the forms that it has.
 
@@ -77,41 +59,19 @@ def draw_all(
         By the stem of the file's name, which may name a folder too, as in ``"participants/P1"``.
     folder
         Where the files go; each appears whole or not at all. None saves nothing.
-    pool
-        Of :func:`helpers`.
     """
-    jobs = {
-        stem: (each, None if folder is None else Path(folder) / stem)
-        for stem, each in illustrations.items()
-    }
-    return share_out(_picture, jobs, pool)
-
-
-def share_out(
-    work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None
-) -> dict[str, T]:
-    """Return the results of a picklable function for several arguments by name, in order."""
-    if pool is None:
-        return {name: work(*job) for name, job in jobs.items()}
-    futures = {name: pool.submit(work, *job) for name, job in jobs.items()}
-    return {name: future.result() for name, future in futures.items()}
-
-
-def _picture(illustration: Illustration, path: Path | None) -> Picture:
-    """Draw one figure, and save it in all its forms if there is a path, which lacks its ending."""
-    figure = illustration.draw()
-    contents = {
-        ending: drawn(figure, ending)
-        for ending in illustration.endings
-        if path is not None or ending == "svg"
-    }
-    if path is not None:
-        for ending, content in contents.items():
-            with whole_file(path.with_name(f"{path.name}.{ending}")) as temporary:
-                temporary.write_bytes(content)
-    width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-    svg = contents.get("svg", b"")
-    return Picture(illustration.title, illustration.description, svg, width, height)
+    pictures = {}
+    for stem, each in illustrations.items():
+        figure, svg = each.draw(), b""
+        for ending in each.endings if folder is not None else {"svg"} & {*each.endings}:
+            content = drawn(figure, ending)
+            svg = content if ending == "svg" else svg
+            if folder is not None:
+                with whole_file(Path(folder) / f"{stem}.{ending}") as temporary:
+                    temporary.write_bytes(content)
+        width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
+        pictures[stem] = Picture(each.title, each.description, svg, width, height)
+    return pictures
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from pathlib import Path
 from types import MappingProxyType
 
@@ -43,7 +42,6 @@ def write_diagnosis(
     path: str | Path,
     diagnoses: Mapping[str, Diagnosis],
     command: str = "",
-    pool: Executor | None = None,
     beside: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
@@ -55,15 +53,14 @@ def write_diagnosis(
     diagnoses
         Of :func:`tvsysid.diagnose`, by what the ensembles are called. ``InputError`` for anything
         else, and for none.
-    command, pool
-        What was typed, if it is to be mentioned; processes of :func:`tvsysid.figures.helpers`,
-        which draw too.
+    command
+        What was typed, if it is to be mentioned.
     beside
         What else is known of ensembles, in sentences, by their names.
     """
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
-    blocks = _blocks(diagnoses, pool)
+    blocks = _blocks(diagnoses)
     lines = []
     for (name, each), anchor in zip(diagnoses.items(), _anchors(diagnoses), strict=True):
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
@@ -91,7 +88,7 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     return page.html(_blocks(diagnoses))
 
 
-def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) -> list[page.Block]:
+def _blocks(diagnoses: Mapping[str, Diagnosis]) -> list[page.Block]:
     if not isinstance(diagnoses, Mapping) or not all(
         isinstance(each, Diagnosis) for each in diagnoses.values()
     ):
@@ -104,7 +101,7 @@ def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) ->
             "write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}"
         )
     pictures = draw_all(
-        {name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, pool
+        {name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}
     )
     each = zip(diagnoses.items(), _anchors(diagnoses), strict=True)
     return [

@@ -192,7 +192,7 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
             results, summary, middle, list(rows.index), f"Open and closed methods: {what}"
         )
         shown[f"coverage-{noise:g}Hz"] = coverage(
-            results, summary, middle, f"Coverage of the 95 % bands: {what}"
+            results, middle, f"Coverage of the 95 % bands: {what}"
         )
     return shown
 

@@ -1,34 +1,18 @@
-"""Figures that several studies have, with what they show in words."""
+"""Figures that several studies have."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from tvsysid.figures import Illustration, coverage_over_time, error_against, method_comparison
 from tvsysid.figures.comparison import BARS
-from tvsysid.figures.results import BANDS, OVER_TIME, unique
+from tvsysid.figures.results import unique
 from tvsysid.figures.words import count
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-
-def in_words(rows: pd.DataFrame, by: Sequence[str], metrics: Collection[str]) -> str:
-    """Return the known values of metrics, in a sentence for each group of rows.
-
-    A column ``size`` is mentioned, if there is one.
-    """
-    known = rows[rows.metric.isin(list(metrics))].dropna(subset=["value"])
-    texts = [
-        f"{each['metric'].replace('_', ' ')} {each['value']:.3g} {each['unit']}"
-        + (f" at {each['size']:g}" if "size" in each else "")
-        for each in known.to_dict("records")
-    ]
-    groups = known.assign(text=texts).groupby(list(by), sort=False).text
-    return " ".join(f"{', '.join(map(str, names))}: {', '.join(mine)}." for names, mine in groups)
 
 
 def comparison(
@@ -51,38 +35,32 @@ def comparison(
     quantities, metrics
         What is drawn over time and as bars, the latter with the labels of their axes.
     """
-    mine = summary[summary.scenario.isin([*shown, *bars])]
     labels = unique([*shown, *bars])
-    methods = [each for each in unique(results.method_key.values) if each in set(mine.method)]
-    what = " and ".join(quantities).replace("_", " ")
-    data = results[OVER_TIME].sel(scenario=labels, quantity=list(quantities), method_key=methods)
-    text = (
-        f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization "
-        f"of {', '.join(shown)}: estimated {what}, mean and two standard "
-        f"deviations over {count(results.sizes['trial'], 'trial')}, against the truth, and "
-        f"time-varying VAF. Lower rows: bars of the metrics for {count(len(bars), 'scenario')}: "
-        f"{', '.join(bars)}. "
-    )
-    text += in_words(mine[mine.scenario.isin(shown)], ["scenario", "method"], metrics)
-    drawing = partial(method_comparison, data, mine, shown, bars, title, metrics)
-    return Illustration(drawing, title, text)
-
-
-def coverage(
-    results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str], title: str
-) -> Illustration:
-    """Return the figure of how often the bands hold the true stiffness in scenarios."""
-    data = results[BANDS].sel(scenario=list(labels), quantity="stiffness")
     mine = summary[summary.scenario.isin(labels)]
-    mine = mine[(mine.metric != "without_band") | (mine.value > 0)]
+    methods = [each for each in unique(results.method_key.values) if each in set(mine.method)]
+    data = results.sel(scenario=labels, quantity=list(quantities), method_key=methods)
+    text = (
+        f"A column for each method. Upper rows, over one realization of {', '.join(shown)}: "
+        f"estimated {' and '.join(quantities).replace('_', ' ')}, mean and two standard deviations "
+        f"over {count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
+        f"Lower rows: bars of the metrics of {count(len(bars), 'scenario')}, whose numbers are in "
+        "the ranking."
+    )
+    return Illustration(
+        lambda: method_comparison(data, mine, shown, bars, title, metrics), title, text
+    )
+
+
+def coverage(results: xr.Dataset, labels: Sequence[str], title: str) -> Illustration:
+    """Return the figure of how often the bands hold the true stiffness in scenarios."""
+    data = results.sel(scenario=list(labels), quantity="stiffness")
     text = (
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
-        "realization, averaged over 0.05 s. A band covers the random error, not the bias of what a "
-        "method smooths: about a switch bands miss the truth. Without band is the share of times "
-        "and trials that have none, which do not count. "
+        f"realization of {', '.join(labels)}, averaged over 0.05 s. A band covers the random "
+        "error, not the bias of what a method smooths: about a switch bands miss the truth. Times "
+        "and trials without a band do not count."
     )
-    text += in_words(mine, ["scenario", "method"], ("coverage", "without_band"))
-    return Illustration(partial(coverage_over_time, data, labels, title), title, text)
+    return Illustration(lambda: coverage_over_time(data, labels, title), title, text)
 
 
 def error_over_size(
@@ -104,8 +82,9 @@ def error_over_size(
     """
     rows = summary[(summary.metric == metric) & summary.scenario.isin(sizes.index)]
     rows = rows.assign(size=rows.scenario.map(sizes)).dropna(subset=["value"])
-    rows = rows.sort_values("size", kind="stable")
     rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
-    text = f"{error_label} against {size_label}. {in_words(rows, ['method'], [metric])}"
-    drawing = partial(error_against, size_label, rows, title, error_label)
-    return Illustration(drawing, title, text[:1].upper() + text[1:])
+    text = (
+        f"{error_label[:1].upper()}{error_label[1:]} against {size_label}, a line for each method, "
+        "with standard errors."
+    )
+    return Illustration(lambda: error_against(size_label, rows, title, error_label), title, text)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
 
-from tvsysid.figures import Illustration, draw_all, helpers
+from tvsysid.figures import Illustration, draw_all
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings import whole_file
 from tvsysid.report import write_report
 from tvsysid.studies.claims import Claim, Evidence, judge_claims, simulation_evidence
-from tvsysid.study import by_full_name, cores, score, summarize
+from tvsysid.study import by_full_name, score, summarize
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,15 +85,14 @@ def write_study(
     command
         Command that ran the study; the page does not mention it if it is empty.
     """
-    with helpers(cores()) as pool:
-        scores = score(results)
-        summary, claims = summarize(scores), published.judge(scores)
-        tables = {"summary.csv": summary, "claims.csv": claims}
-        write_tables(folder, tables)
-        named = by_full_name(summary)
-        pictures = draw_all(published.figures(results, named), folder / "figures", pool)
-        page, about = folder / "report.html", published.about
-        write_report(page, results, named, claims, pictures, command, about)
+    scores = score(results)
+    summary, claims = summarize(scores), published.judge(scores)
+    tables = {"summary.csv": summary, "claims.csv": claims}
+    write_tables(folder, tables)
+    named = by_full_name(summary)
+    pictures = draw_all(published.figures(results, named), folder / "figures")
+    page, about = folder / "report.html", published.about
+    write_report(page, results, named, claims, pictures, command, about)
     return Written(named, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
 
 

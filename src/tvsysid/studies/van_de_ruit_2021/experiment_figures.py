@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from tvsysid.figures import (
     Illustration,
@@ -19,26 +17,21 @@ from tvsysid.figures import (
     variance_and_spread,
 )
 from tvsysid.figures.results import (
-    OVER_TIME,
-    TORQUES,
     knows_truth,
     least_data,
     seconds_of_data,
     unique,
 )
-from tvsysid.figures.spread import SPREAD
 from tvsysid.figures.words import perturbation_name
 from tvsysid.preprocess import Preparation
 from tvsysid.signals import Recording
-from tvsysid.studies.pictures import in_words
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-    from matplotlib.figure import Figure
 
 PAPER = "van de Ruit et al. 2021"
-SHOWN = [*OVER_TIME, *TORQUES]
+DETAIL = "Participant {} in detail"
 
 
 def experiment_figures(
@@ -62,105 +55,89 @@ def experiment_figures(
         By the labels of one participant's recordings, some seconds of them and how ensembles came
         about. May be empty.
     """
-    shown: dict[str, Illustration] = {}
-
-    def add(stem: str, title: str, text: str, draw: Callable[..., Figure], *data: Any) -> None:
-        shown[stem] = Illustration(partial(draw, *data, title), title, text)
-
     one, own = representative(results, summary), results.sel(quantity="stiffness")
     least = least_data(results).items()
     amounts = ", ".join(f"{method} {seconds_of_data(own, label)}" for method, label in least)
     drawn = (
         f"a line or a column for each method, from the least data ({amounts}), beside the truth "
-        "and the torque to be followed where they are known"
+        "and the torque to be followed where they are known. The table of metrics has the numbers."
     )
+    shown: dict[str, Illustration] = {}
     if own.sizes["recording"] == 1:
         label = str(own.recording.values[0])
-        add(
-            "stiffness",
-            f"Stiffness in {label}",
+        title = f"Stiffness in {label}"
+        shown["stiffness"] = Illustration(
+            partial(stiffness_with_bands, own, label, title),
+            title,
             "Stiffness over one realization: mean and two standard deviations over bootstraps, "
-            f"{drawn}. {_means(summary, 'mean_stiffness', 'vaf')}",
-            stiffness_with_bands, own[SHOWN], label,
-        )  # fmt: skip
+            f"{drawn}",
+        )
     else:
-        add(
-            "participants",
-            "Stiffness of all participants",
+        title = "Stiffness of all participants"
+        shown["participants"] = Illustration(
+            partial(stiffness_of_participants, own, title),
+            title,
             f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
-            f"a row for each perturbation, {drawn}. {_means(summary, 'mean_stiffness', 'vaf')}",
-            stiffness_of_participants, own[SHOWN],
-        )  # fmt: skip
-    mine = summary[summary.participant == one]
-    add(
-        "participant",
-        f"Participant {one} in detail",
+            f"a row for each perturbation, {drawn}",
+        )
+    shown["participant"] = Illustration(
+        partial(participant_in_detail, own, one, DETAIL.format(one)),
+        DETAIL.format(one),
         f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {one}, whose VAF "
-        "is in the middle of all: mean and two standard deviations over bootstraps, "
-        f"{drawn}. {_means(mine, 'mean_stiffness', 'random_error', 'vaf')}",
-        participant_in_detail, _of(own, one), one,
-    )  # fmt: skip
-    add(
-        "variance-and-spread",
-        "VAF and random error of all methods",
+        f"is in the middle of all: mean and two standard deviations over bootstraps, {drawn}",
+    )
+    title = "VAF and random error of all methods"
+    shown["variance-and-spread"] = Illustration(
+        partial(variance_and_spread, summary, title),
+        title,
         f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, "
         "of that between 1 and 10 Hz, and of the random error, with two standard deviations over "
         "participants; dots: single participants. VAF is that of the realizations that the model "
-        f"was identified from. {_means(summary, *SPREAD)}",
-        variance_and_spread, summary,
-    )  # fmt: skip
+        "was identified from.",
+    )
     if knows_truth(own):
-        add(
-            "error-against-truth",
-            "Error against the truth",
+        title = "Error against the truth"
+        shown["error-against-truth"] = Illustration(
+            partial(error_against_truth, own, summary, title),
+            title,
             "How far the mean estimate over bootstraps is from the true stiffness of virtual "
-            f"participants, {drawn}: above over time, a thin line for each participant and a thick "
-            "one for their mean; below as bars with two standard deviations over participants. "
-            f"{_means(summary, 'bias_error', 'mean_bias')}",
-            error_against_truth, own[SHOWN], summary,
-        )  # fmt: skip
+            "participants: above over time, a thin line for each participant and a thick one for "
+            "their mean; below as bars with two standard deviations over participants.",
+        )
     if excerpts:
-        perturbations = own.perturbation.to_series().map(perturbation_name)
-        pieces = {perturbations[label]: each for label, each in excerpts.items()}
+        names = own.perturbation.to_series().map(perturbation_name)
+        pieces = {names[label]: each for label, each in excerpts.items()}
         first = next(iter(pieces.values()))
-        sizes = "; ".join(
-            f"{words}: angle {1000 * np.std(each.angle):.3g} mrad, torque "
-            f"{np.std(each.torque):.3g} N·m (SD)"
-            for words, each in pieces.items()
-        )
-        add(
-            "recorded-signals",
-            f"{first.duration:.3g} s of what was recorded from {one}",
+        title = f"{first.duration:.3g} s of what was recorded from {one}"
+        shown["recorded-signals"] = Illustration(
+            partial(recorded_signals, pieces, title),
+            title,
             f"Like figure 6 of {PAPER}: angle and torque at {first.sampling_rate:g} Hz, and the "
-            f"torque to be followed if there is one, a row for each perturbation. {sizes}.",
-            recorded_signals, pieces,
-        )  # fmt: skip
-    for label, preparation in list(preparations.items())[:1]:
-        steps = "; ".join(
-            f"{name}: {np.count_nonzero(~step.kept)} excluded"
-            for name, step in preparation.steps.items()
+            "torque to be followed if there is one, a row for each perturbation.",
         )
-        add(
-            "preparation",
-            f"Preparation of {label}",
+    for label, preparation in list(preparations.items())[:1]:
+        title = f"Preparation of {label}"
+        shown["preparation"] = Illustration(
+            partial(preparation_steps, preparation, title),
+            title,
             f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "
             f"realizations as it was recorded, and that of the {len(preparation.ensemble)} that "
             "were kept, aligned if there is a target, with their mean subtracted. Below, the "
-            f"signal that each step compares, with its mean and limits. {steps or 'No step'}.",
-            preparation_steps, preparation,
-        )  # fmt: skip
+            "signal that each step compares, with its mean and limits.",
+        )
     return shown
 
 
 def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
     """Return the detailed figures of every participant, by the stem of the file's name."""
-    own, endings = results.sel(quantity="stiffness"), ("png", "pdf")
-    titles = {who: f"Participant {who} in detail" for who in unique(own.participant.values)}
+    own = results.sel(quantity="stiffness")
     return {
         f"participants/{who}": Illustration(
-            partial(participant_in_detail, _of(own, who), who, title), title, endings=endings
+            partial(participant_in_detail, own, who, DETAIL.format(who)),
+            DETAIL.format(who),
+            endings=("png", "pdf"),
         )
-        for who, title in titles.items()
+        for who in unique(own.participant.values)
     }
 
 
@@ -172,14 +149,3 @@ def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
     each = rows.groupby("participant", sort=False).value.agg(["count", "mean"])
     complete = each[each["count"] == each["count"].max()].sort_values("mean", kind="stable")
     return str(complete.index[(len(complete) - 1) // 2])
-
-
-def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
-    return results[SHOWN].isel(recording=results.participant.values == participant)
-
-
-def _means(summary: pd.DataFrame, *metrics: str) -> str:
-    """Return means over participants, by perturbation, method and number of realizations."""
-    by = ["perturbation", "method", "realizations"]
-    means = summary.groupby([*by, "metric", "unit"], sort=False).value.mean().reset_index()
-    return in_words(means, by, metrics)

@@ -13,7 +13,7 @@ from tvsysid.figures.words import perturbation_name, profile_name
 from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
-from tvsysid.studies.pictures import comparison, coverage, in_words
+from tvsysid.studies.pictures import comparison, coverage
 from tvsysid.study.scenarios import PERIOD, RATE, Scenario, Study
 
 if TYPE_CHECKING:
@@ -24,6 +24,10 @@ SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
 INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
 # Seconds of data and signal-to-noise ratio in dB that the paper shows over time
 USUAL = (150.0, 10.0)
+AMOUNT = (
+    "Debiased bias error, random error and total error of each method in N·m/rad, with standard "
+    "errors."
+)
 
 
 def study_figures(
@@ -43,73 +47,67 @@ def study_figures(
     responses
         As :func:`tvsysid.figures.impulse_responses` takes them; None leaves that figure out.
     """
-    traits = scenario_traits(results)
     shown: dict[str, Illustration] = {}
-    for (profile, viscosity), rows in traits.groupby(["profile", "viscosity"], sort=False):
-        covaries = viscosity == "covarying"
-        stem = f"{profile}{'-covarying' if covaries else ''}"
-        name = profile_name(profile if profile != "own" else rows.system.iloc[0])
+    groups = scenario_traits(results).groupby(["profile", "viscosity"], sort=False)
+    for (profile, viscosity), rows in groups:
+        ending = "-covarying" if viscosity == "covarying" else ""
+        also = ", viscosity varies with stiffness" if ending else ""
+        name = rows.system.iloc[0] if profile == "own" else profile_name(profile)
         name = name if ":" in name else name[:1].upper() + name[1:]
-        also = ", viscosity varies with stiffness" if covaries else ""
         every = unique(rows.perturbation)
         for group in [every] if profile == "sine" else [[each] for each in every]:
             mine = rows[rows.perturbation.isin(group)]
-            at, _ = _usual(mine)
             bars = mine.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
-            perturbations = " and ".join(map(perturbation_name, at.perturbation))
-            words = [str(profile), *(group if len(group) == 1 else []), *(["covarying"] * covaries)]
-            shown["-".join(["comparison", *words])] = comparison(
-                results, summary, list(at.index), list(bars.index), f"{name}, {perturbations}{also}"
+            labels, perturbations = usual(mine), " and ".join(map(perturbation_name, group))
+            stem = f"comparison-{profile}" + (f"-{group[0]}" if len(group) == 1 else "") + ending
+            shown[stem] = comparison(
+                results, summary, labels, list(bars.index), f"{name}, {perturbations}{also}"
             )
-        at, (duration, snr) = _usual(rows)
+        labels = usual(rows)
+        duration, noise = rows.loc[labels[0], ["duration_s", "snr_db"]]
         here = summary[summary.scenario.isin(rows.index)]
-        for column, fixed, against, ending in (
-            ("duration_s", here.snr_db == snr, f"the amount of data, {snr:g} dB", ""),
+        for column, fixed, against, by in (
+            ("duration_s", here.snr_db == noise, f"the amount of data, {noise:g} dB", ""),
             ("snr_db", here.duration_s == duration, f"noise, {duration:g} s of data", "-snr"),
         ):
             amounts = here[fixed & np.isfinite(here[column])]
             if amounts[column].nunique() > 1:
                 title = f"{name}: errors against {against}"
-                shown[f"amount-{stem}{ending}"] = _amount(amounts, column, title)
-        if np.isfinite(covered(results.sel(scenario=list(at.index))).values).any():
-            title = f"{name}: how often the bands hold the truth, {at.duration_s.iloc[0]:g} s{also}"
-            shown[f"coverage-{stem}"] = coverage(results, summary, list(at.index), title)
+                shown[f"amount-{profile}{ending}{by}"] = Illustration(
+                    partial(error_against_amount, amounts, title), title, AMOUNT
+                )
+        if np.isfinite(covered(results.sel(scenario=labels)).values).any():
+            title = f"{name}: how often the bands hold the truth, {duration:g} s{also}"
+            shown[f"coverage-{profile}{ending}"] = coverage(results, labels, title)
     if responses is not None:
-        shown["impulse-responses"] = _responses(responses)
+        shown["impulse-responses"] = responses_illustration(responses)
     return shown
 
 
-def _usual(rows: pd.DataFrame) -> tuple[pd.DataFrame, tuple[float, float]]:
-    """Return the scenarios to show and their duration and noise: the paper's, or the middle."""
-    pairs = sorted(set(zip(rows.duration_s.tolist(), rows.snr_db.tolist(), strict=True)))
-    duration, snr = USUAL if USUAL in pairs else pairs[len(pairs) // 2]
-    return rows[(rows.duration_s == duration) & (rows.snr_db == snr)], (duration, snr)
+def usual(rows: pd.DataFrame) -> list[str]:
+    """Return the scenarios of one duration and noise to show: the paper's, or the middle."""
+    pairs = rows.set_index(["duration_s", "snr_db"]).index
+    several = sorted(set(pairs))
+    pair = USUAL if USUAL in several else several[len(several) // 2]
+    return list(rows.index[pairs == pair])
 
 
-def _amount(rows: pd.DataFrame, column: str, title: str) -> Illustration:
-    total = rows.assign(size=rows[column]).sort_values("size", kind="stable")
-    text = (
-        "Debiased bias error, random error and total error of each method in N·m/rad, with "
-        f"standard errors. {in_words(total, ['perturbation', 'method'], ['total_error'])}"
-    )
-    return Illustration(partial(error_against_amount, rows, title), title, text)
-
-
-def _responses(responses: xr.Dataset) -> Illustration:
+def responses_illustration(responses: xr.Dataset) -> Illustration:
+    """Return the figure of :func:`example_responses`."""
     data = (
         f"{perturbation_name(SCENARIO.perturbation)}, {SCENARIO.duration_s:g} s, "
         f"{SCENARIO.snr_db:g} dB"
     )
     title = f"Impulse responses at a low and a high stiffness: {data}"
-    rows = responses.distance.to_dataframe("value").reset_index()
-    rows = rows.assign(metric="root mean square distance from the truth", unit=" N·m/(rad·s)")
+    far = responses.distance.mean("instant").to_series()
     text = (
         "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from "
         f"the first trial of the square wave ({data}), with the paper's settings, drawn over the "
-        "true one in the band of the data, at a low and a high stiffness in N·m/rad. "
-        f"{in_words(rows, ['stiffness', 'method_key'], set(rows.metric))}"
+        "true one in the band of the data, at a low and a high stiffness in N·m/rad. Root mean "
+        "square distance from the truth, mean of both: "
+        f"{', '.join(f'{name} {each:.3g}' for name, each in far.items())} N·m/(rad·s)."
     )
-    return Illustration(partial(impulse_responses, responses, title), title, text)
+    return Illustration(lambda: impulse_responses(responses, title), title, text)
 
 
 def example_responses(seed: int = 0) -> xr.Dataset:

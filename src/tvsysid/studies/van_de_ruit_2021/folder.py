@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
-from tvsysid.figures import draw_all, helpers, share_out
+from tvsysid.figures import draw_all
 from tvsysid.quality import diagnose
 from tvsysid.recordings import write_ensemble
 from tvsysid.report import alignment, write_diagnosis, write_experiment_report
@@ -25,7 +25,6 @@ from tvsysid.study import (
     Experiment,
     Prepared,
     alignments,
-    cores,
     exclusions,
     of_quantity,
     shown,
@@ -75,13 +74,13 @@ def write_experiment(
             with suppress(InputError):  # a file that is gone since
                 excerpts[recorded.label], preparations[recorded.label] = shown(experiment, recorded)
     figures = experiment_figures(results, summary, excerpts, preparations)
-    with helpers(cores()) as pool:
-        pictures = draw_all(figures | participant_figures(results), folder / "figures", pool)
-        jobs = {label: (each, _reference(experiment, each)) for label, each in ensembles.items()}
-        diagnoses = share_out(diagnose, jobs, pool)
-        if diagnoses:
-            notes = {str(name): _advice(each) for name, each in changed.groupby("recording")}
-            write_diagnosis(folder / "diagnosis.html", diagnoses, command, pool, notes)
+    pictures = draw_all(figures | participant_figures(results), folder / "figures")
+    diagnoses = {
+        label: diagnose(each, _reference(experiment, each)) for label, each in ensembles.items()
+    }
+    if diagnoses:
+        notes = {str(name): _advice(each) for name, each in changed.groupby("recording")}
+        write_diagnosis(folder / "diagnosis.html", diagnoses, command, notes)
     write_experiment_report(
         folder / "report.html",
         results,

@@ -60,7 +60,7 @@ def _check_shape(name: str, values: Array, signals: Signals, *further_axes: str)
 
 @attrs.frozen(eq=False, repr=False)
 class Signals:
-    """Fields and functions that recordings and ensembles share."""
+    """Fields and methods that recordings and ensembles share."""
 
     AXES: ClassVar[tuple[str, ...]]
 

@@ -131,7 +131,7 @@ def _show_diagnosis(
     say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
     for check in diagnosis.findings:
         say(f"{check.name} ({check.strength})", "bold")
-        say(f"  seen:   {check.what}")
+        say(f"  found:  {check.what}")
         say(f"  effect: {check.fault.effect}")
         say(f"  remedy: {check.fault.remedy}")
     for line in diagnosis.notes:

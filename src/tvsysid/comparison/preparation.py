@@ -144,7 +144,7 @@ def prepare_recording(
 def delay_to_correct(
     cut: Callable[[float], Ensemble], diagnosed: Ensemble, method: str, jobs: int = 1
 ) -> tuple[float, str]:
-    """Choose how much of a delay of the torque to correct: all of it, half of it or none.
+    """Choose how much of a torque delay to correct: all of it, half of it or none.
 
     A joint that is not of second order, or a compliant fixture, looks like a delay of another
     size. So all of the delay is corrected unless half or none of it predicts held-out

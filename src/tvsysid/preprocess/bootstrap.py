@@ -15,7 +15,7 @@ from tvsysid.validators import at_least
 def bootstrap(
     ensemble: Ensemble, count: int, seed: int, size: int | None = None
 ) -> Iterator[Ensemble]:
-    """Draw ensembles of realizations with replacement, each when it is asked for.
+    """Draw ensembles of realizations with replacement, one at a time.
 
     Parameters
     ----------

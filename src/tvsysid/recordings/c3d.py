@@ -1,4 +1,4 @@
-"""C3D files of motion laboratories."""
+"""Read C3D files of motion laboratories."""
 
 from __future__ import annotations
 

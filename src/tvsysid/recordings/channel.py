@@ -1,4 +1,4 @@
-"""A channel of a file: what the file states of it, and how its values are read."""
+"""Describe a channel of a file: its unit and rate as the file states them, and its values."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def stated_rate(value: object) -> float | None:
 
 @attrs.frozen
 class Channel:
-    """A variable or column of a file, with what the file states of it.
+    """Variable or column of a file, with the unit and the rate that the file states.
 
     Parameters
     ----------
     shape
         Shape of the values; (time,) or (time, trial) for a signal.
     dtype
-        NumPy's name for numbers; a word such as ``"text"`` for what cannot be a signal.
+        NumPy's name for numbers; a word such as ``"text"`` for values that cannot be a signal.
     unit
         As the file states it, or empty.
     sampling_rate
@@ -67,7 +67,7 @@ class Channel:
         First sample of each trial, where the file states trials that follow each other in one
         vector.
     values
-        The values, or a function that reads them; None for what cannot be a signal.
+        Values, or a function that reads them. None if they cannot be a signal.
     """
 
     shape: tuple[int, ...]
@@ -172,7 +172,7 @@ def numbered(labels: Sequence[str]) -> list[str]:
 
 
 def padded(texts: Sequence[str], count: int) -> list[str]:
-    """Return exactly so many texts: cut off the others, or add empty ones."""
+    """Return ``count`` texts: cut the list, or fill it up with empty texts."""
     return [*texts, *[""] * count][:count]
 
 

@@ -1,4 +1,4 @@
-"""EDF, EDF+ and BDF files."""
+"""Read EDF, EDF+ and BDF files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings and results as others archive them: NWB, and tables of BIDS derivatives."""
+"""Write recordings as NWB, and estimates as tables of BIDS derivatives."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
 
 
 def _meaning(column: str) -> dict[str, str]:
-    """Return what a column holds, and its unit."""
+    """Return the description and the unit of a column."""
     quantity, _, limit = column.rpartition("_")
     if limit not in LIMITS:
         quantity, limit = column, ""

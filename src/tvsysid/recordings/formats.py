@@ -1,4 +1,4 @@
-"""Which format a file has, and which channels it holds.
+"""Find the format of a file, and list its channels.
 
 A reader is a generator: it takes a file and yields names and channels while the file is open. To
 add a format, write one in a module of its own, and name it in ``READERS``.

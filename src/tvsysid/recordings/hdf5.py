@@ -1,4 +1,4 @@
-"""HDF5 files, and those in the layout of NWB."""
+"""Read HDF5 and NWB files."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NWB_PARTS = ("starting_time", "timestamps", "channel_conversion")  # of a series
 
 
 def items_of(root: h5py.File) -> dict[str, Any]:
-    """Return groups and datasets of a file by path; for what is not followed, the reason in words.
+    """Return groups and datasets of a file by path, or why a link to one is not followed.
 
-    Only links to what is in the file are followed: others could make any file of the computer a
-    part of a recording.
+    Only links within the file are followed: others could make any file of the computer a part of a
+    recording.
     """
     links: dict[str, Any] = {}
     root.visititems_links(links.__setitem__)

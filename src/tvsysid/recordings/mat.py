@@ -1,4 +1,4 @@
-"""MAT files of all versions, with structures, and the objects of the Kearney lab's toolbox."""
+"""Read MAT files of all versions, with structures and objects of the Kearney lab's toolbox."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _cut(channel: Channel, fields: Mapping[str, Any], number: int, count: int) -
 
 
 def _property(fields: Mapping[str, Any], name: str) -> Any:
-    """Return a property, or the value, or else the default, of one of the ``param`` objects."""
+    """Return a property, or else the value or the default of the ``param`` of this name."""
     if name in fields:
         return fields[name]
     for item in np.ravel(fields["parameterSet"]):

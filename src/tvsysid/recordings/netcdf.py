@@ -1,4 +1,4 @@
-"""NetCDF files of versions 3 and 4: each variable is a channel, by its path."""
+"""Read NetCDF files of versions 3 and 4. Each variable is a channel, by its path."""
 
 from __future__ import annotations
 

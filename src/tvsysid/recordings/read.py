@@ -29,7 +29,7 @@ UNITS = {  # factor to rad or N·m, and how files spell the unit
 
 
 class UsableTrials(NamedTuple):
-    """Trials that can be used, of many files.
+    """Usable trials of several files, and why the others are left out.
 
     Parameters
     ----------
@@ -172,10 +172,12 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 
     An InputError is raised if they differ in sampling rate, start or channels, or there are none.
     """
-    if len(kinds := dict.fromkeys(map(_described, recordings))) != 1:
+    kinds = {(each.sampling_rate, each.start, *sorted(each.channels)) for each in recordings}
+    if len(kinds) != 1:
         raise InputError(
-            "join_trials: expected recordings that are alike, got "
-            f"{'; '.join(kinds) or 'none'}; read them alike, or decimate to one rate before"
+            "join_trials: expected recordings with the same rate (Hz), start (s) and channels, got "
+            f"{', '.join(map(str, sorted(kinds))) or 'none'}; read them alike, or decimate to one "
+            "rate before"
         )
     starts, length = [], 0
     for item in recordings:
@@ -195,12 +197,6 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
         trial_starts=tuple(starts),
         recorded_angle=np.concatenate(recorded) if len(recorded) == len(recordings) else None,
     )
-
-
-def _described(recording: Recording) -> str:
-    """Return in words what joined recordings must share."""
-    channels = ", ".join(sorted(recording.channels)) or "none"
-    return f"{recording.sampling_rate} Hz from {recording.start} s with channels {channels}"
 
 
 def _read_signals(
@@ -268,9 +264,9 @@ def _recording(
 def _doubts(
     channels: Mapping[str, Channel], recording: Recording, reading: Reading
 ) -> Iterator[str]:
-    """Yield sentences on what a file states otherwise than the caller, and on odd values.
+    """Yield a warning for each contradiction of file and caller, and for odd values.
 
-    Channels are those that were read, by their names in the recording.
+    ``channels`` are those that were read, by their names in the recording.
     """
     given, names = recording.sampling_rate, reading.names
     for rate in sorted({each.sampling_rate for each in channels.values() if each.sampling_rate}):

@@ -1,4 +1,4 @@
-"""Files of columns: text, Motion-BIDS, NumPy's NPZ and Parquet."""
+"""Read files of columns: text, Motion-BIDS, NPZ and Parquet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings, ensembles, simulations and models to files, and back."""
+"""Write recordings, ensembles, simulations and models to files, and load them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Written = TypeVar("Written", Recording, Ensemble)
 def whole_file(path: str | Path) -> Iterator[Path]:
     """Return a temporary path beside a file, which replaces the file if the block has no error.
 
-    So a file appears whole or not at all. Its folder is made if need be.
+    The file appears complete or not at all. Its folder is created if it is missing.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -73,9 +73,9 @@ def write_simulation(
 
 
 def write_table(path: str | Path, table: pd.DataFrame, digits: int = 6, missing: str = "") -> None:
-    """Write a table to a CSV or TSV file, with so many digits.
+    """Write a table to a CSV or TSV file, with ``digits`` significant digits.
 
-    ``missing`` stands where a number is NaN.
+    ``missing`` is written for NaN.
     """
     file = checked(path, ".csv", ".tsv")
     separator, form = "," if file.suffix.lower() == ".csv" else "\t", f"%.{digits}g"
@@ -92,8 +92,8 @@ def write_models(
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error,
-    degrees of freedom and 95 % limits, and what the method has identified besides; the torque of
-    each pathway for an ensemble, if one is given. NetCDF has no complex numbers: a frequency
+    degrees of freedom and 95 % limits, and other results of the method. If an ensemble is given,
+    it also holds the torque of each pathway. NetCDF has no complex numbers: a frequency
     response becomes ``frequency_response_real`` and ``_imag``.
 
     Parameters
@@ -194,7 +194,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
 def load_recording(path: str | Path) -> Recording:
     """Load a recording that :func:`write_recording` wrote, with its rate, trials and channels.
 
-    An InputError is raised for a file of other origin; read that by :func:`tvsysid.read_recording`.
+    An InputError is raised for any other file. Read such a file by :func:`tvsysid.read_recording`.
     """
     return _load(path, Recording)
 
@@ -214,7 +214,7 @@ def load_ensemble(path: str | Path) -> Ensemble:
 
 
 def _write(path: str | Path, signals: Recording | Ensemble) -> None:
-    """Write arrays as variables, and all that restores the object as text in JSON."""
+    """Write arrays as variables, and the other fields as text in JSON."""
     file, names = checked(path, ".nc", ".mat"), _variables(signals.channels)
     settings = attrs.asdict(signals, recurse=False)
     arrays = {names[own]: each for own, each in settings.pop("channels").items()}

@@ -1,4 +1,4 @@
-"""Actuator that imposes an angle on a joint."""
+"""Impose an angle on a joint by a stiff actuator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion of a second-order system whose stiffness and damping change over time."""
+"""Solve the motion of a second-order system whose stiffness and damping change over time."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from tvsysid.validators import Validator, between, positive
 
 
 class Perturbation(Protocol):
-    """Anything that generates an angle, up to its scale."""
+    """Any object that generates an angle, up to its scale."""
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Return samples at the rate in Hz, shape (samples,)."""
@@ -40,7 +40,7 @@ def low_passed_noise(
     samples: int,
     state: float = 0.0,
 ) -> Array:
-    """Return white noise after a second-order Butterworth low-pass, which starts in a state."""
+    """Return white noise after a second-order Butterworth low-pass with this initial state."""
     if cutoff >= rate / 2:
         raise InputError(
             f"noise: its bandwidth must be below half the sampling rate of {rate:g} Hz, got "

@@ -50,7 +50,7 @@ class StretchReflex:
     gain_after: bool = False
 
     def stretch(self, velocity: Array, rate: float, early: float = 0.0) -> Array:
-        """Return the stretch f(t - d) in rad/s that arrives at the muscle, or so long before."""
+        """Return the stretch f(t - d) in rad/s, ``early`` s before it arrives at the muscle."""
         late = round(max(self.delay - early, 0.0) * rate)
         beyond = np.zeros_like(velocity)
         beyond[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold

@@ -21,7 +21,7 @@ Seed = int | np.random.Generator | np.random.SeedSequence
 
 
 class System(Protocol):
-    """Anything that can be simulated: a joint and its actuator."""
+    """Any object that can be simulated, such as a joint on an actuator."""
 
     def simulate(
         self,
@@ -32,7 +32,7 @@ class System(Protocol):
         seed: Seed,
         rate: float = 1000.0,
     ) -> Simulation:
-        """Record so many seconds; see :meth:`Joint.simulate`."""
+        """Simulate a recording of ``duration`` s; see :meth:`Joint.simulate`."""
         ...  # pragma: no cover
 
 
@@ -119,7 +119,7 @@ class Simulation:
 
 
 def checked_simulation(made: object, system: str) -> Simulation:
-    """Return the result of a system, if it is a simulation."""
+    """Return the result of a system after a check that it is a simulation."""
     if not isinstance(made, Simulation):
         raise InputError(
             f"{system}: simulate must return a tvsysid.simulate.Simulation, got "

@@ -1,7 +1,6 @@
 """Bands where data are few: none, with the reason, or finite ones."""
 
 import re
-import warnings
 
 import numpy as np
 import pytest
@@ -9,12 +8,7 @@ from tests.conftest import ensemble_of, standard_errors_of
 
 import tvsysid as tv
 
-
-@pytest.fixture(autouse=True)
-def _doubts_are_not_the_point():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DataQualityWarning)
-        yield
+pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
 @pytest.mark.parametrize(

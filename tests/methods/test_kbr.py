@@ -37,17 +37,6 @@ def test_gaps_are_gaps(ensemble_of):
             assert np.abs(model.stiffness - truth).max() < 4
 
 
-def test_a_realization_may_begin_at_any_phase_and_hold_several_periods():
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-        90, perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
-    )
-    recording = tv.preprocess.decimate(simulation.recording, 100)
-    late = attrs.evolve(recording, start=recording.start + 0.37)
-    model = tv.KernelRegression(period=2.0).identify(tv.preprocess.segment(late, 6.0))
-    truth = tv.simulate.SineWave()(model.time - 0.37)
-    assert np.abs(model.stiffness - truth).max() < 4
-
-
 def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.4 * time

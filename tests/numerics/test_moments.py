@@ -6,17 +6,6 @@ from hypothesis import strategies as st
 from tvsysid.numerics import moments
 
 
-@pytest.mark.parametrize("times", [31, 100, 101, 250])
-def test_window_moments_equal_a_loop(random, times):
-    a, b = random.normal(size=(7, times)), random.normal(size=(7, times))
-    before, after = 4, 6
-    found = moments.window_moments(a, b, before, after)
-    assert found.shape == (times - 10, 11, 11)
-    for i, moment in enumerate(found):
-        window = slice(i, i + 11)
-        np.testing.assert_allclose(moment, a[:, window].T @ b[:, window] / 7, atol=1e-12)
-
-
 @pytest.mark.parametrize(("times", "beyond"), [(40, 0), (250, 3), (250, 30)])
 def test_diagonal_moments_equal_a_loop(random, times, beyond):
     a, b = random.normal(size=(7, times)), random.normal(size=(7, times + beyond))

@@ -170,34 +170,17 @@ def fail(results, reason, recording=None, analysis=None):
 def exclusions_of(results):
     """One row for each realization recorded."""
     tables = []
-    for recording in results.recording.values:
-        cell = results.sel(recording=recording)
-        count = int(cell.recorded)
-        by = np.full(count, "", dtype=object)
-        reached, limits, units = (
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            np.full(count, "", dtype=object),
-        )
-        first = 0
-        for step, name in zip(
-            STEPS, ("excluded_alignment", "excluded_task", "excluded_residual"), strict=True
-        ):
-            out = slice(first, first := first + int(cell[name]))
-            by[out], (_, reached[out], limits[out], units[out]) = step, STEPS[step]
-        numbers = np.arange(count)
-        tables.append(
-            pd.DataFrame(
-                {
-                    "recording": recording, "participant": cell.participant.item(),
-                    "perturbation": cell.perturbation.item(), "trial": numbers // 30,
-                    "realization": numbers,
-                    "onset_s": 2.0 * (numbers % 30),
-                    "shift_s": np.where(by == "alignment", 0.31, 0.05),
-                    "excluded_by": by, "reached": reached, "limit": limits, "unit": units,
-                }
-            )
-        )  # fmt: skip
+    for label in results.recording.values:
+        cell = results.sel(recording=label)
+        counts = [int(cell[f"excluded_{name}"]) for name in ("alignment", "task", "residual")]
+        excluded = np.repeat([*STEPS, ""], [*counts, int(cell.recorded) - sum(counts)])
+        numbers = np.arange(len(excluded))
+        columns = {name: cell[name].item() for name in ("recording", "participant", "perturbation")}
+        columns |= {"realization": numbers, "trial": numbers // 30, "onset_s": 2.0 * (numbers % 30)}
+        columns |= {"shift_s": np.where(excluded == "alignment", 0.31, 0.05)}
+        table = pd.DataFrame({**columns, "excluded_by": excluded})
+        limits = [STEPS.get(step, (0, np.nan, np.nan, ""))[1:] for step in excluded]
+        tables.append(table.join(pd.DataFrame(limits, columns=["reached", "limit", "unit"])))
     return pd.concat(tables, ignore_index=True)
 
 

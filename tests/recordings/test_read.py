@@ -148,11 +148,8 @@ def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
     assert len(usable.recording.trials) == 7
 
 
-def test_odd_values_warn(tmp_path, random):
-    file = tmp_path / "odd.csv"
-    columns = {"pos": 3 * random.normal(size=50), "tq": random.normal(size=50), "emg": 1.0}
-    pd.DataFrame(columns).to_csv(file)
-    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
+def test_an_angle_in_degrees_warns(tmp_path, random):
+    file = tmp_path / "degrees.csv"
+    pd.DataFrame(3 * random.normal(size=(50, 2)), columns=["pos", "tq"]).to_csv(file)
+    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of .* rad .* angle_unit='deg'"):
         read(file)
-    with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this"):
-        read(file, angle_unit="deg", channels={"emg": "emg"})

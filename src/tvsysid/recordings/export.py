@@ -36,11 +36,6 @@ DESCRIPTIONS = {
     "time_varying_vaf": "Variance of the torque that is accounted for",
 }
 COLUMN_UNITS = {**UNITS, "time_s": "s", "time_varying_vaf": "%"}
-LIMITS = {
-    "lower": ", lower limit of its 95 % band",
-    "upper": ", upper limit of its 95 % band",
-    "": "",
-}
 DATASET = {
     "Name": "Joint impedance identified by tvsysid",
     "BIDSVersion": BIDS_VERSION,
@@ -183,12 +178,13 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
 
 def _meaning(column: str) -> dict[str, str]:
     """Return the description and the unit of a column."""
-    quantity, _, limit = column.rpartition("_")
-    if limit not in LIMITS:
-        quantity, limit = column, ""
-    text = DESCRIPTIONS.get(quantity, quantity.replace("_", " ").capitalize())
-    about = {"Description": text + LIMITS[limit]}
-    return about | ({"Units": COLUMN_UNITS[quantity]} if quantity in COLUMN_UNITS else {})
+    if column.endswith(("_lower", "_upper")):
+        quantity, _, limit = column.rpartition("_")
+        about = _meaning(quantity)
+        return about | {"Description": f"{about['Description']}, {limit} limit of its 95 % band"}
+    text = DESCRIPTIONS.get(column, column.replace("_", " ").capitalize())
+    unit = {"Units": COLUMN_UNITS[column]} if column in COLUMN_UNITS else {}
+    return {"Description": text, **unit}
 
 
 def _write_json(file: Path, content: Mapping[str, object]) -> None:

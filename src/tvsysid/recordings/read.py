@@ -77,7 +77,7 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
     -----
     DataQualityWarning
         If the angle, said to be in rad, is so large that it is probably in degrees; if the file
-        states another unit or sampling rate; if a channel is constant.
+        states another unit or sampling rate.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def _recording(
 def _doubts(
     channels: Mapping[str, Channel], recording: Recording, reading: Reading
 ) -> Iterator[str]:
-    """Yield a warning for each contradiction of file and caller, and for odd values.
+    """Yield a warning for each contradiction of file and caller, and for an angle in degrees.
 
     ``channels`` are those that were read, by their names in the recording.
     """
@@ -290,12 +290,6 @@ def _doubts(
             f"{reading.angle} has an RMS of {size:.3g} rad about its mean; if it is in degrees, "
             "give angle_unit='deg' (--angle-unit deg)"
         )
-    for own, values in recording.channels.items():
-        if values.min() == values.max():
-            yield (
-                f"all {len(values)} values of channel {own} are {values[0]:g}; is this the right "
-                "channel?"
-            )
 
 
 def _warn(name: str, texts: Iterable[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from tvsysid.methods.base import Method
@@ -14,6 +15,7 @@ NEEDS = {
     "scheduling": "a scheduling variable (channel {0.name!r})",
     "input": "the channel {0.name!r}, in {0.unit}",
 }
+PURPOSES = {"reference": "closed loops", "scheduling": "a scheduling variable"}
 
 
 class Description(NamedTuple):
@@ -36,12 +38,15 @@ def describe(text: str) -> Description:
     ('closed loops', ("the disturbance that was applied (channel 'disturbance')",))
     """
     method = parse(text)
-    settings = tuple(f"{name} = {value!r}" for name, value in settings_of(method).items())
     several = ("the torque of each pathway",) if len(method.pathway_names) > 1 else ()
     quantities = dict.fromkeys([*IMPEDANCE, *method.quantities, *method.scheduled_quantities])
-    reports = (*quantities, *method.sometimes, *several)
     return Description(
-        method.title, _purpose(method), _needs(method), reports, method.assumptions, settings
+        title=method.title,
+        purpose=_purpose(method),
+        needs=tuple(_needs(method)),
+        reports=(*quantities, *method.sometimes, *several),
+        assumptions=method.assumptions,
+        settings=tuple(f"{name} = {value!r}" for name, value in settings_of(method).items()),
     )
 
 
@@ -49,21 +54,18 @@ def _purpose(method: Method) -> str:
     """Return what a method is for, by the signals that it needs and its pathways."""
     if method.perturbation:
         return "special perturbations"
-    kinds = {item.kind for item in method.inputs}
-    if "reference" in kinds:
-        return "closed loops"
-    if "scheduling" in kinds:
-        return "a scheduling variable"
+    for item in method.inputs:
+        if item.kind in PURPOSES:
+            return PURPOSES[item.kind]
     return "two pathways" if len(method.pathway_names) > 1 else "repeated behaviour"
 
 
-def _needs(method: Method) -> tuple[str, ...]:
-    """Return what a method needs beside angle and torque of realizations."""
-    needs = [NEEDS[item.kind].format(item) for item in method.inputs]
+def _needs(method: Method) -> Iterator[str]:
+    """Yield what a method needs beside angle and torque of realizations."""
+    yield from (NEEDS[item.kind].format(item) for item in method.inputs)
     if method.perturbation:
-        needs.append(f"a perturbation of this kind: {method.perturbation}")
+        yield f"a perturbation of this kind: {method.perturbation}"
     if method.contiguous:
-        needs.append("realizations that follow each other")
+        yield "realizations that follow each other"
     if getattr(method, "emg", "") is None:
-        needs.append("EMG, if emg= names its channel")
-    return tuple(needs)
+        yield "EMG, if emg= names its channel"

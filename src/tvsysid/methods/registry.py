@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Container, Iterable, Mapping
-from contextlib import suppress
-from importlib.metadata import EntryPoint, distributions
+from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
 from typing import Any
 
@@ -82,12 +81,8 @@ def names() -> tuple[str, ...]:
 
 def installed(kind: str = "method") -> dict[str, EntryPoint]:
     """Return the methods or scenarios of installed packages by name, sorted. Nothing is loaded."""
-    found: dict[str, EntryPoint] = {}
-    for distribution in distributions() if kind in ENTRY_POINTS else ():
-        with suppress(Exception):  # unreadable metadata of one package must not stop the others
-            for point in distribution.entry_points.select(group=ENTRY_POINTS[kind]):
-                found.setdefault(point.name, point)
-    return dict(sorted(found.items()))
+    points = entry_points(group=ENTRY_POINTS[kind]) if kind in ENTRY_POINTS else ()
+    return {point.name: point for point in sorted(points, key=attrgetter("name"))}
 
 
 def origin_of(text: str) -> str:
@@ -192,7 +187,7 @@ def find(key: str, kind: str, known: Iterable[str] = METHODS) -> Any:
             f"unknown {kind} {key!r}; expected one of {listed or 'none'}, or your own as "
             "module:Object"
         )
-    return load(points[key].value.partition("[")[0].replace(" ", ""), kind)
+    return load(f"{points[key].module}:{points[key].attr}", kind)
 
 
 def load(name: str, kind: str = "object") -> Any:

@@ -164,25 +164,20 @@ def evidence_of_bases(
             "'ridge'"
         )
     counts = {basis: evaluate(basis, samples).shape[1] for basis in (given, *BASES)}
-    tried, functions = zip(
-        *(
-            (basis, count)
-            for basis, count in counts.items()
-            if basis == given or per_function * count <= MAX_COEFFICIENTS
-        ),
-        strict=True,
-    )
+    tried = [
+        basis
+        for basis, count in counts.items()
+        if basis == given or per_function * count <= MAX_COEFFICIENTS
+    ]
+    functions, lines = np.array([counts[basis] for basis in tried]), tuple(map(_kind, tried))
     # Each precision that was fitted raises the evidence, even of a function that is not there.
-    fitted = per_function * np.array(functions) if prior == "ard" else np.ones(len(tried))
+    fitted = per_function * functions if prior == "ard" else 1
     values = np.array([log_evidence(basis) for basis in tried]) - fitted
     best = int(np.argmax(values))
     chosen = best if values[best] > values[0] + MIN_GAIN_NAT else 0
-    lines = tuple(map(_kind, tried))
-    same_kind = [
-        count for count, line in zip(functions, lines, strict=True) if line == lines[chosen]
-    ]
+    alike = functions[[line == lines[chosen] for line in lines]].tolist()
     # One function is a constant: no basis has fewer.
-    is_largest = chosen and functions[chosen] == max(same_kind)
+    is_largest = chosen and functions[chosen] == max(alike)
     return Evidence(
         criterion="log evidence less precisions fitted",
         unit="nat",
@@ -191,9 +186,9 @@ def evidence_of_bases(
         values=values,
         chosen=chosen,
         axis="functions",
-        positions=np.array(functions),
+        positions=functions,
         lines=lines,
-        edges=edge_of("functions", functions[chosen], same_kind) if is_largest else (),
+        edges=edge_of("functions", max(alike), alike) if is_largest else (),
     )
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,10 +65,9 @@ def mean_square_errors(stiffness: Array, references: Array) -> Array:
     deal, half, time). The ``references`` have the shape (deal, half, time).
     """
     known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(references).all(axis=(0, 1))
-    bias = stiffness[..., known] - references[..., known]
-    difference = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
-    errors = np.mean(bias[:, :, 0] * bias[:, :, 1] + difference**2 / 4, axis=-1)
-    return np.asarray(errors).T
+    first, second = np.moveaxis(stiffness[..., known], 2, 0)
+    bias = (first - references[:, 0, known]) * (second - references[:, 1, known])
+    return np.asarray(np.mean(bias + (first - second) ** 2 / 4, axis=-1)).T
 
 
 def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
@@ -101,18 +99,22 @@ def evidence_by_halves(
     """
     pairs = deal(ensemble, seed)
     references = of_halves(pairs, lambda half: reference_stiffness(half, max_lag))
+
+    def stiffness_by(settings: Mapping[str, Any]) -> Array:
+        chosen = with_settings(method, **settings)
+        return of_halves(pairs, lambda half: chosen.fit(half).stiffness)
+
     tried: list[dict[str, Any]] = [{name: getattr(method, name) for name in grids}]
-    estimates, chosen = [of_halves(pairs, partial(_stiffness, method))], 0
-    enough = MIN_KNOWN * _known_times(estimates[0])
+    estimates, chosen = [stiffness_by(tried[0])], 0
     for name, grid in grids.items():
         for settings in ({**tried[chosen], name: value} for value in grid):
             if settings == tried[chosen]:
                 continue
             try:
-                estimate = of_halves(pairs, partial(_stiffness, with_settings(method, **settings)))
+                estimate = stiffness_by(settings)
             except InputError:  # the settings do not fit the ensemble
                 continue
-            if _known_times(estimate) >= enough:
+            if _known_times(estimate) >= MIN_KNOWN * _known_times(estimates[0]):
                 tried.append(settings)
                 estimates.append(estimate)
         errors = mean_square_errors(np.array(estimates), references)
@@ -121,7 +123,7 @@ def evidence_by_halves(
         if gains[:, best].mean() > MIN_GAIN * gains[:, best].std(ddof=1):
             chosen = best
     *others, axis = grids
-    edges = [edge_of(each, tried[chosen][each], [one[each] for one in tried]) for each in grids]
+    edges = (edge_of(each, tried[chosen][each], [one[each] for one in tried]) for each in grids)
     return Evidence(
         criterion="cross-validated mean square error of stiffness (two halves)",
         unit="(N·m/rad)²",
@@ -134,10 +136,6 @@ def evidence_by_halves(
         lines=tuple(", ".join(f"{each} {one[each]:g} s" for each in others) for one in tried),
         edges=tuple(itertools.chain(*edges)),
     )
-
-
-def _stiffness(method: Method, ensemble: Ensemble) -> Array:
-    return method.fit(ensemble).stiffness
 
 
 def _known_times(estimates: Array) -> int:

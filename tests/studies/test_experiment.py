@@ -1,16 +1,13 @@
 """Claims of the paper's experiment against invented numbers."""
 
-import attrs
 import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 from tests.experimental import results_of
 
-import tvsysid as tv
 from tvsysid.studies.claims import COLUMNS
-from tvsysid.studies.van_de_ruit_2021 import folder, judge
+from tvsysid.studies.van_de_ruit_2021 import judge
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, EXCLUDED, FIVE, SURVIVED
-from tvsysid.study import Experiment
 
 VAF = {"noise": {"eirf": 62, "sds": 52, "birf": 51, "esm": 50, "kbr": 67},
        "prbs": {"eirf": 87, "sds": 76, "birf": 75, "esm": 75, "kbr": 50}}  # fmt: skip
@@ -142,13 +139,3 @@ def test_limits_are_those_of_a_t_distribution_over_participants(results):
     limits = ttest_1samp(difference, 0).confidence_interval(0.95)
     expected = [difference.mean(), *limits]
     np.testing.assert_allclose([row.estimate, row.low, row.high], expected, rtol=1e-9)
-
-
-def test_a_recording_with_a_reference_is_diagnosed_with_it():
-    methods = ["sds", "kbr:reference=disturbance", "kbr:reference=other"]
-    experiment = Experiment(virtual=[1], methods=methods)
-    values = np.arange(18.0).reshape(2, 9)
-    recorded = tv.Ensemble(values, values, 100.0)
-    assert folder._reference(experiment, recorded) is None
-    driven = attrs.evolve(recorded, channels={"disturbance": values})
-    assert folder._reference(experiment, driven) == "disturbance"

@@ -17,7 +17,7 @@ from tvsysid.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from tvsysid.study import Experiment, Prepared
+    from tvsysid.study import Prepared
 
 
 @attrs.frozen
@@ -118,11 +118,10 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     with shown_warnings():
         results = run_study(study, out, workers, prepared=prepared)
-    return write(study, results, prepared, out, command_line())
+    return write(results, prepared, out, command_line())
 
 
 def write(
-    experiment: Experiment,
     results: xr.Dataset,
     prepared: Sequence[Prepared],
     out: Path,
@@ -133,7 +132,7 @@ def write(
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with errors.status("scoring and drawing"):
-        written = write_experiment(experiment, results, prepared, out, command)
+        written = write_experiment(results, prepared, out, command)
     tables = []
     for perturbation, summary in written.summary.groupby("perturbation", sort=False):
         people = count(summary.participant.nunique(), "participant")

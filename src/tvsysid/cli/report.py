@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tvsysid.cli.benchmark import write as write_benchmark
 from tvsysid.cli.console import remark, say_written, shown_progress
 from tvsysid.cli.experiment import write as write_experiment
 from tvsysid.cli.options import Flag
 from tvsysid.errors import InputError
+
+if TYPE_CHECKING:
+    from tvsysid.study import Prepared
 
 
 def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
@@ -58,8 +65,9 @@ def _write_again(folder: Path) -> None:
     if results.attrs["title"] != EXPERIMENT:
         write_benchmark(results, folder, "")
         return
-    study = Experiment.without_methods(results.attrs["experiment"])
-    with shown_progress("preparing recordings") as advance:
+    prepared: Sequence[Prepared] = ()
+    with suppress(InputError), shown_progress("preparing recordings") as advance:
+        study = Experiment(**json.loads(results.attrs["experiment"]))
         prepared = prepared_recordings(study, advance)
     if [item.digest for item in prepared] != results.digest.values.tolist():
         remark(
@@ -68,4 +76,4 @@ def _write_again(folder: Path) -> None:
             "of recording and preparation stay as they are; the page does not show them",
         )
         prepared = ()
-    write_experiment(study, results, prepared, folder, "")
+    write_experiment(results, prepared, folder, "")

@@ -2,7 +2,7 @@
 
 from tvsysid.study.dataset import EXPERIMENT, SIMULATIONS, read_results
 from tvsysid.study.experiment import Experiment, Recorded
-from tvsysid.study.prepared import Prepared, prepared_recordings, shown
+from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score
@@ -34,7 +34,6 @@ __all__ = [
     "read_results",
     "run",
     "score",
-    "shown",
     "stiffness_over_time",
     "summarize",
 ]

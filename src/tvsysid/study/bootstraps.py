@@ -160,13 +160,13 @@ def results_of_bootstraps(
 
 def _preparation_of(prepared: Prepared) -> dict[str, Any]:
     """Return what became of a recording, by the names of variables."""
-    table, ensemble = prepared.table, prepared.ensemble
-    excluded = {} if table is None else dict(table.excluded_by.value_counts())
+    preparation, ensemble = prepared.preparation, prepared.ensemble
+    excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
     effects = prepared.alignment._asdict()
     return {
-        "recorded": 0 if table is None else len(table),
+        "recorded": len(excluded_by),
         "survivors": 0 if ensemble is None else len(ensemble),
-        **{f"excluded_{name}": excluded.get(step, 0) for name, step in STEPS.items()},
+        **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
         "trials": prepared.trials,
         "trials_left_out": len(prepared.refused),
         "remarks": "\n".join(prepared.remarks),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -13,13 +14,9 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of
-from tvsysid.methods.base import Input
-from tvsysid.models import Model
 from tvsysid.recordings import Reading
-from tvsysid.signals import Ensemble
 from tvsysid.study.settings import (
     Settings,
-    each,
     first_repeated,
     from_table,
     spawn_key,
@@ -34,16 +31,24 @@ PERTURBATIONS = ("noise", "prbs")  # their perturbations
 MAX_LAG_S, SHORT_WINDOW_S, LONG_WINDOW_S = 15 / 128, 12 / 128, 30 / 128
 """Longest lag and windows of sds and esm in the paper: 15, 12 and 30 samples."""
 MAX_NAME_LENGTH = 80  # characters of a participant or perturbation; files are called by it
+# A spreadsheet takes what begins with = + - @ for a formula.
+NAME = rf"[^/\\:.=+@-][^/\\:]{{0,{MAX_NAME_LENGTH - 1}}}"
 BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # in one block, and otherwise
 
-PAPER: dict[str, dict[str, Any]] = {
-    "eirf": {"method": f"eirf:max_lag={MAX_LAG_S}"},
-    "sds": {"method": f"sds:max_lag={MAX_LAG_S},window={SHORT_WINDOW_S}"},
-    "birf": {"method": f"birf:max_lag={MAX_LAG_S}"},
-    "esm": {"method": f"esm:window={LONG_WINDOW_S}"},
-    "kbr": {"method": "kbr:preset=experiment"},
+PAPER = {
+    "eirf": f"eirf:max_lag={MAX_LAG_S}",
+    "sds": f"sds:max_lag={MAX_LAG_S},window={SHORT_WINDOW_S}",
+    "birf": f"birf:max_lag={MAX_LAG_S}",
+    "esm": f"esm:window={LONG_WINDOW_S}",
+    "kbr": "kbr:preset=experiment",
 }
 """The paper's methods with its settings for the experiment, by their keys."""
+
+
+def _numbers(least: int) -> Any:
+    """Return a field of whole numbers, or None."""
+    each: Any = attrs.validators.deep_iterable(at_least(least))
+    return attrs.field(default=None, converter=to_tuple, validator=attrs.validators.optional(each))
 
 
 @attrs.frozen(kw_only=True)
@@ -90,11 +95,7 @@ class Applied:
 
     method: str | Method
     name: str
-    realizations: tuple[int, ...] | None = attrs.field(
-        default=None,
-        converter=to_tuple,
-        validator=attrs.validators.optional(each(at_least(2))),
-    )
+    realizations: tuple[int, ...] | None = _numbers(2)
     contiguous: bool | None = None
     identifier: Method = attrs.field(init=False, eq=False)
 
@@ -102,21 +103,22 @@ class Applied:
     def _parsed(self) -> Method:
         return to_method(self.method)
 
+    @classmethod
+    def of(cls, value: Any) -> Applied:
+        """Return a method in any notation with its settings."""
+        if isinstance(value, Applied):
+            return value
+        given = dict(value) if isinstance(value, Mapping) else {}
+        if "method" not in given:
+            short = given.get("name", value)
+            is_paper = isinstance(short, str) and short in PAPER
+            given = {"name": short, "method": PAPER[short] if is_paper else short} | given
+            given["name"] = label_of(short)
+        return from_table(cls, {"name": label_of(given["method"])} | given, "methods")
+
 
 def _to_applied(values: Any) -> tuple[Applied, ...]:
-    return tuple(map(_one_applied, to_tuple(values)))
-
-
-def _one_applied(value: Any) -> Applied:
-    """Return a method in any notation with its settings."""
-    if isinstance(value, Applied):
-        return value
-    given = dict(value) if isinstance(value, Mapping) else {}
-    short = given.get("name") if isinstance(value, Mapping) and "method" not in given else value
-    if isinstance(short, str) and short in PAPER:
-        return from_table(Applied, {"name": short} | PAPER[short] | given, "methods")
-    method = given.get("method", value)
-    return from_table(Applied, {"method": method, "name": label_of(method)} | given, "methods")
+    return tuple(map(Applied.of, to_tuple(values)))
 
 
 def _to_files(values: Any) -> Any:
@@ -136,13 +138,7 @@ def _check_participants(
     experiment: object, field: object, participants: Mapping[str, Mapping[str, Any]]
 ) -> None:
     for name in [*participants, *(name for recorded in participants.values() for name in recorded)]:
-        # A spreadsheet takes what begins with = + - @ for a formula.
-        if (
-            not name.isprintable()
-            or not 0 < len(name) <= MAX_NAME_LENGTH
-            or set(name) & set("/\\:")
-            or name[0] in ".=+-@"
-        ):
+        if not name.isprintable() or not re.fullmatch(NAME, name):
             raise InputError(
                 "participants: expected names that files and tables may have: up to "
                 f"{MAX_NAME_LENGTH} characters, no slashes or colons, and none of . = + - @ first; "
@@ -188,17 +184,6 @@ class Analysis:
     def label(self) -> str:
         """Name in results."""
         return f"{self.name}-{self.realizations}"
-
-
-@attrs.frozen
-class _ReadsChannels(Method):
-    """Method that reads the channels of a stored experiment and is never fitted."""
-
-    inputs: tuple[Input, ...] = ()  # type: ignore[misc]
-
-    def fit(self, ensemble: Ensemble) -> Model:
-        """Raise an error."""
-        raise NotImplementedError
 
 
 @attrs.frozen(slots=False, kw_only=True)
@@ -252,20 +237,12 @@ class Experiment(Settings):
     participants: dict[str, dict[str, tuple[str, ...]]] = attrs.field(
         factory=dict, converter=_to_files, validator=_check_participants
     )
-    virtual: tuple[int, ...] | None = attrs.field(
-        default=None,
-        converter=to_tuple,
-        validator=attrs.validators.optional(each(at_least(0))),
-    )
+    virtual: tuple[int, ...] | None = _numbers(0)
     reading: Reading | None = attrs.field(default=None, converter=_to_reading)
     preparation: Preparing = attrs.field(factory=Preparing, converter=_to_preparing)
     perturbation: tuple[str, ...] | None = attrs.field(default=None, converter=to_tuple)
     methods: tuple[Applied, ...] = attrs.field(default=tuple(PAPER), converter=_to_applied)
-    realizations: tuple[int, ...] | None = attrs.field(
-        default=None,
-        converter=to_tuple,
-        validator=attrs.validators.optional(each(at_least(2))),
-    )
+    realizations: tuple[int, ...] | None = _numbers(2)
     bootstraps: int = attrs.field(default=100, validator=at_least(2))
     seed: int = attrs.field(default=0, validator=at_least(0))
     folder: Path = attrs.field(factory=Path, converter=Path)
@@ -374,16 +351,4 @@ class Experiment(Settings):
         settings["perturbation"] = list(
             dict.fromkeys(each.perturbation for each in self.recordings)
         )
-        inputs = dict.fromkeys(
-            item for method in self.named_methods.values() for item in method.inputs
-        )
-        return json.dumps(
-            settings | ({"inputs": [attrs.asdict(item) for item in inputs]} if inputs else {})
-        )
-
-    @classmethod
-    def without_methods(cls, settings: str) -> Experiment:
-        """Return the experiment of :meth:`to_json`. Methods of others are not loaded."""
-        table = json.loads(settings)
-        inputs = tuple(Input(**item) for item in table.pop("inputs", ()))
-        return cls(**table | {"methods": _ReadsChannels(inputs)})
+        return json.dumps(settings)

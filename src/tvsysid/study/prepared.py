@@ -8,7 +8,6 @@ import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -24,10 +23,6 @@ from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.experiment import Experiment, Recorded
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-NOTHING = "nothing"  # digest of a recording that could not be prepared
 EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
 TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 """Channels that pass through the preparation: torque before its mean is lost, and pathways."""
@@ -41,11 +36,13 @@ class Prepared:
     ----------
     recorded
         The participant and perturbation.
+    preparation, excerpt
+        What was done to the recording, and ten seconds of it; None if nothing could be prepared.
     ensemble
         Kept realizations, mean subtracted, with the channels that methods need; None if there are
         none.
-    table
-        Table of :class:`~tvsysid.preprocess.Preparation`; None if nothing could be prepared.
+    reference
+        Channel that a method takes as the applied disturbance, if any.
     target_torque, mean_torque
         Target, and mean torque of the kept realizations, in N·m, shape (time,); NaN if unknown.
     truth
@@ -63,8 +60,10 @@ class Prepared:
     """
 
     recorded: Recorded
+    preparation: Preparation | None = None
+    excerpt: Recording | None = None
     ensemble: Ensemble | None = None
-    table: pd.DataFrame | None = None
+    reference: str | None = None
     target_torque: Array
     mean_torque: Array
     truth: Mapping[str, Array] = attrs.field(factory=dict)
@@ -83,19 +82,15 @@ class Prepared:
 
     @property
     def digest(self) -> str:
-        """Hash of the ensemble, whatever object holds it."""
-        ensemble = self.ensemble
-        if ensemble is None:
-            return NOTHING
-        cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context
-        digest = hashlib.sha256(repr((*cut, ensemble.mean_subtracted)).encode())
-        for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
-            digest.update(np.asarray(values).tobytes())
-        channels = dict(ensemble.channels)
-        if ensemble.recorded_angle is not None:
-            channels["recorded_angle"] = ensemble.recorded_angle
-        for name, channel in channels.items():
-            digest.update(name.encode() + channel.tobytes())
+        """Hash of the ensemble; empty if there is none."""
+        if self.ensemble is None:
+            return ""
+        digest = hashlib.sha256()
+        for name, value in attrs.asdict(self.ensemble, recurse=False).items():
+            for key, item in value.items() if isinstance(value, Mapping) else [(name, value)]:
+                is_array = isinstance(item, np.ndarray)
+                digest.update(f"{key} {item.shape if is_array else item}".encode())
+                digest.update(item.tobytes() if is_array else b"")
         return digest.hexdigest()[:16]
 
 
@@ -117,21 +112,6 @@ def prepared_recordings(
     return tuple(prepared)
 
 
-def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
-    """Return an excerpt of a recording and its preparation, for figures.
-
-    Raises
-    ------
-    InputError
-        If the recording cannot be read or prepared.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # reported when it was prepared
-        recording, _ = _read(experiment, recorded, _simulate(recorded))
-        preparation = _preparation(experiment, recording)
-    return excerpt(recording, experiment.preparation.reference), preparation
-
-
 def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
     preparing = experiment.preparation
     unknown = np.full(round(preparing.period * preparing.rate), np.nan)
@@ -139,12 +119,13 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            simulation = _simulate(recorded)
+            simulation = None
+            if recorded.is_virtual:
+                perturbation = PERTURBATIONS[recorded.perturbation]
+                simulation = Participant(recorded.number).simulate(perturbation=perturbation)
             recording, refused = _read(experiment, recorded, simulation)
             prepared = attrs.evolve(prepared, trials=len(recording.trials), refused=refused)
-            preparation = _preparation(experiment, recording)
-            prepared = _with_ensemble(prepared, experiment, preparation, simulation)
-            _warn_of_few(len(preparation.ensemble), experiment)
+            prepared = _with_ensemble(prepared, experiment, recording, simulation)
         except (InputError, MemoryError) as error:
             failure = str(error) or "there is not enough memory"
             prepared = attrs.evolve(prepared, failure=failure)
@@ -152,42 +133,42 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
     return attrs.evolve(prepared, warnings=tuple(texts))
 
 
-def _warn_of_few(count: int, experiment: Experiment) -> None:
-    most = max(analysis.realizations for analysis in experiment.analyses)
-    if most > count:
-        warnings.warn(
-            f"{most} realizations are drawn from {count}: they vary less than so many recorded "
-            f"ones would; draw {count} at most",
-            DataQualityWarning,
-            stacklevel=2,
-        )
-
-
 def _with_ensemble(
     prepared: Prepared,
     experiment: Experiment,
-    preparation: Preparation,
+    recording: Recording,
     simulation: Simulation | None,
 ) -> Prepared:
     """Return a recording with its kept realizations, and what is known of them."""
-    ensemble, methods = preparation.ensemble, experiment.named_methods.values()
-    channels = dict(ensemble.channels)
-    cores = {name: np.asarray(values[:, ensemble.core]) for name, values in channels.items()}
-    truth = {} if simulation is None else simulation.truth_of(ensemble)
-    inputs = {item.name for method in methods for item in method.inputs}
+    preparing, methods = experiment.preparation, experiment.named_methods.values()
+    centered = sorted(set(centered_channels(methods)) & set(recording.channels))
+    preparation = prepare(recording, **attrs.asdict(preparing), channels=centered)
+    ensemble, inputs = preparation.ensemble, [each for method in methods for each in method.inputs]
+    cores = {name: values[:, ensemble.core] for name, values in ensemble.channels.items()}
+    needed = ensemble.channels.keys() & {each.name for each in inputs}
+    references = needed & {each.name for each in inputs if each.kind == "reference"}
     is_rectified = any(method.uses_recorded_angle for method in methods)
-    reference = experiment.preparation.reference
+    most = max(analysis.realizations for analysis in experiment.analyses)
+    if most > len(ensemble):
+        warnings.warn(
+            f"{most} realizations are drawn from {len(ensemble)}: they vary less than so many "
+            f"recorded ones would; draw {len(ensemble)} at most",
+            DataQualityWarning,
+            stacklevel=2,
+        )
+    truth = {} if simulation is None else simulation.truth_of(ensemble)
+    target = cores.get(preparing.reference or "")
     return attrs.evolve(
         prepared,
+        preparation=preparation,
+        excerpt=excerpt(recording, preparing.reference),
         ensemble=attrs.evolve(
             ensemble,
-            channels={name: values for name, values in channels.items() if name in inputs},
+            channels={name: ensemble.channels[name] for name in sorted(needed)},
             recorded_angle=ensemble.recorded_angle if is_rectified else None,
         ),
-        table=preparation.table,
-        target_torque=cores[reference].mean(axis=0)
-        if reference in cores
-        else prepared.target_torque,
+        reference=min(references, default=None),
+        target_torque=prepared.target_torque if target is None else target.mean(axis=0),
         mean_torque=cores[TORQUE].mean(axis=0),
         truth={name: values.mean(axis=0) for name, values in truth.items()},
         pathways={
@@ -199,17 +180,6 @@ def _with_ensemble(
     )
 
 
-def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
-    centered = set(centered_channels(experiment.named_methods.values())) & set(recording.channels)
-    return prepare(recording, **attrs.asdict(experiment.preparation), channels=sorted(centered))
-
-
-def _simulate(recorded: Recorded) -> Simulation | None:
-    if not recorded.is_virtual:
-        return None
-    return Participant(recorded.number).simulate(perturbation=PERTURBATIONS[recorded.perturbation])
-
-
 def _read(
     experiment: Experiment, recorded: Recorded, simulation: Simulation | None
 ) -> tuple[Recording, dict[str, str]]:
@@ -217,28 +187,27 @@ def _read(
 
     Raises an InputError if there is none.
     """
-    channels: dict[str, Array] = {}
     refused: dict[str, str] = {}
     if simulation is not None:
-        recording, methods = simulation.recording, experiment.named_methods.values()
-        if any(len(method.pathway_names) > 1 for method in methods):
-            channels = {PATHWAY + name: torque for name, torque in simulation.pathways.items()}
+        recording = simulation.recording
+        methods = experiment.named_methods.values()
+        several = any(len(method.pathway_names) > 1 for method in methods)
+        pathways = simulation.pathways if several else {}
     else:
         assert experiment.reading is not None
         preparing, reference = experiment.preparation, experiment.preparation.reference
-        files, missing = _files(experiment.folder, recorded.files)
+        files, refused = _files(experiment.folder, recorded.files)
         target = {} if reference is None else {reference: reference}
-        reading = attrs.evolve(
-            experiment.reading, channels=target | dict(experiment.reading.channels)
-        )
+        channels = target | dict(experiment.reading.channels)
+        reading = attrs.evolve(experiment.reading, channels=channels)
         usable = read_usable_trials(files, reading, 2 * preparing.ends + preparing.period)
-        refused = missing | usable.refused
+        refused |= usable.refused
         if usable.recording is None:
             reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
             raise InputError(f"no trial can be used: {reasons}")
-        recording = usable.recording
-    channels = {**recording.channels, TORQUE: recording.torque} | channels
-    return attrs.evolve(recording, channels=channels), refused
+        recording, pathways = usable.recording, {}
+    further = {TORQUE: recording.torque} | {PATHWAY + name: pathways[name] for name in pathways}
+    return attrs.evolve(recording, channels={**recording.channels, **further}), refused
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:

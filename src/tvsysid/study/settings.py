@@ -13,7 +13,6 @@ import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of, parse
-from tvsysid.validators import Validator
 
 Item = TypeVar("Item")
 
@@ -48,7 +47,7 @@ class Settings:
             raise InputError(f"{path}: {error}") from error
 
 
-def from_table(kind: type[Item], table: Mapping[str, Any], where: str = "") -> Item:
+def from_table(kind: type[Item], table: Any, where: str = "") -> Item:
     """Return an object of an attrs class from a table of its settings.
 
     Parameters
@@ -61,8 +60,7 @@ def from_table(kind: type[Item], table: Mapping[str, Any], where: str = "") -> I
     InputError
         For a value that is no table, or an unknown key.
     """
-    fields = attrs.fields(kind)  # type: ignore[arg-type]
-    check_keys(table, [field.name for field in fields], where)
+    check_keys(table, [field.name for field in attrs.fields(kind)], where)  # type: ignore[arg-type]
     return kind(**table)
 
 
@@ -71,12 +69,11 @@ def check_keys(table: Any, names: Iterable[str], where: str) -> None:
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table of settings, got {table!r}")
     known = [name for name in names if name != "folder"]
-    for name in table:
-        if name not in known and name != "folder":
-            close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            path = f"{where}.{name}" if where else name
-            raise InputError(f"{path}: unknown key{hint} (known: {', '.join(known)})")
+    for name in table.keys() - {*known, "folder"}:
+        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        path = f"{where}.{name}" if where else name
+        raise InputError(f"{path}: unknown key{hint} (known: {', '.join(known)})")
 
 
 def table_converter(kind: type[Item], name: str) -> Callable[[Any], Any]:
@@ -115,16 +112,6 @@ def check_distinct(settings: object, field: attrs.Attribute[Any], values: Iterab
         raise InputError(f"{field.name}: it is empty; give at least 1 value")
     if twice := first_repeated(list(map(repr, values))):
         raise InputError(f"{field.name}: {twice} is given twice; give it once")
-
-
-def each(validator: Validator) -> Callable[[object, attrs.Attribute[Any], Any], None]:
-    """Return a validator of each item."""
-
-    def check(settings: object, field: attrs.Attribute[Any], values: Any) -> None:
-        for value in values:
-            validator(settings, field, value)
-
-    return check
 
 
 def first_repeated(labels: list[str]) -> str:

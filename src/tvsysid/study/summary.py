@@ -113,12 +113,12 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     columns = [*OF_RECORDING, "realization", "trial", "onset_s", "shift_s"]
     columns += ["excluded_by", "reached", "limit", "unit"]
     tables = [
-        item.table.reset_index().assign(
+        item.preparation.table.reset_index().assign(
             recording=item.recorded.label,
             participant=item.recorded.participant,
             perturbation=item.recorded.perturbation,
         )
         for item in prepared
-        if item.table is not None
+        if item.preparation is not None
     ]
     return pd.concat(tables or [pd.DataFrame(columns=columns)], ignore_index=True)[columns]

@@ -74,19 +74,6 @@ def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
     assert again.recordings == experiment.recordings
 
 
-def test_what_methods_need_of_recordings_is_known_without_their_code():
-    class Driven(tv.BasisIRF):
-        inputs = (tv.Input("emg", "input", "V"), tv.Input("angle_of_ankle", "scheduling", "rad"))
-
-    experiment = Experiment(virtual=3, methods=["sds", {"name": "own", "method": Driven()}])
-    again = Experiment.without_methods(experiment.to_json().replace("Driven", "nowhere:Driven"))
-    assert again.recordings == experiment.recordings
-    (stored,) = again.named_methods.values()
-    assert tv.methods.centered_channels([stored]) == ("emg",)
-    assert stored.inputs == Driven.inputs
-    assert Experiment.without_methods(Experiment(virtual=3).to_json()).virtual == (3,)
-
-
 def test_a_toml_file_says_the_same(tmp_path):
     (tmp_path / "study.toml").write_text(
         "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\nmethods = ['sds', {name = "

@@ -11,7 +11,7 @@ from tests.study.recorded.conftest import READING, SHORT, trial, write_trials
 from tests.virtual import simulated
 
 import tvsysid as tv
-from tvsysid.study import Experiment, exclusions, prepared_recordings, shown
+from tvsysid.study import Experiment, exclusions, prepared_recordings
 
 
 def experiment_on(folder, files, **changes):
@@ -32,7 +32,7 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     by_hand = tv.preprocess.prepare(attrs.evolve(simulation.recording, channels=parts))
     prepared = small.prepared[0]
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
-    np.testing.assert_array_equal(prepared.table.excluded_by, by_hand.table.excluded_by)
+    np.testing.assert_array_equal(prepared.preparation.table.excluded_by, by_hand.table.excluded_by)
     truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
     np.testing.assert_allclose(prepared.truth["stiffness"], truth)
     # What the survivors' torque was before its mean was taken off: the voluntary torque, but for
@@ -54,9 +54,7 @@ def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     assert prepared.trials == 3
     assert not prepared.truth
-    excerpt, preparation = shown(experiment, experiment.recordings[0])
-    assert excerpt.duration == pytest.approx(10.0)
-    np.testing.assert_array_equal(preparation.ensemble.torque, by_hand.ensemble.torque)
+    assert prepared.excerpt.duration == pytest.approx(10.0)
 
 
 def spoil_truncated(file):
@@ -193,6 +191,8 @@ def test_channels_that_methods_need_reach_them(tmp_path):
     (without,) = prepared_recordings(experiment(["birf"]))
     assert not without.ensemble.channels
     assert prepared.digest != without.digest
+    (driven,) = prepared_recordings(experiment(["kbr:reference=emg"]))
+    assert (prepared.reference, driven.reference) == (None, "emg")
     # What acts on the joint loses its mean with the angle, what only schedules it keeps it.
     assert np.abs(prepared.ensemble.signal("emg").mean(axis=0)).max() < 1e-9
     np.testing.assert_allclose(prepared.ensemble.signal("level"), 2.0, rtol=1e-3)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.errors import InputError
 from tvsysid.figures import draw_all
 from tvsysid.quality import diagnose
 from tvsysid.recordings import write_ensemble
 from tvsysid.report import alignment, write_diagnosis, write_experiment_report
-from tvsysid.signals import Ensemble
 from tvsysid.studies.claims import judge_claims
 from tvsysid.studies.published_study import Written, write_tables
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, COUNTS, experiment_evidence
@@ -22,12 +19,10 @@ from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
     representative,
 )
 from tvsysid.study import (
-    Experiment,
     Prepared,
     alignments,
     exclusions,
     of_quantity,
-    shown,
     stiffness_over_time,
     summarize,
 )
@@ -38,7 +33,6 @@ if TYPE_CHECKING:
 
 
 def write_experiment(
-    experiment: Experiment,
     results: xr.Dataset,
     prepared: Sequence[Prepared],
     folder: Path,
@@ -48,8 +42,8 @@ def write_experiment(
 
     Parameters
     ----------
-    experiment, results, folder, command
-        What was studied; others as for :func:`tvsysid.studies.write_study`.
+    results, folder, command
+        As for :func:`tvsysid.studies.write_study`.
     prepared
         The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as
         they are.
@@ -65,19 +59,16 @@ def write_experiment(
     write_tables(folder, tables)
     summary, claims, _, aligned, excluded = tables.values()
     summary, changed = of_quantity(summary), alignment.notable(aligned)
-    ensembles = {each.recorded.label: each.ensemble for each in prepared if each.ensemble}
-    for label, ensemble in ensembles.items():
-        write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)
-    who, excerpts, preparations = representative(results, summary), {}, {}
-    for recorded in (each.recorded for each in prepared if each.ensemble):
-        if recorded.participant == who:
-            with suppress(InputError):  # a file that is gone since
-                excerpts[recorded.label], preparations[recorded.label] = shown(experiment, recorded)
+    who, excerpts, preparations, diagnoses = representative(results, summary), {}, {}, {}
+    for each in prepared:
+        if each.ensemble and each.excerpt and each.preparation:
+            label = each.recorded.label
+            write_ensemble(folder / "prepared" / f"{label}.nc", each.ensemble)
+            diagnoses[label] = diagnose(each.ensemble, each.reference)
+            if each.recorded.participant == who:
+                excerpts[label], preparations[label] = each.excerpt, each.preparation
     figures = experiment_figures(results, summary, excerpts, preparations)
     pictures = draw_all(figures | participant_figures(results), folder / "figures")
-    diagnoses = {
-        label: diagnose(each, _reference(experiment, each)) for label, each in ensembles.items()
-    }
     if diagnoses:
         notes = {str(name): _advice(each) for name, each in changed.groupby("recording")}
         write_diagnosis(folder / "diagnosis.html", diagnoses, command, notes)
@@ -110,10 +101,3 @@ def _exclusions(prepared: Sequence[Prepared], kept: Path) -> pd.DataFrame:
         return exclusions(prepared)
     missing = {"reached": [""], "limit": [""]}
     return pd.read_csv(kept, keep_default_na=False, na_values=missing)
-
-
-def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
-    """Return the recorded channel that a method takes as the applied disturbance, if any."""
-    inputs = [each for method in experiment.named_methods.values() for each in method.inputs]
-    names = {each.name for each in inputs if each.kind == "reference"}
-    return min(names & ensemble.channels.keys(), default=None)

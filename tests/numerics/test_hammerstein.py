@@ -40,22 +40,3 @@ def test_separable_least_squares_end_in_the_same_minimum_from_any_start(signals,
         np.testing.assert_allclose(other * np.sign(other @ found), found, atol=1e-6)
     if not noise:
         np.testing.assert_allclose(found, coefficients / np.linalg.norm(coefficients), atol=1e-6)
-
-
-def test_two_pathways_that_do_not_overlap_are_told_apart(random, monkeypatch):
-    monkeypatch.setattr(hammerstein, "MIN_TURN_GAIN", 1e-14)
-    angle, drive = random.normal(size=(2, 4, 2050))
-    near, late = np.array([1.0, -3.0, 5.0, 2.0, 0.5]), np.r_[np.zeros(6), 0.8 ** np.arange(45)]
-    signals = np.stack([angle, drive])
-    output = (
-        lagged(signals[:1], 50)[:, 0, :5] @ near + lagged(signals[1:], 50)[:, 0] @ late
-    ).reshape(4, -1)
-    products = hammerstein.lagged_moments([(signals, output)])
-    found = hammerstein.parallel_cascade(products, 2, np.ones(1))
-    np.testing.assert_allclose(found.details.intrinsic.weights, near, atol=1e-3)
-    np.testing.assert_allclose(found.reflex, late, atol=1e-3)
-    assert found.explained > 1 - 1e-6
-    # In pieces of a record, of which some have less behind them, it is the same.
-    cut = [(signals[:, :1], output[:1]), (signals[:, 1:, 500:], output[1:, 500:])]
-    again = hammerstein.parallel_cascade(hammerstein.lagged_moments(cut), 2, np.ones(1))
-    np.testing.assert_allclose(again.details.intrinsic.weights, near, atol=2e-3)

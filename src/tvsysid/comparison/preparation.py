@@ -186,7 +186,7 @@ def delay_to_correct(
     if not np.isfinite(means).all():
         return float(delays[-1]), f"{what}; all of it is corrected"
     best, count = int(np.argmax(means)), min(map(len, vafs))
-    p_value, _ = predicts_better(*(100 - vafs[which][:count] for which in (best, -1)))
+    p_value = predicts_better(*(100 - vafs[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
     none, half, every = means
     return float(delays[chosen]), (

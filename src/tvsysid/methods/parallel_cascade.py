@@ -106,7 +106,7 @@ class ParallelCascade(base.Method):
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
         degree = DEGREE if self.nonlinearity == "sls" else 0
-        candidate, turn = constant_cascade(ensemble, lags, before, degree)
+        drive, turn = constant_cascade(ensemble, lags, before, degree)
         intrinsic, moments, rank = turn.details
         gram, cross, _, number = moments
         readout, fitted, _ = second_order_readout(
@@ -124,4 +124,4 @@ class ParallelCascade(base.Method):
         diagnostics = Diagnostics(float(rank + max(0, degree - 1)))
         plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})
         turn = turn._replace(reflex=np.tile(turn.reflex, (ensemble.samples, 1)))
-        return two_pathways(ensemble, plain, candidate, turn, 0, details)
+        return two_pathways(ensemble, plain, drive, turn, 0, details)

@@ -190,7 +190,7 @@ class SubspaceCascade(Method):
         shares = np.ones((ensemble.samples, 1))
         if self.window is not None:
             fits, shares = self._fit_windows(ensemble, lines, all_poles, whole.reflex)
-        drive, slope, _ = of_unit_slope(ensemble, whole.reflex.weights)
+        drive, slope = of_unit_slope(ensemble, whole.reflex.weights)
         return self._model(ensemble, fits, shares, drive, slope).with_shares(ensemble)
 
     def _fit_windows(

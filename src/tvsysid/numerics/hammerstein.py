@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments
@@ -90,11 +89,11 @@ def lagged_gram(signals: Array, before: int) -> Array:
     return gram
 
 
-def less(moments: Moments, columns: NDArray[np.int64], weights: Array) -> Moments:
-    """Return the moments of what some columns with these weights leave of the output."""
+def less(moments: Moments, weights: Array) -> Moments:
+    """Return the moments of what columns with these weights leave of the output."""
     gram, cross, square, number = moments
-    explained = gram[:, columns] @ weights
-    square += float(weights @ (explained - 2 * cross)[columns])
+    explained = gram @ weights
+    square += float(weights @ (explained - 2 * cross))
     return Moments(gram, cross - explained, square, number)
 
 
@@ -165,20 +164,21 @@ def parallel_cascade(every: Moments, lags: int, start: Array) -> Turn:
     function of the other pathway is a sum; the search for their coefficients begins with
     ``start``. A single signal needs no search. The details of the turn are a ``Constant``.
     """
-    count = len(every.cross) // (1 + len(start))  # lags of a signal
-    near, late = np.arange(2 * lags + 1), np.arange(count, len(every.cross))
+    count, size = len(every.cross) // (1 + len(start)), len(every.cross)  # lags of a signal
+    near, late = np.arange(2 * lags + 1), np.arange(count, size)
 
     def step(before: Turn) -> Turn:
-        coefficients, weights = before[:2]
-        moments = less(every, late, np.outer(coefficients, weights).ravel()).take(near)
+        coefficients = before.coefficients
+        reflex = np.outer(coefficients, before.reflex).ravel()
+        moments = less(every, np.pad(reflex, (count, 0))).take(near)
         intrinsic = response(moments)
-        rest = less(every, near, intrinsic.weights).take(late)
+        rest = less(every, np.pad(intrinsic.weights, (0, size - len(near)))).take(late)
         if len(start) > 1:
             coefficients = static_function(rest, coefficients)
         drive = mixed(rest, coefficients)
-        reflex = response(drive)
-        left = less(drive, np.arange(count), reflex.weights).square
-        details = Constant(intrinsic, moments, int(intrinsic.rank + reflex.rank))
-        return Turn(coefficients, reflex.weights, 1 - left / every.square, details)
+        found = response(drive)
+        details = Constant(intrinsic, moments, int(intrinsic.rank + found.rank))
+        left = less(drive, found.weights).square
+        return Turn(coefficients, found.weights, 1 - left / every.square, details)
 
     return alternate(step, Turn(start, np.zeros(count)), MAX_TURNS, MIN_TURN_GAIN)

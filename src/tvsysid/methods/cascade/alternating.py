@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal
 
 import attrs
 import numpy as np
@@ -94,14 +94,12 @@ class AlternatingCascade(Method):
         first = whole_samples(usual_delay if self.delay is None else self.delay, ensemble)
         lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         if self.emg is not None:
-            candidate = Candidate.of(ensemble, Measured(self.emg))
+            drive: Drive = Measured(self.emg)
         else:
-            candidate, _ = constant_cascade(ensemble, lags, max(before, 2 * lags))
-            if self.nonlinearity == "polynomial":
-                candidate = candidate.as_polynomial(velocity_terms(ensemble, DEGREE))
-        past = past_of(ensemble, candidate.signals, before)[
-            ..., : before - first + ensemble.samples
-        ]
+            drive, _ = constant_cascade(ensemble, lags, max(before, 2 * lags))
+        degree = DEGREE if self.nonlinearity == "polynomial" and not self.emg else 0
+        signals, start = terms_of(ensemble, drive, degree)
+        past = past_of(ensemble, signals, before)[..., : before - first + ensemble.samples]
         known = ~np.isnan(past[0]).any(axis=1)
         past, part = past[:, known], _with_context(ensemble.select(known), lags)
         torque, functions = part.torque[:, part.core], np.zeros((ensemble.samples, 0))
@@ -111,13 +109,12 @@ class AlternatingCascade(Method):
 
         def step(turn: Turn) -> Turn:
             coefficients, weights, _, (_, slow), _ = turn
-            left = part.torque.copy()
-            left[:, part.core] -= convolve_lags(np.tensordot(coefficients, past, 1), weights) + slow
+            drive, left = np.tensordot(coefficients, past, 1), part.torque.copy()
+            left[:, part.core] -= convolve_lags(drive, weights) + slow
             intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))
             beyond = torque - intrinsic.predict(part)
-            drive = np.tensordot(coefficients, past, 1)
             weights = self._response(drive, beyond - slow, ensemble)
-            if len(coefficients) > 1:
+            if degree:
                 terms = np.stack([convolve_lags(each, weights).ravel() for each in past])
                 solved = np.linalg.solve(terms @ terms.T, terms @ (beyond - slow).ravel())
                 coefficients = np.asarray(solved / np.linalg.norm(solved))
@@ -129,49 +126,20 @@ class AlternatingCascade(Method):
             return Turn(coefficients, weights, explained, (intrinsic, slow))
 
         none = np.zeros((ensemble.samples, before - first + 1))
-        start = Turn(candidate.start, none, details=(None, np.zeros_like(torque)))
-        best = alternate(step, start, MAX_TURNS, MIN_GAIN)
+        begun = Turn(start, none, details=(None, np.zeros_like(torque)))
+        best = alternate(step, begun, MAX_TURNS, MIN_GAIN)
         details = {"turns": float(min(best.number + 1, MAX_TURNS))}  # the last turn did not help
         if self.slow_order is not None:
             details["vaf_with_slow"] = 100 * best.explained
         intrinsic = attrs.evolve(best.details[0], method=repr(self))
         unit = "N m/V" if self.emg else UNITS["reflex_gain"]
-        return two_pathways(ensemble, intrinsic, candidate, best, first, details, unit)
-
-
-class Candidate(NamedTuple):
-    """Signals (signal, realization, context + time + context) whose weighted sum drives a reflex.
-
-    ``start`` are the initial weights. The single signal of a ``drive`` needs no weights; others
-    are the terms of a polynomial of the velocity.
-    """
-
-    signals: Array
-    start: Array
-    drive: Drive | None = None
-
-    @classmethod
-    def of(cls, ensemble: Ensemble, drive: Drive) -> Self:
-        """Return the candidate of a drive."""
-        return cls(drive(ensemble)[None], np.ones(1), drive)
-
-    def as_polynomial(self, terms: Array) -> Candidate:
-        """Return a polynomial of the velocity that begins as the least-squares fit to a drive."""
-        columns = terms.reshape(len(terms), -1).T
-        start = np.linalg.lstsq(columns, self.signals.ravel(), rcond=None)[0]
-        return Candidate(terms, np.asarray(start))
-
-    def scaled(self, ensemble: Ensemble, weights: Array) -> tuple[Drive, float, int]:
-        """Return the drive of unit slope, its slope before, and its direction (0 of EMG)."""
-        if self.drive is None:
-            return of_unit_slope(ensemble, weights)
-        return self.drive, 1.0, getattr(self.drive, "direction", 0)
+        return two_pathways(ensemble, intrinsic, drive, best, first, details, unit)
 
 
 def two_pathways(
     ensemble: Ensemble,
     intrinsic: ImpulseResponseModel,
-    candidate: Candidate,
+    drive: Drive,
     turn: Turn,
     first: int,
     details: dict[str, float],
@@ -179,13 +147,16 @@ def two_pathways(
 ) -> TwoPathwayModel:
     """Return the model of an intrinsic pathway and of a turn's reflex, without bands.
 
-    The reflex's response begins with the lag ``first``. The gain is the area under it.
+    The reflex's weights (time, lag) begin with the lag ``first``. The gain is their sum. A turn of
+    several coefficients has a polynomial of the velocity as its drive.
     """
-    drive, slope, direction = candidate.scaled(ensemble, turn.coefficients)
-    reflex, rate = turn.reflex * slope, ensemble.sampling_rate
+    reflex = turn.reflex
+    if len(turn.coefficients) > 1:
+        drive, slope = of_unit_slope(ensemble, turn.coefficients)
+        reflex = reflex * slope
+    rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
     estimates = {**intrinsic.estimates, "reflex_gain": Estimate(reflex.sum(axis=1), unit)}
-    none = StandardError.none(ensemble.samples, NO_BAND)
-    details = {**intrinsic.diagnostics.details, **details, "direction": float(direction)}
+    details = {**intrinsic.diagnostics.details, **details, "direction": float(drive.direction)}
     model = TwoPathwayModel(
         method=intrinsic.method,
         sampling_rate=rate,
@@ -237,21 +208,31 @@ def past_of(ensemble: Ensemble, signals: Array, before: int) -> Array:
     return past - [mean_known(each)[None] for each in past] if ensemble.mean_subtracted else past
 
 
+def terms_of(ensemble: Ensemble, drive: Drive, degree: int) -> tuple[Array, Array]:
+    """Return signals that make up a reflex's drive, and their initial coefficients.
+
+    With a ``degree``, they are the terms of a polynomial of the velocity near the drive.
+    """
+    values = drive(ensemble)
+    if not degree:
+        return values[None], np.ones(1)
+    terms = velocity_terms(ensemble, degree)
+    solved = np.linalg.lstsq(terms.reshape(degree, -1).T, values.ravel(), rcond=None)[0]
+    return terms, np.asarray(solved)
+
+
 def constant_cascade(
     ensemble: Ensemble, lags: int, before: int, degree: int = 0
-) -> tuple[Candidate, Turn]:
-    """Return the direction of stretch that explains most torque of a constant joint, with its fit.
+) -> tuple[Drive, Turn]:
+    """Return the velocity of stretch that explains most torque of a constant joint, with its fit.
 
     With a ``degree``, the drive is a polynomial of the velocity that begins as that rectifier.
     """
-    terms = velocity_terms(ensemble, degree) if degree else None
     fits = []
-    for direction in DIRECTIONS:
-        candidate = Candidate.of(ensemble, Stretch(direction=direction))
-        if terms is not None:
-            candidate = candidate.as_polynomial(terms)
-        moments = lagged_moments(list(_rows(ensemble, candidate.signals, lags, before)))
-        fits.append((candidate, parallel_cascade(moments, lags, candidate.start)))
+    for drive in map(Stretch, (0.0, 0.0), DIRECTIONS):
+        signals, start = terms_of(ensemble, drive, degree)
+        moments = lagged_moments(list(_rows(ensemble, signals, lags, before)))
+        fits.append((drive, parallel_cascade(moments, lags, start)))
     return max(fits, key=lambda fit: fit[1].explained)
 
 
@@ -262,12 +243,12 @@ def _rows(ensemble: Ensemble, signals: Array, lags: int, before: int) -> Iterato
     Realizations whose past begins at the same time are together.
     """
     short = max(0, lags - ensemble.context)
-    past, last = past_of(ensemble, signals, before), ensemble.samples - short
+    past = past_of(ensemble, signals, before)
     ahead = np.pad(ensemble.angle, ((0, 0), (before, short)))[:, ensemble.context + lags :]
     together = np.concatenate([ahead[None, :, : past.shape[2]], past])
-    missing: NDArray[np.int64] = np.isnan(past[0]).sum(axis=1)  # it lies before all else
-    for first in np.unique(np.maximum(missing, short)):
-        rows = np.maximum(missing, short) == first
-        if first < last:
-            torque = ensemble.torque[rows, ensemble.core][:, first:last]
-            yield together[:, rows, first : before + last], torque
+    last = ensemble.samples - short
+    starts: NDArray[np.int64] = np.isnan(past[0]).sum(axis=1).clip(short)  # NaN come first
+    for first in np.unique(starts[starts < last]):
+        rows = starts == first
+        torque = ensemble.torque[rows, ensemble.core][:, first:last]
+        yield together[:, rows, first : before + last], torque

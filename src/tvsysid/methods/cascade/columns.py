@@ -141,30 +141,6 @@ Windows = Sequence[tuple[slice, Array]]  # stretches of time, and the weights of
 
 
 @attrs.frozen(eq=False)
-class Columns:
-    """Columns of the regression, given by their ``values`` (column, realization, time)."""
-
-    values: Array
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def of(self, rows: slice) -> Columns:
-        """Return the columns of some realizations."""
-        return Columns(self.values[:, rows])
-
-    def weighted(self, windows: Windows) -> Array:
-        """Return the columns (column, realization, time) times the weights of the samples."""
-        flat = self.values.reshape(-1, self.values.shape[-1])
-        parts = [flat[:, window] @ weights for window, weights in windows]
-        return np.concatenate(parts, axis=1).reshape(self.values.shape)
-
-    def times(self, weighted: Array, windows: Windows) -> Array:
-        """Return products of other columns, which are weighted, with these."""
-        return weighted.reshape(len(weighted), -1) @ self.values.reshape(len(self), -1).T
-
-
-@attrs.frozen(eq=False)
 class Modulated:
     """Columns that are a signal times functions of time, perhaps behind a muscle.
 
@@ -180,62 +156,65 @@ class Modulated:
     def __len__(self) -> int:
         return int(self.functions.shape[1])
 
-    def of(self, rows: slice) -> Modulated:
-        """Return the columns of some realizations."""
-        return attrs.evolve(self, signal=self.signal[rows])
-
-    def within(self, window: slice) -> Modulated:
-        """Return the columns in a window of time."""
+    def of(self, rows: slice, window: slice = slice(None)) -> Modulated:
+        """Return the columns of some realizations in a window of time."""
         muscle, times = self.muscle, window
-        if muscle is not None:
-            history = muscle.shape[1] - muscle.shape[0]
+        if muscle is not None and window.stop is not None:
             samples = window.stop - window.start
-            times = slice(window.start, window.stop + history)
-            muscle = muscle[:samples, : samples + history]
-        return Modulated(self.signal[:, times], self.functions[times], muscle)
+            later = samples + muscle.shape[1] - muscle.shape[0]
+            muscle, times = muscle[:samples, :later], slice(window.start, window.start + later)
+        return Modulated(self.signal[rows, times], self.functions[times], muscle)
 
     def times(self, weighted: Array, windows: Windows) -> Array:
-        """Return products of other columns, which are weighted, with these."""
+        """Return products of weighted columns (column, realization, time) with these."""
         out = np.zeros((len(weighted), len(self)))
         for window, _ in windows:
-            inside, part = self.within(window), weighted[..., window]
-            if inside.muscle is not None:
-                part = part @ inside.muscle
+            inside, part = self.of(slice(None), window), weighted[..., window]
+            part = part if inside.muscle is None else part @ inside.muscle
             out += np.einsum("krt,rt->kt", part, inside.signal) @ inside.functions
         return out
 
     def summed(self, other: Modulated, windows: Windows) -> Array:
-        """Return weighted products with other columns."""
+        """Return weighted products with others."""
         out = np.zeros((len(self), len(other)))
         for window, weights in windows:
-            left, right = self.within(window), other.within(window)
-            muscles = weights if left.muscle is None else left.muscle.T @ weights
-            muscles = muscles if right.muscle is None else muscles @ right.muscle
-            sums = left.signal.T @ right.signal * muscles
+            left, right = (each.of(slice(None), window) for each in (self, other))
+            weighted = weights if left.muscle is None else left.muscle.T @ weights
+            weighted = weighted if right.muscle is None else weighted @ right.muscle
+            sums = left.signal.T @ right.signal * weighted
             out += left.functions.T @ sums @ right.functions
         return out
 
 
+# Columns of the regression: their values (column, realization, time), or a signal times functions
+Columns = Array | Modulated
+
+
 def products(
-    parts: Sequence[Columns | Modulated], windows: Windows, known: Array, rows: slice = slice(None)
+    parts: Sequence[Columns], windows: Windows, known: Array, rows: slice = slice(None)
 ) -> Array:
     """Return weighted products of all columns, of which those of the first ones are ``known``."""
-    parts = [part.of(rows) for part in parts]
+    parts = [each.of(rows) if isinstance(each, Modulated) else each[:, rows] for each in parts]
     ends = np.cumsum([0, *map(len, parts)])
     out = np.zeros((ends[-1], ends[-1]))
     out[: len(known), : len(known)] = known
-    weighted: dict[Columns, Array] = {}
+    weighted: dict[int, Array] = {}  # by the number of the part
 
-    def product(left: Columns | Modulated, right: Columns | Modulated) -> Array:
+    def product(place: int, other: int) -> Array:
+        left, right = parts[place], parts[other]
         if isinstance(left, Modulated):
             if isinstance(right, Modulated):
                 return left.summed(right, windows)
-            return product(right, left).T
-        if left not in weighted:
-            weighted[left] = left.weighted(windows)
-        return right.times(weighted[left], windows)
+            return product(other, place).T
+        if place not in weighted:
+            flat = left.reshape(-1, left.shape[-1])
+            stretches = [flat[:, window] @ weights for window, weights in windows]
+            weighted[place] = np.concatenate(stretches, axis=1).reshape(left.shape)
+        if isinstance(right, Modulated):
+            return right.times(weighted[place], windows)
+        return weighted[place].reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
     for place in range(int(np.searchsorted(ends, len(known))), len(parts)):
-        row = np.concatenate([product(parts[place], each) for each in parts[: place + 1]], axis=1)
+        row = np.concatenate([product(place, other) for other in range(place + 1)], axis=1)
         out[ends[place] : ends[place + 1], : row.shape[1]] = row
     return np.tril(out) + np.tril(out, -1).T

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from itertools import pairwise
 from typing import Any, Self
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.cascade.columns import (
@@ -21,6 +19,7 @@ from tvsysid.methods.cascade.columns import (
     muscle,
     products,
 )
+from tvsysid.methods.cascade.data import MAX_WINDOW, Data
 from tvsysid.methods.cascade.evidence import (
     USUAL_PARAMETERS,
     Prior,
@@ -34,10 +33,7 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
 
-FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 CACHED_DELAYS = 4  # of the basis of the gain
-MAX_FEW = 2  # realizations up to which products of columns are not sums over these first
-MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 
 DEFAULT: Any = attrs.NOTHING  # a field with this value is computed anew
 
@@ -56,115 +52,6 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
 ).T
 MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
-
-
-@attrs.frozen(eq=False)
-class Data:
-    """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
-
-    The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
-    and ``times`` of an ensemble are fitted. ``functions`` (time, column) are those of all times by
-    which coefficients change; those of a signal begin with the column ``starts``. ``gain`` is the
-    basis of the reflex's gain over a ``period`` in s. ``noise`` is the autocorrelation of the
-    noise, from lag 0 on. It weights the samples. If the ``true`` autocorrelation is another one,
-    products of columns are those of the sandwich covariance of the coefficients.
-    """
-
-    torque: Array
-    signals: Array
-    functions: Array
-    starts: list[int]
-    gain: FourierSeries
-    period: float
-    rate: float
-    rows: NDArray[np.int64]
-    times: slice
-    noise: Array = attrs.field(factory=lambda: np.ones(1))
-    true: Array | None = None
-
-    @property
-    def folds(self) -> list[slice]:
-        """Return the realizations of each fold."""
-        return [slice(first, None, FOLDS) for first in range(min(FOLDS, len(self.torque)))]
-
-    @property
-    def number(self) -> float:
-        """Return the number of samples that are independent of the means."""
-        rows, times = self.torque.shape
-        return float((rows - 1) * times if rows > 1 else times - len(self.windows))
-
-    @property
-    def own(self) -> int:
-        """Return the number of intrinsic columns."""
-        return int(self.functions.shape[1])
-
-    @property
-    def varies(self) -> bool:
-        """Return whether any coefficient changes over time."""
-        return self.own > len(self.signals)
-
-    @cached_property
-    def constant(self) -> Data:
-        """Return the data with constant coefficients."""
-        functions, starts = self.functions[:, self.starts], list(range(len(self.starts)))
-        return attrs.evolve(self, functions=functions, starts=starts, gain=FourierSeries(0))
-
-    @cached_property
-    def windows(self) -> list[tuple[slice, Array]]:
-        """Return stretches of time, and the weights (time, time) of the samples in each."""
-        rows, times = self.torque.shape
-        edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
-        inverses = {}
-        for size in {stop - start for start, stop in pairwise(edges)}:
-            inverse = np.asarray(np.linalg.inv(_matrix(self.noise, size)), dtype=np.float64)
-            if rows == 1:  # its mean is not known
-                weight = inverse.sum(axis=0)
-                inverse -= np.outer(weight, weight) / weight.sum()
-            inverses[size] = inverse
-            if self.true is not None:
-                inverses[size] = inverse @ _matrix(self.true, size) @ inverse
-        return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
-
-    @property
-    def are_few(self) -> bool:
-        """Return whether realizations are too few to sum them first."""
-        return len(self.torque) <= MAX_FEW
-
-    @cached_property
-    def columns(self) -> list[Columns | Modulated]:
-        """Return the torque and the intrinsic columns."""
-        functions = np.split(self.functions[self.times], self.starts[1:], axis=1)
-        parts: list[Columns | Modulated] = [Columns(self.torque[None])]
-        for signal, each in zip(self.signals, functions, strict=True):
-            constant = each.shape[1] == 1
-            if constant or self.are_few:
-                parts.append(Columns(signal * each.T[:, None]))
-            else:
-                parts.append(Modulated(signal, each))
-        return parts
-
-    @cached_property
-    def fold_products(self) -> list[Array]:
-        """Return the products of torque and intrinsic columns in each fold."""
-        none, parts = np.zeros((0, 0)), self.columns
-        return [products(parts, self.windows, none, rows) for rows in self.folds]
-
-    def features(self, weights: Array) -> Array:
-        """Return the weights (time, column) that sum the signals' weighted coefficients."""
-        return self.functions * np.repeat(weights, np.diff([*self.starts, self.own]))
-
-    def over_time(self, coefficients: Array) -> Array:
-        """Return the coefficient of each signal at all times (time, signal)."""
-        return np.add.reduceat(self.functions * coefficients, self.starts, axis=1)
-
-    def squares(self, values: Array) -> Array:
-        """Return the weighted squares of values (realization, time), one for each realization."""
-        parts = [(values[:, times] @ weights * values[:, times]) for times, weights in self.windows]
-        return np.asarray(np.concatenate(parts, axis=1).sum(axis=1))
-
-
-def _matrix(correlation: Array, times: int) -> Array:
-    return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
 
 
 @attrs.frozen(eq=False)
@@ -253,12 +140,12 @@ class Fit:
         torque = torque[:, -self.data.torque.shape[1] :]
         return deviations(torque) if len(torque) == 1 else torque
 
-    def _columns(self) -> list[Columns | Modulated]:
+    def _columns(self) -> list[Columns]:
         """Return the torque and all columns."""
         if self.drive is None:
             return self.data.columns
         if self._units == 1 or self.data.are_few:
-            return [*self.data.columns, Columns(self.reflex_columns())]
+            return [*self.data.columns, self.reflex_columns()]
         drive, gain, response = self._driven(self.shape)
         times = self.data.torque.shape[1]
         history, longest = drive.shape[1] - times, min(times, MAX_WINDOW)
@@ -306,7 +193,7 @@ class Fit:
     def better_than(self, other: Fit) -> float:
         """Return the probability that this fit predicts so much better by chance."""
         squares = self.data.squares
-        return predicts_better(squares(self.held_out), squares(other.held_out))[0]
+        return predicts_better(squares(self.held_out), squares(other.held_out))
 
     def at(self, shape: Array) -> Self:
         """Return the fit for another shape, with the same hyperparameters."""
@@ -337,11 +224,10 @@ class Fit:
 
         With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
         """
-        data, known = self.data, self.products
-        if true is not None:
-            data, known = attrs.evolve(data, true=true), known[:0, :0]
-        parts = self._columns() + [Columns(self.slopes())] * bool(self.free)
-        return _moments(products(parts, data.windows, known), data.number)
+        known = self.products if true is None else np.zeros((0, 0))
+        windows = self.data.windows if true is None else self.data.weights(true)
+        parts = self._columns() + [self.slopes()] * bool(self.free)
+        return _moments(products(parts, windows, known), self.data.number)
 
     @property
     def freedom(self) -> float:

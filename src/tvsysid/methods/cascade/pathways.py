@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from typing import ClassVar, Self
 
 import attrs
 import numpy as np
@@ -48,6 +48,7 @@ class Measured:
     """Measured channel that drives the reflex."""
 
     name: str
+    direction: ClassVar[int] = 0  # none
 
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the signal of the channel, unchanged."""
@@ -62,17 +63,20 @@ class VelocityPolynomial:
     """Polynomial of the total angle's velocity, which is 0 where the velocity is.
 
     ``coefficients`` are those of Chebyshev polynomials from degree 1 on. ``limits`` in rad/s are
-    mapped to -1 and 1; beyond them the polynomial keeps its value.
+    mapped to -1 and 1; beyond them the polynomial keeps its value. ``direction`` is that of
+    stretch, in which the polynomial is steeper.
     """
 
     coefficients: tuple[float, ...]
     limits: tuple[float, float]
+    direction: int = 1
 
     @classmethod
-    def of(cls, ensemble: Ensemble, coefficients: Array) -> Self:
+    def of(cls, ensemble: Ensemble, coefficients: Array, direction: int = 1) -> Self:
         """Return a polynomial whose limits are those of an ensemble's velocity."""
         velocity, _ = velocity_of(ensemble)
-        return cls(tuple(coefficients.tolist()), (float(velocity.min()), float(velocity.max())))
+        limits = float(velocity.min()), float(velocity.max())
+        return cls(tuple(coefficients.tolist()), limits, direction)
 
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the polynomial at the recorded rate, decimated as the torque was."""
@@ -118,12 +122,11 @@ def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
     return np.stack([VelocityPolynomial.of(ensemble, unit)(ensemble) for unit in np.eye(degree)])
 
 
-def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float, int]:
-    """Return a polynomial of these weights divided by its slope for stretch.
+def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:
+    """Return a polynomial of these weights divided by its slope for stretch, and the slope.
 
-    Return also the slope, and the direction of stretch, which is the steeper one. The slopes are
-    those of a least-squares fit with an offset and a slope for either direction, as a polynomial
-    rounds the corner of a rectifier.
+    The slopes are those of a least-squares fit with an offset and a slope for either direction, as
+    a polynomial rounds the corner of a rectifier. Stretch is the direction of the steeper one.
     """
     target = VelocityPolynomial.of(ensemble, weights)(ensemble).ravel()
     columns = rectified_velocities(ensemble).reshape(2, -1).T
@@ -131,7 +134,7 @@ def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomia
     slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
     steeper = int(np.argmax(np.abs(slopes)))
     slope = float(slopes[steeper])
-    return VelocityPolynomial.of(ensemble, weights / slope), slope, DIRECTIONS[steeper]
+    return VelocityPolynomial.of(ensemble, weights / slope, DIRECTIONS[steeper]), slope
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:

@@ -221,13 +221,13 @@ def _usual_responses() -> tuple[Array, Array]:
     return np.pad(usual, (0, TRIANGLES)), np.pad(usual, (TRIANGLES, 0))
 
 
-def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
-    """Return the probability that errors are so much smaller by chance, and by how much they are.
+def predicts_better(errors: Array, others: Array) -> float:
+    """Return the probability that errors are so much smaller by chance.
 
     Squared errors of the same held-out realizations are compared by their logarithms, as some
-    realizations are louder than others. The second value is the lower 95 % limit.
+    realizations are louder than others.
     """
-    return _above_zero(np.log(others / errors))
+    return _above_zero(np.log(others / errors))[0]
 
 
 def _above_zero(scores: Array) -> tuple[float, float]:

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import fitting_lags, missing_edge
-from tvsysid.methods.cascade.columns import deviations, intrinsic_signals, readout, unresolved
+from tvsysid.methods.base import fitting_lags
+from tvsysid.methods.cascade.columns import deviations, readout
+from tvsysid.methods.cascade.data import Data
 from tvsysid.methods.cascade.evidence import USUAL_PARAMETERS
 from tvsysid.methods.cascade.fit import (
     DAMPING,
@@ -23,19 +24,16 @@ from tvsysid.methods.cascade.fit import (
     DELAY,
     FREQUENCY,
     THRESHOLD,
-    Data,
     Fit,
 )
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.numerics import Array
-from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.numerics.stretch import stretch
 from tvsysid.signals import Ensemble
 
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
-NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
 # Initial shapes of a reflex, in rad/s and s
 FREQUENCIES, THRESHOLDS, DELAYS_S = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5), (0.04, 0.05, 0.06)
@@ -94,42 +92,8 @@ class Search:
 
     @cached_property
     def data(self) -> Data:
-        """Return the times that are fitted in half as many realizations as at the best time.
-
-        They are those of the realizations that are fitted at all of these times.
-        """
-        ensemble, lags, rate = self.ensemble, self.lags, self.ensemble.sampling_rate
-        signals = intrinsic_signals(ensemble.angle, lags, rate)
-        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
-        edge = missing_edge(lags, ensemble)
-        past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
-        fitted = np.isfinite(past[:, : ensemble.samples])
-        fitted[:, [*range(edge), *range(-edge, 0)]] = False
-        if not fitted.any():
-            raise InputError(
-                f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
-                f"sample; realizations have {ensemble.duration:g} s with "
-                f"{ensemble.context / rate:g} s of context; give longer ones"
-            )
-        often = fitted.sum(axis=0)
-        inside = np.flatnonzero(2 * often >= often.max())
-        times = slice(int(inside[0]), int(inside[-1]) + 1)
-        rows = np.flatnonzero(fitted[:, times].all(axis=1))
-        counts = [min(count, ensemble.samples // 4) for count in self.harmonics[:2]]
-        counts += [0] * (len(signals) - 2)
-        bases = [FourierSeries(count)(ensemble.time / self.period) for count in counts]
-        starts = np.cumsum([0, *(functions.shape[1] for functions in bases)]).tolist()
-        return Data(
-            torque=deviations(ensemble.torque[:, ensemble.core][rows, times]),
-            signals=deviations(signals[..., ensemble.core][:, rows, times]),
-            functions=np.concatenate(bases, axis=1),
-            starts=starts[:-1],
-            gain=FourierSeries(self.harmonics[2] if any(counts) else 0),
-            period=self.period,
-            rate=rate,
-            rows=rows,
-            times=times,
-        )
+        """Return torque and intrinsic signals."""
+        return Data.of(self.ensemble, self.period, self.harmonics, self.lags)
 
     def drive(self, name: str, threshold: float) -> Drive:
         """Return the drive of the named reflex."""

@@ -115,7 +115,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
         )
         filters = np.linalg.cholesky(weights).T
         weighted = regression.Weighted.by(signals.columns, filters, low_band=False)
-        free = regression.FreeCoefficient.of(regression.U, weighted, weighted, np.ones(2))
+        free = regression.FreeCoefficient.of(regression.U, weighted, weighted)
         constants = regression.fit_constants(
             weighted.constants - weighted.low @ free.solved,
             np.diag(weighted.constants),

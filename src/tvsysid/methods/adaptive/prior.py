@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -141,27 +142,26 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
     """Return the priors of the smooth part, the first of which is none.
 
     None has probability 1/2. Squared-exponential processes and Matérn 3/2 processes, which suit
-    corners, share the other half.
+    corners, have 1/4 each.
     """
     harmonic = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
     shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))
     count = math.ceil(math.log(axis.period * MAX_LENGTH / shortest, LENGTH_RATIO))
     lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
-    kinds = [
-        ("smooth", x, np.exp(-((harmonic * x) ** 2) / 2), a) for x in lengths for a in AMPLITUDES
-    ]
-    kinds += [
-        ("with corners", x, (1 + (harmonic * x) ** 2 / 3) ** -2.0, a)
-        for x in lengths[2::2]
-        for a in AMPLITUDES[1:]
-    ]
+    smooth = [(x, np.exp(-((harmonic * x) ** 2) / 2)) for x in lengths]
+    with_corners = [(x, (1 + (harmonic * x) ** 2 / 3) ** -2.0) for x in lengths[2::2]]
     # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
     # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
     # 40 s of PRBS.
     none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
     out = [SmoothPrior("none", 0.0, math.inf, math.log(0.5), none)]
-    for kind, length, spectrum, amplitude in kinds:
-        kept = np.repeat(np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0), 2)
-        variances = np.append(LEVEL**2, amplitude**2 * kept / (kept.sum() / 2))
-        out.append(SmoothPrior(kind, amplitude, length, math.log(0.5 / len(kinds)), variances))
+    for kind, processes, amplitudes in (
+        ("smooth", smooth, AMPLITUDES),
+        ("with corners", with_corners, AMPLITUDES[1:]),
+    ):
+        log_prior = math.log(0.25 / max(1, len(processes) * len(amplitudes)))
+        for (length, spectrum), amplitude in product(processes, amplitudes):
+            kept = np.repeat(np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0), 2)
+            variances = np.append(LEVEL**2, amplitude**2 * kept / (kept.sum() / 2))
+            out.append(SmoothPrior(kind, amplitude, length, log_prior, variances))
     return out

@@ -29,7 +29,7 @@ STILL = 1e-9  # share of the mean power below which a signal is still
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
 POOLED_TIME = 0.5  # s of all realizations but one together over which it is pooled at least
 MAX_PREDICTION = 0.25  # s from which the noise is predicted
-COLLINEAR = 1e-6  # determinant of the correlations of velocity and acceleration
+COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
 WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
 MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
 MISFIT_SHARE = 30.0  # the same where the residual is misfit
@@ -48,7 +48,6 @@ class FreeEstimates:
     constants: Constants
     coefficients: Array
     misfit: Array
-    weights: tuple[Weighted, Weighted, Array]
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
         self.ensemble, self.signals, self.whitens = ensemble, signals, True
@@ -62,7 +61,7 @@ class FreeEstimates:
             realizations=at_times.shape[-1],
         )
         white = Weighted.by(signals.columns, np.eye(len(at_times)), low_band=False)
-        self.weights = white, white, np.ones(2)
+        self.weights = white, white
         self._solve(signals.prior_precision)
 
     def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
@@ -77,27 +76,30 @@ class FreeEstimates:
         precision[0] += (viscosity is not None) * UNKNOWN**2 * self.weights[0].constants[0, 0]
         free, values = self._solve(precision), self.coefficients[U]
         self.coefficients[V] += known
-        self.misfit = misfit_variances(self.products, self.coefficients, signals.independent)
-        covariance = self.constants.covariance
-        viscosity_error = signals.change_covariance + np.diag(variance)
-        viscosity_error = viscosity_error + self._misfit_covariance(V)
-        error = free.error(covariance, viscosity_error, self._misfit_covariance(A))
-        return self._estimate(U, values, error)
+        self.misfit = np.zeros((2, self.axis.times, self.axis.times))
+        if not self.whitens:
+            lags = np.arange(self.axis.times) / self.ensemble.sampling_rate
+            variances = misfit_variances(self.products, self.coefficients, signals.independent)
+            self.misfit = np.multiply.outer(variances, toeplitz(np.exp(-lags / MISFIT_TIME)))
+        other = signals.change_covariance + np.diag(variance) + self.misfit[0]
+        return self._estimate(
+            U, values, free.error(self.constants.covariance, other, self.misfit[1])
+        )
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
         free, constants = FreeCoefficient.of(V, *self.weights), self.constants
         known = self.coefficients[V] - constants.values[0]
         values = known + free.values(constants.values[1:]) - free.moved @ stiffness.mean()
-        covariance = constants.covariance[1:, 1:]
-        error = free.error(covariance, np.diag(stiffness.variance()), self._misfit_covariance(A))
+        other = np.diag(stiffness.variance())
+        error = free.error(constants.covariance[1:, 1:], other, self.misfit[1])
         return self._estimate(V, values, error)
 
     def _solve(self, precision: Array) -> FreeCoefficient:
         """Estimate the constants, and stiffness beside them. Return that of the angle."""
-        weighted, sandwich, _ = self.weights
-        free = FreeCoefficient.of(U, *self.weights)
-        power, true_power = (np.diag(each.constants) for each in (weighted, sandwich))
+        weighted, sandwich = self.weights
+        free = FreeCoefficient.of(U, weighted, sandwich)
+        power, true_power = (np.diag(each.constants) for each in self.weights)
         beside = weighted.constants - weighted.low @ free.solved
         found = fit_constants(beside, power, precision, self.signals.positive)
         stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
@@ -107,41 +109,35 @@ class FreeEstimates:
         self.coefficients = np.vstack([free.values(found.values), constants])
         return free
 
-    def _misfit_covariance(self, signal: int) -> Array:
-        """Return the covariance (time, time) of misfit of viscosity (V) or inertia (A)."""
-        lags = np.arange(self.axis.times) / self.ensemble.sampling_rate
-        return np.asarray(self.misfit[signal - V] * toeplitz(np.exp(-lags / MISFIT_TIME)))
-
     def _weigh(self, columns: Array) -> float:
         """Set the weights from the residual, and return the mean variance of the noise.
 
-        Weights are products that give the estimates, products that give their covariance (the
-        inverse of the first ones around these, a sandwich), and the excess of the residual. Both
-        products are the same where the noise is whitened. It is not whitened where the residual's
-        products with velocity show that it is misfit, not noise, which whitening would amplify.
+        The weights are products that give the estimates, and products that give their covariance,
+        which is the inverse of the first ones around these, a sandwich. Where the noise is
+        whitened, both are the same. Whitening would amplify misfit. So where the residual's
+        products with velocity show misfit, they are weighted almost alike.
         """
         signals, times = self.signals, self.axis.times
         residual = signals.residual(self.coefficients)
         covariance = residual.T @ residual / max(signals.independent - 1, 1)
         torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
         noise = float(np.trace(covariance)) / times + MIN_NOISE * torque_power
-        covariance.flat[:: times + 1] += WHITE_SHARE * noise
-        rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
-        filters = whitening_filters(covariance, signals.independent, rate, periodic)
-        excess = excess_variances(signals, filters, filters, residual)
+
+        def filters_with(white_share: float) -> Array:
+            more = covariance + white_share * noise * np.eye(times)
+            rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
+            return whitening_filters(more, signals.independent, rate, periodic)
+
         # A reflex's differences take up what decimation does to the acceleration.
-        low_band = signals.reflex is None
-        self.whitens = self.whitens and bool(excess[V] < MAX_EXCESS)
+        low_band, filters = signals.reflex is None, filters_with(WHITE_SHARE)
+        self.whitens = self.whitens and excess_variance(signals, filters, residual) < MAX_EXCESS
         if self.whitens:
-            weighted = sandwich = Weighted.by(columns, filters, low_band)
+            self.weights = (Weighted.by(columns, filters, low_band),) * 2
         else:
-            covariance.flat[:: times + 1] += MISFIT_SHARE * noise
-            mild = whitening_filters(covariance, signals.independent, rate, periodic)
+            mild = filters_with(MISFIT_SHARE)
             coloured = np.asarray(np.linalg.inv(filters).T @ (mild.T @ mild), dtype=np.float64)
-            excess = excess_variances(signals, mild, coloured, residual)
-            weighted = Weighted.by(columns, mild, low_band)
-            sandwich = Weighted.by(columns, coloured, low_band)
-        self.weights = weighted, sandwich, excess
+            weighted, sandwich = (Weighted.by(columns, each, low_band) for each in (mild, coloured))
+            self.weights = weighted, sandwich
         return noise
 
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
@@ -250,13 +246,10 @@ class FreeCoefficient(NamedTuple):
     covariance: Array
 
     @classmethod
-    def of(
-        cls, signal: int, weighted: Weighted, sandwich: Weighted, excess: Array
-    ) -> FreeCoefficient:
+    def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> FreeCoefficient:
         """Return the coefficient of a signal, U or V.
 
-        ``sandwich`` are products with the covariance of the noise. For ``excess`` see
-        :func:`excess_variances`.
+        ``sandwich`` are products with the covariance of the noise.
         """
         root = inverse_root(weighted.squares[signal, signal])
         inverse = covariance = root.T @ root
@@ -264,7 +257,7 @@ class FreeCoefficient(NamedTuple):
             covariance = inverse @ sandwich.squares[signal, signal] @ inverse
         solved = inverse @ weighted.free[signal, signal:].T
         moved = inverse @ weighted.squares[signal, 1 - signal]
-        return cls(solved, solved[:, A - V - signal], moved, covariance * max(excess[signal], 1.0))
+        return cls(solved, solved[:, A - V - signal], moved, covariance)
 
     def values(self, constants: Array) -> Array:
         """Return the coefficient (time,) beside constants."""
@@ -281,19 +274,17 @@ class FreeCoefficient(NamedTuple):
         return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
 
 
-def excess_variances(signals: Signals, filters: Array, coloured: Array, residual: Array) -> Array:
-    """Return the variances of the residual's products with angle and velocity, shape (2,).
+def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
+    """Return the variance of the residual's products with velocity, relative to its expectation.
 
-    They are those of products weighted by filters (time, time), squared, relative to the variances
-    that the squares of other filters, ``coloured``, predict.
+    The expectation is that of noise that filters (time, time) make white.
     """
-    weights, squares = filters.T @ filters, signals.columns[: V + 1] ** 2
-    sums = squares.sum(axis=1)
-    power = floored(sums)
-    taken = np.einsum("frt,rt->ft", squares, squares[U]) / (power * power[U])
+    weights, (angles, velocities) = filters.T @ filters, signals.columns[: V + 1] ** 2
+    power = floored(velocities.sum(axis=0))
+    taken = np.sum(angles * velocities, axis=0) / (floored(angles.sum(axis=0)) * power)
     share = np.maximum(1 - taken, 1e-3) * signals.independent / len(residual)
-    predicted = np.sum(floored(sums * np.sum(coloured**2, axis=0)) * share, axis=1)
-    return np.asarray(np.sum(squares * (residual @ weights) ** 2, axis=(1, 2)) / predicted)
+    expected = np.sum(power * np.diag(weights) * share)
+    return float(np.sum(velocities * (residual @ weights) ** 2) / expected)
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
@@ -305,25 +296,16 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     """
     mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
     beside = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
-    gram, powers = beside[:, :2, :2], powers[V] * powers[A]
-    known = np.linalg.det(gram) > COLLINEAR * powers
-    if independent < 6 or known.sum() < 20:
-        return np.zeros(2)
-    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[known]
-    residual = np.einsum("tij,tj->ti", beside[known], weights)
-    inverse = np.linalg.inv(gram[known])
-    moved = np.einsum("tij,tj->ti", inverse, residual[:, :2])
-    left = np.sum(weights * residual, axis=1) - np.sum(moved * residual[:, :2], axis=1)
-    share = np.einsum("tii->ti", inverse)
-    chance = share * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
-    weight = 1 / share / np.sum(1 / share, axis=0)
-    excess = moved**2 - chance
-    mean = np.sum(weight * excess, axis=0)
-    variance = np.minimum(
-        5 * np.sum((weight * (excess - mean)) ** 2, axis=0),
-        10 * np.sum((weight * chance) ** 2, axis=0),
-    )
-    return np.asarray(np.maximum(mean - 2 * np.sqrt(variance), 0.0))
+    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T
+    residual = np.einsum("tij,tj->ti", beside, weights)
+    # Where both signals are collinear, their coefficients are uncertain, and count little.
+    least = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
+    inverse = np.linalg.inv(beside[:, :2, :2] + least)
+    change = np.einsum("tij,tj->ti", inverse, residual[:, :2])
+    left = np.sum(weights * residual, axis=1) - np.sum(change * residual[:, :2], axis=1)
+    variance = np.einsum("tii->ti", inverse)
+    by_chance = variance * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
+    return np.maximum(np.average(change**2 - by_chance, axis=0, weights=1 / variance), 0.0)
 
 
 def pooling_reach(independent: int, rate: float) -> int:

@@ -129,12 +129,6 @@ def drifting(recording, which, deviations=5.0):
     return changed(recording, **{which: values + drift})
 
 
-def turned(recording):
-    """A torque whose sign is turned half-way."""
-    sign = np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1)
-    return changed(recording, torque=sign * recording.torque)
-
-
 def softening(recording, share=0.3):
     """A torque that falls from start to end, as that of a muscle that tires."""
     left = np.linspace(1.0, 1.0 - share, len(recording))

@@ -5,16 +5,12 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 from tests.faults import changed, coarse, cut, simulated
-from tests.virtual import prepared
 
 import tvsysid as tv
 from tvsysid.preprocess import segment, subtract_mean
 
 # Profile, duration in s, signal-to-noise ratio in dB.
-SCENARIOS = [
-    ("square", 40.0, 5.0), ("square", 72.0, 20.0), ("sine", 40.0, 8.0), ("sine", 150.0, 12.0),
-    ("constant", 220.0, 17.0), ("constant", 300.0, 6.0),
-]  # fmt: skip
+SCENARIOS = [("square", 40.0, 5.0), ("sine", 150.0, 12.0), ("constant", 220.0, 17.0)]
 perturbed = pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 
 
@@ -35,10 +31,8 @@ def test_simulated_joints_are_clean(profile, duration, snr_db, perturbation):
 
 
 @perturbed
-@pytest.mark.parametrize("context", [0.5, 0.0])
-def test_without_decimation_and_without_context(perturbation, context):
-    recording = simulated(60.0, perturbation)
-    assert_clean(subtract_mean(segment(recording, 2.0, context=context)))
+def test_without_decimation_and_without_context(perturbation):
+    assert_clean(subtract_mean(segment(simulated(60.0, perturbation), 2.0, context=0.0)))
 
 
 @pytest.mark.parametrize(
@@ -96,12 +90,6 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
     assert_clean(noisy(ensemble, 0.3 * ensemble.torque.std() / noise.std() * levels * noise))
 
 
-@perturbed
-@pytest.mark.slow
-def test_a_prepared_participant_is_clean(perturbation):
-    assert_clean(prepared(1, perturbation).ensemble)
-
-
 @pytest.mark.parametrize(
     ("record", "expected"),
     [
@@ -119,35 +107,25 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
 
 
 @pytest.mark.parametrize(
-    ("ensemble", "names", "reason"),
+    ("ensemble", "name", "reason"),
     [
-        (
-            lambda: cut(simulated()),
-            ["mean-torque", "mean-angle"],
-            "the mean over realizations has been subtracted",
-        ),
+        (lambda: cut(simulated()), "mean-angle", "the mean over realizations has been subtracted"),
         (
             lambda: cut(simulated(60.0, profile="constant")),
-            ["misaligned-realizations"],
+            "misaligned-realizations",
             "stiffness hardly varies",
         ),
         (
-            lambda: tv.Ensemble(cut(simulated()).angle, cut(simulated()).torque, 100.0, context=50),
-            ["wrong-period"],
-            "each realization is a trial of its own",
-        ),
-        (
             lambda: cut(coarse(tv.preprocess.decimate(simulated(80.0), 100))),
-            ["feedback"],
+            "feedback",
             "in such coarse steps",
         ),
     ],
 )
-def test_what_the_data_cannot_show_is_not_judged(ensemble, names, reason):
-    checks = {check.name: check for check in tv.diagnose(ensemble()).checks}
-    for name in names:
-        assert not checks[name].judged
-        assert reason in checks[name].what
+def test_what_the_data_cannot_show_is_not_judged(ensemble, name, reason):
+    check = {check.name: check for check in tv.diagnose(ensemble()).checks}[name]
+    assert not check.judged
+    assert reason in check.what
 
 
 @perturbed

@@ -18,7 +18,7 @@ def spoilt():
     return tv.diagnose(faults.mixed(cut(faults.late(simulated()))))
 
 
-def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt, diagnosis):
+def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
     assert delay.value == pytest.approx(30, abs=0.5)
@@ -31,8 +31,6 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt, diag
         r"(.|\n)*not judged: mean-torque, mean-angle \(the mean over realizations has been subtr",
         repr(spoilt),
     )
-    assert repr(diagnosis).count("\n") == 1
-    assert "no fault found" in repr(diagnosis)
 
 
 def test_its_table_has_a_row_for_everything(spoilt):
@@ -130,11 +128,9 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
         ("drift", 24.3, True, "found", "24.3 %, at most 10 is in order"),
         ("drift", -16.1, True, "found", "-16.1 %, at most ±10 is in order"),
         ("drift", 24.3, False, "uncertain", "24.3 %, at most 10 is in order, but not significant"),
-        ("drift", -3.0, False, "in order", "-3 %, at most ±10 is in order"),
         ("drift", float("nan"), False, "not judged", "–"),
         ("weak-answer", 0.0, True, "found", "0 %, at least 30 is in order"),
         ("torque-unit", 0.1, True, "found", "0.1 N·m/rad, at least 0.2 is in order"),
-        ("torque-unit", 2000.0, True, "found", "2e+03 N·m/rad, at most 1500 is in order"),
     ],
 )
 def test_states_of_a_check(name, value, significant, state, strength):

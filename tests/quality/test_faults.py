@@ -164,7 +164,6 @@ def test_a_fault_is_named_and_not_taken_for_another(ensemble, named, not_named):
         ),
         (lambda: cut(faults.drifting(brief(), "angle")), {"angle-offset": (490, 100)}),
         (lambda: cut(faults.drifting(brief("prbs"), "torque")), {"torque-offset": (720, 100)}),
-        (lambda: cut(faults.turned(brief("prbs"))), {"weak-answer": (0, 5)}),
         (lambda: cut(stiffened(brief(profile="square"))), {"drift": (60, 8)}),
         (lambda: ensemble_of(*imposed("triangle", "noise", "wide", 0, 29)[0]), {}),
         (lambda: ensemble_of(*imposed("stairs", "noise", "slow", 0, 105)[0]), {}),

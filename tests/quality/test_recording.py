@@ -61,15 +61,11 @@ def test_realizations_with_gaps_are_left_out_and_spoil_nothing(kind, perturbatio
 
 
 def test_gaps_are_found_in_trials_and_after_the_ends_are_taken_off():
-    recording = attrs.evolve(
-        faults.gapped(recorded()[0], count=2), trial_starts=(0, 16_000), start=-1.0
-    )
+    recording = faults.gapped(recorded()[0], count=2)
+    recording = attrs.evolve(recording, trial_starts=(0, 16_000), start=-1.0)
     first, second = tv.preprocess.find_gaps(recording)
     assert (first.trial, second.trial) == (0, 1)
-    assert (first.start, second.start) == (
-        pytest.approx(6, abs=0.0011),
-        pytest.approx(0, abs=0.0011),
-    )
+    assert [first.start, second.start] == pytest.approx([6, 0], abs=0.0011)
     trimmed = tv.preprocess.trim(recording, 3.5)
     onsets = tv.preprocess.segment(trimmed, 2.0, 0.0, [first]).onsets
     np.testing.assert_allclose(onsets[:3], [0, 4, 6])  # the gap is at 6 - 2.5 s
@@ -86,14 +82,10 @@ def test_mains_hum_is_found_and_taken_out(frequency, perturbation):
     assert "remove_mains(recording, 50)" in check.fault.remedy
     nominal, _ = tv.preprocess.find_mains(spoilt)
     assert nominal == round(frequency, -1)
-    clean, mended = (
-        error(cut(tv.preprocess.remove_mains(each, nominal)), truth) for each in (recording, spoilt)
-    )
-    usual = error(cut(recording), truth)
-    assert clean == pytest.approx(usual, rel=0.05)
-    assert mended == pytest.approx(usual, rel=0.05)
+    usual, mended = error(cut(recording), truth), tv.preprocess.remove_mains(spoilt, nominal)
+    assert error(cut(mended), truth) == pytest.approx(usual, rel=0.05)
     if perturbation == "noise":
-        assert error(cut(spoilt), truth) > 1.5 * mended
+        assert error(cut(spoilt), truth) > 1.5 * usual
 
 
 def test_mains_that_drift_are_taken_out_of_all_channels_of_each_trial():
@@ -114,9 +106,6 @@ def test_neither_is_found_in_clean_records_however_coarse(perturbation, bits):
         recorded(perturbation, colour, seed, 30.0, (5, 20)[seed % 2])[0]
         for seed, colour in enumerate(COLOURS)
     ]
-    for kind in tv.simulate.PERTURBATIONS.values():
-        joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
-        recordings += [joint.simulate(20.0, perturbation=kind, snr_db=15, seed=1).recording]
     for recording in recordings:
         assert not found(recording if bits is None else in_steps(recording, bits))
 
@@ -127,14 +116,6 @@ def in_lines(spacing):
     phase = 2 * np.pi * np.arange(spacing, 80, spacing)[:, None] * time
     angle = 0.001 * np.cos(phase).sum(axis=0)
     return tv.Recording(angle, 80 * angle + random.normal(size=len(time)), 1000.0)
-
-
-def in_ramps():
-    """An angle that is held between ramps."""
-    random = np.random.default_rng(3)
-    levels = np.repeat(random.normal(size=52), 2)
-    ramps = np.interp(np.arange(30_000) / 1000, np.arange(0, 31, 0.3), levels)
-    return tv.Recording(ramps, 80 * ramps + random.normal(size=30_000), 1000.0)
 
 
 def at_rest(noise):
@@ -150,8 +131,6 @@ def at_rest(noise):
     "make",
     [
         *(partial(in_lines, spacing) for spacing in (0.1, 1.0, 5.0)),
-        in_ramps,
-        lambda: in_steps(in_ramps(), 12),
         *(partial(at_rest, noise) for noise in (0.0, 0.1, 0.3)),
         lambda: faults.clipped(recorded("prbs", "slow")[0], "torque", 1.0),
         lambda: faults.clipped(recorded("prbs", "slow")[0], "torque", 3.0),

@@ -191,7 +191,7 @@ def plan(
     seed
         Random seed of the simulations.
     progress
-        Function that is called with the number of steps done and of all: three for each method in
+        Function that is called with the number of steps done and of all: two for each method in
         each setup.
 
     Raises
@@ -225,60 +225,51 @@ def plan(
         raise InputError("plan: expected at least one method, got none")
     curves: dict[tuple[str, str], Curve] = {}
     answers, excess = list[Answer](), dict[tuple[int, str], float]()
-    steps, total = count(1), 3 * len(setups) * len(chosen)
-    progress(0, total)
+    steps, total = count(), 2 * len(setups) * len(chosen)
+    progress(next(steps), total)
     for label, each in setups.items():
         most, needed = _most(each), dict[str, int | None]()
         records = [each.simulated(most, seed + number) for number in range(RECORDS)]
         for name, method in chosen.items():
             curve = measure_curve(method, records, most, draws)
-            progress(next(steps), total)
             if isinstance(each, Pilot):
                 which = id(each.recorded), name  # all setups of a pilot have the same
                 excess[which] = excess.get(which) or measure_excess(method, each, draws, seed)
                 curve = attrs.evolve(curve, excess=excess[which])
-            progress(next(steps), total)
             curves[label, name] = curve
             needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
+            progress(next(steps), total)
         counts = {name: min(number or most, most) for name, number in needed.items()}
         stepped = each.stepped()
         record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
-        for name, method in chosen.items():
-            rise = measure_rise(method, record, counts[name], STEP_DRAWS) if record else math.nan
-            progress(next(steps), total)
-            curve, number = curves[label, name], needed[name] or most
-            why = [] if needed[name] else [_why_not(curve, most, precision)]
+        for name, number in needed.items():
+            rise, curve = math.nan, curves[label, name]
+            if record:
+                rise = measure_rise(chosen[name], record, counts[name], STEP_DRAWS)
+            why = [] if number else [_why_not(curve, most, precision)]
             if resolution is not None and not rise <= resolution:
                 takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
                 why.append(f"it {takes} to follow a step")
-            random, bias = curve.at(number)
-            answer = Answer(
-                label,
-                name,
-                needed[name],
-                seconds_of(each, number),
-                half_width=HALF_BAND * random,
-                bias=bias,
-                rise_time=rise,
-                excess=curve.excess,
-                why="; ".join(why),
-            )
-            answers.append(answer)
+            random, bias = curve.at(number or most)
+            seconds, half_width = seconds_of(each, number or most), HALF_BAND * random
+            reached = (seconds, half_width, bias, rise, curve.excess)
+            answers.append(Answer(label, name, number, *reached, "; ".join(why)))
+            progress(next(steps), total)
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 
 def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str, Setup]:
     """Return the setups by label; of a pilot's ensemble, what it shows."""
-    several = given if isinstance(given, Sequence) else [given]
+    by_label, several = dict[str, Setup](), given if isinstance(given, Sequence) else [given]
     for each in several:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
                 "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
                 f"{type(each).__name__}; segment a Recording first"
             )
-    setups = [Pilot.of(each) if isinstance(each, Ensemble) else each for each in several]
-    by_label = {str(each): each for each in setups}
-    if not setups or len(by_label) < len(setups):
+        setup = Pilot.of(each) if isinstance(each, Ensemble) else each
+        by_label[str(setup)] = setup
+    if len(by_label) < max(1, len(several)):
         raise InputError("plan: expected setups that differ in perturbation or amplitude")
     return by_label
 

@@ -76,11 +76,9 @@ class Curve:
 
         It begins where the method does not break down.
         """
-        random = [row[1] for row in rows]
-        ratios = np.divide(random[:-1], random[1:])
-        broken = np.flatnonzero(ratios > BREAKDOWN_RATIO)
-        first = max(broken, default=-1) + 1
-        realizations, errors, bias, draws = np.array(rows).reshape(-1, 4)[first:].T
+        table = np.reshape(rows, (-1, 4)).T
+        broken = np.flatnonzero(table[1, :-1] > BREAKDOWN_RATIO * table[1, 1:])
+        realizations, errors, bias, draws = table[:, max(broken, default=-1) + 1 :]
         return cls(realizations, errors, bias, draws, why)
 
     @cached_property
@@ -114,9 +112,7 @@ class Curve:
 
     def needed(self, error: float, most: int) -> int | None:
         """Return the fewest realizations up to ``most`` with a total error this small, or None."""
-        if not self.realizations.size:
-            return None
-        counts = range(int(self.realizations[0]), most + 1)
+        counts = range(int(min(self.realizations, default=most + 1)), most + 1)
         place = bisect_left(counts, -error, key=lambda count: -self.at(count).total)
         return counts[place] if place < len(counts) else None
 
@@ -147,13 +143,13 @@ def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float
     chance promises nothing. It counts differences between realizations, a reflex, and noise that
     is neither Gaussian nor stationary.
     """
-    recorded, own, random = pilot.recorded, pilot.as_recorded(), np.random.default_rng(seed)
+    recorded, random = pilot.recorded, np.random.default_rng(seed)
     half = len(recorded) // 2
     if half < MIN_REALIZATIONS:
         return 1.0
-    records = [
-        own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)
-    ]
+    own = attrs.evolve(pilot, perturbation=None, amplitude=pilot.recorded_amplitude)
+    size = half * math.ceil(draws / RECORDS)
+    records = [own.simulated(size, seed + number) for number in range(RECORDS)]
     simulated = [each.ensemble for each in cut(records, half, draws)]
     known = successful(identify_each(method, simulated, MAX_UNCERTAINTY / 2)[0])
     orders = [random.permutation(len(recorded)) for _ in known]
@@ -249,7 +245,7 @@ def cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simula
     No realization is in two of them, as far as the records last.
     """
     size = len(records[0].ensemble)
-    parts = max(1, min(-(-draws // len(records)), size // count))
+    parts = max(1, min(math.ceil(draws / len(records)), size // count))
     for first in np.linspace(0, max(size - count, 0), parts).astype(int):
         index = np.arange(first, min(first + count, size))
         for whole in records:

@@ -249,6 +249,11 @@ class Pilot:
         return self.recorded.duration
 
     @property
+    def recorded_amplitude(self) -> float:
+        """RMS of the pilot's angle in rad."""
+        return _rms(self.movement, self.frequencies)
+
+    @property
     def context(self) -> float:
         """Context beside each realization in s."""
         return self.recorded.context / self.recorded.sampling_rate
@@ -261,8 +266,9 @@ class Pilot:
         angle, velocity, acceleration = differentiate(self._angle(samples, rate, random), rate)
         phase = (np.arange(len(angle)) - context) % len(self.stiffness)
         torque = self.stiffness[phase] * angle + self.viscosity[phase] * velocity
-        torque += self.inertia * acceleration
-        torque += _gaussian(self.noise, self.frequencies, rate, len(torque), random)
+        torque += self.inertia * acceleration + _gaussian(
+            self.noise, self.frequencies, rate, len(torque), random
+        )
         recording = Recording(angle, torque, rate, start=-self.context)
         ensemble = segment(recording, self.period, self.context)
         return Simulated(ensemble, np.tile(self.stiffness, (len(ensemble), 1)))
@@ -270,7 +276,7 @@ class Pilot:
     def _angle(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         if self.perturbation is None:
             angle = _gaussian(self.movement, self.frequencies, rate, samples, random)
-            return angle * self.amplitude / _rms(self.movement, self.frequencies)
+            return angle * self.amplitude / self.recorded_amplitude
         made = Joint(stiffness=Constant()).simulate(
             samples / rate,
             perturbation=resolve(self.perturbation, PERTURBATIONS, "perturbation"),
@@ -283,11 +289,6 @@ class Pilot:
     def stepped(self) -> Pilot:
         """Return the same with a stiffness that steps between the pilot's extremes."""
         return attrs.evolve(self, stiffness=_step(self.stiffness, self.period)(self.recorded.time))
-
-    def as_recorded(self) -> Pilot:
-        """Return the same with the recorded perturbation."""
-        amplitude = _rms(self.movement, self.frequencies)
-        return attrs.evolve(self, perturbation=None, amplitude=amplitude)
 
 
 Setup = Protocol | Pilot

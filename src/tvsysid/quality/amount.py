@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import power_share
-from tvsysid.quality.checks import Measured, NotApplicable, check, indices
+from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fit import constant_impedance
 from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE, FittedEnsemble
 from tvsysid.quality.statistics import is_mean_significant
@@ -106,21 +106,19 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:
     """Return the share of the angle that repeats, or is noise, where no torque responds to it."""
-    edge, given = NOISE_BAND * data.rate, data.ensemble
+    edge, given, core = NOISE_BAND * data.rate, data.ensemble, data.ensemble.core
     white = 100 * power_share(data.core("angle"), data.rate, edge)
-    angle = given.angle[:, given.core] - given.angle[:, given.core].mean()
+    angle = given.angle[:, core] - given.angle[:, core].mean()
     common = 100 * (np.mean(angle.mean(axis=0) ** 2) / np.mean(angle**2) - 1 / len(data))
-    share, what = max(
-        (
-            white,
+    what = f"{common:.0f} % of the angle's variance is common to all realizations"
+    if white > common:
+        what = (
             f"{white:.0f} % of the variance by which the angle differs between realizations lies "
-            f"above {edge:g} Hz",
-        ),
-        (common, f"{common:.0f} % of the angle's variance is common to all realizations"),
-    )
+            f"above {edge:g} Hz"
+        )
     if data.fit.explained >= MIN_EXPLAINED:
         return Measured(0.0, f"{what}, but the torque responds to what differs")
-    return Measured(share, f"{what}, and {NO_RESPONSE} where realizations differ")
+    return Measured(max(white, common), f"{what}, and {NO_RESPONSE} where realizations differ")
 
 
 @check(
@@ -134,19 +132,15 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
 )
 def repeated_realizations(data: FittedEnsemble) -> Measured:
     """Count the realizations that are an earlier one, to rounding."""
-    given = data.given
-    scaled = [
-        np.round(values[:, given.core] / (values.std() or 1.0), DIGITS)
-        for values in (given.angle, given.torque)
-    ]
-    _, first, which = np.unique(np.hstack(scaled), axis=0, return_index=True, return_inverse=True)
-    original = first[which.ravel()]
-    copies = indices(np.arange(len(given)) != original)
-    verb = "is" if len(copies) == 1 else "are"
-    what = f"{len(copies)} of {len(given)} realizations {verb} the same as another one"
-    if copies:
-        what += f", first realization {copies[0]}, as realization {original[copies[0]]}"
-    return Measured(len(copies), what, realizations=copies)
+    signals = np.stack([data.given.angle, data.given.torque])[..., data.given.core]
+    size = signals.std(axis=(1, 2), keepdims=True)
+    rounded = np.round(signals / np.where(size > 0, size, 1), DIGITS)
+    first = np.unique(rounded.swapaxes(0, 1), axis=0, return_index=True)[1]
+    copies = np.setdiff1d(np.arange(len(data)), first)
+    what = f"{len(copies)} of {len(data)} realizations are the same as another one"
+    if len(copies):
+        what += f", first realization {copies[0]}"
+    return Measured(len(copies), what, realizations=tuple(copies.tolist()))
 
 
 @check(

@@ -23,7 +23,7 @@ def known_region(samples: int, context: int) -> slice:
     These are all samples but those at the edges of a record.
     """
     margin = max(context, HALF_WIDTH)
-    return slice(margin, max(margin, samples + min(context, 2 * context - HALF_WIDTH)))
+    return slice(margin, max(margin, samples + 2 * context - margin))
 
 
 def known_samples(samples: int, context: int) -> int:

@@ -84,12 +84,7 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     data.require()
     if not declared:
         _require_leading(data, reference)
-    ensemble, (early, late) = data.ensemble, lag_samples(data.rate)
-    groups = realization_groups(ensemble.trials, ensemble.onsets)
-    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
-    moved = predicted(command, data.angle, ensemble.core, data.rate, groups)
-    core = data.core("angle")
-    explained = 1 - np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2)
+    moved, explained = _moved_angle(data, reference)
     if not explained >= HARDLY_MOVED:
         raise NotApplicable(
             f"the disturbance {reference!r} hardly moves the angle: it predicts "
@@ -115,6 +110,19 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     )
     value = -100 * missing.sum() / abs(closed)
     return Measured(value, what, is_mean_significant(missing) and (declared or value < 0))
+
+
+def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
+    """Return the angle that a reference predicts, (realization, time), and its share of the angle.
+
+    Realizations are predicted by what the others show.
+    """
+    ensemble, core, (early, late) = data.ensemble, data.ensemble.core, lag_samples(data.rate)
+    groups = realization_groups(ensemble.trials, ensemble.onsets)
+    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
+    moved = predicted(command, data.angle, core, data.rate, groups)
+    left = np.sum((data.angle - moved)[:, core] ** 2)
+    return moved, 1 - float(left / np.sum(data.angle[:, core] ** 2))
 
 
 def _require_leading(data: FittedEnsemble, channel: str) -> None:

@@ -20,7 +20,7 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
-    matrix, fitted, _ = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
+    matrix, fitted = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
     found = np.einsum("tml,tl->tm", matrix, phi_uy)
     np.testing.assert_allclose(found[:, 0], solution.weights.sum(axis=1), rtol=1e-9)
     for time in (0, 20, 47):

@@ -109,7 +109,7 @@ class ParallelCascade(base.Method):
         drive, turn = constant_cascade(ensemble, lags, before, degree)
         intrinsic, moments, rank = turn.details
         gram, cross, _, number = moments
-        readout, fitted, _ = second_order_readout(
+        readout, fitted = second_order_readout(
             gram[None] / number,
             cross[None] / number,
             intrinsic.inverse[None],

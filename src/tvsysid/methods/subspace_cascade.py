@@ -339,7 +339,7 @@ def fit(
         for each in (moments, own)
     )
     cross = moments @ response
-    (readout,), (fitted,), _ = second_order_readout(moments[None], cross[None], inverse[None], rate)
+    (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
     freedom = max(1, count - len(cross) - len(weights) - order * (2 + len(sizes)))
     answers = left.signals @ (own @ moments @ readout.T) / count
     variances = coloured_variances(answers, reflex.left, sizes, round(MAX_COLOUR_S * rate))

@@ -19,7 +19,7 @@ SINGULAR = 1e-9
 
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     r"""Return the matrix that gives stiffness, viscosity and inertia from correlations.
 
     Stiffness is the area under the impulse response; the others follow from a second-order fit.
@@ -36,8 +36,8 @@ def second_order_readout(
 
     From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the
     pseudo-inverse, truncated or not, by which the area follows: the matrix (time, 3, lag) that
-    times ``phi_uy`` gives the three, the output's power that the fit explains (time,), and the fit
-    (time, 3). NaN where the input does not tell the three apart.
+    times ``phi_uy`` gives the three, and the output's power that the fit explains (time,). NaN
+    where the input does not tell the three apart.
     """
     derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
     filtered = phi_uu @ derivative.T
@@ -46,7 +46,7 @@ def second_order_readout(
     cross = phi_uy @ derivative.T
     found = (inverted @ cross[..., None])[..., 0]
     matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
-    return matrix, np.einsum("tm,tm->t", found, cross), found
+    return matrix, np.einsum("tm,tm->t", found, cross)
 
 
 class MomentFit(NamedTuple):
@@ -109,20 +109,20 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
 
 def agreement_of_moments(
-    fitted: float, cross: Array, moments: Array, left: float, samples: float
+    fitted: float, cross: Array, moments: Array, left: float, samples: int
 ) -> float:
     """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
     The response is taken as the same at all times: what a fit leaves because it smooths a change
-    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are squares of
-    the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments`` (lag, lag)
-    products of lagged angles with what is left and with each other: means, or sums of one number
-    of times, over so many ``samples``.
+    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are mean
+    squares of the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments``
+    (lag, lag) mean products of lagged angles with what is left and with each other, over so many
+    ``samples``.
     """
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()
     answer = float(np.sum((cross @ vectors)[kept] ** 2 / values[kept]))
-    chance = len(cross) * left / max(samples, 1)
+    chance = len(cross) * left / samples
     return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
 

@@ -26,11 +26,7 @@ from tvsysid.numerics.moments import (
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, full, truncated
-from tvsysid.numerics.second_order import (
-    agreement_of_moments,
-    derivative_filters,
-    second_order_readout,
-)
+from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Array, Ensemble
 
 Solver = Callable[[Array, Array, Array, Array], Solution]
@@ -39,18 +35,17 @@ Solver = Callable[[Array, Array, Array, Array], Solution]
 class Windows(NamedTuple):
     """Least squares in a window about each time whose ``lags`` lie within the context.
 
-    There are ``realizations`` realizations. ``agreement`` is the share in per cent of the torque
-    that depends on the angle which a second-order fit explains. The windows reach ``half`` samples
-    to either side, of which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and
-    ``rank`` describe the solution. These have shape (time,): the number of ``samples`` in the
-    window, the number of ``independent`` ones, the ``noise`` variance and its degrees of
-    ``freedom``. ``readout`` (time, 3, lag) gives stiffness, viscosity and inertia from the
-    correlations. The ``impedance`` has shape (time, 3). With instruments, ``on_instruments``
-    (time, 3, lag) gives it from their correlations with the torque.
+    There are ``realizations`` realizations. The windows reach ``half`` samples to either side, of
+    which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and ``rank`` describe
+    the solution. These have shape (time,): the number of ``samples`` in the window, the number of
+    ``independent`` ones, the ``noise`` variance, its degrees of ``freedom``, and three powers of
+    the torque. A second-order fit explains ``fitted``, lagged angles explain ``beyond`` more, and
+    noise would make them explain ``chance`` more. ``readout`` (time, 3, lag) gives stiffness,
+    viscosity and inertia from the correlations. The ``impedance`` has shape (time, 3). With
+    instruments, ``on_instruments`` (time, 3, lag) gives it from their correlations with the torque.
     """
 
     realizations: int
-    agreement: float
     lags: int
     half: int
     margin: int
@@ -60,15 +55,19 @@ class Windows(NamedTuple):
     independent: Array
     noise: Array
     freedom: Array
+    fitted: Array
+    beyond: Array
+    chance: Array
     readout: Array
     impedance: Array
     on_instruments: Array
 
     def noise_correlation(self, ensemble: Ensemble) -> Array:
-        """Return the autocorrelation of the noise within a window, from the windows' residual."""
-        reach = 2 * self.half
-        if not reach:
-            return np.ones(1)
+        """Return the autocorrelation of the noise, from the residual of the windows.
+
+        It reaches to twice the lags plus four times ``half``.
+        """
+        reach = 2 * (self.lags + 2 * self.half)
         # So many lagged angles share hardly anything with those of the next sample: the fit takes
         # variance only.
         taken = np.zeros(reach + 1)
@@ -94,8 +93,7 @@ def solve_windows(
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
-    filters = derivative_filters(lags, ensemble.sampling_rate)
-    parts, sums_over_time = [], []
+    parts = []
     for chunk in time_chunks(times - 2 * margin, 2 * lags + 1):
         begin, end = max(0, chunk.start + margin - half), min(times, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
@@ -114,23 +112,19 @@ def solve_windows(
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
             solution = solve(phi_uu, phi_uy, variance, count)
-        readout, fitted, second_order = second_order_readout(
+        readout, fitted = second_order_readout(
             phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
         )
-        known = np.isfinite(fitted)
-        cross = phi_uy - (phi_uu @ (second_order @ filters)[..., None])[..., 0]
-        moments_over_time = fitted, cross, phi_uu, square - fitted, count / samples
-        sums_over_time.append([each[known].sum(axis=0) for each in moments_over_time])
         freedom = independent - solution.usable
         left = np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
+        chance = noise * np.maximum(solution.usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
+        of_noise = noise, freedom, fitted, solution.explained - fitted, chance
         of_readout = readout, impedance, readout @ projection
-        of_noise = count, independent, noise, freedom
-        parts.append((*solution[:2], *of_noise, *of_readout))
+        parts.append((*solution[:2], count, independent, *of_noise, *of_readout))
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
-    agreement = agreement_of_moments(*(sum(each) for each in zip(*sums_over_time, strict=True)))
-    return Windows(realizations, agreement, lags, half, margin, *arrays)
+    return Windows(realizations, lags, half, margin, *arrays)
 
 
 def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
@@ -197,16 +191,44 @@ def window_model(
     errors: Errors | None = None,
 ) -> ImpulseResponseModel:
     """Return the model of windows. Its errors are the :func:`window_errors` if none are given."""
-    missing = missing_edge(windows.lags, ensemble)
+    missing, noise = missing_edge(windows.lags, ensemble), windows.noise_correlation(ensemble)
     if errors is None:
-        noise = windows.noise_correlation(ensemble)
         angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
         products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
         errors = partial(window_errors, windows, products, noise, missing, enough, reason)
-    details = {"second_order_agreement": windows.agreement}
+    # With few samples for so many lags the noise, and so chance, is hardly known.
+    chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
+    details = {
+        "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
+        "second_order_agreement_error": _agreement_error(windows, chance, noise),
+    }
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     return impulse_response_model(ensemble, windows.weights, windows.impedance, diagnostics, errors)
+
+
+def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
+    r"""Return the standard error of the second-order agreement in per cent.
+
+    The joint is taken to be of second order. By noise alone, m directions of lagged angles explain
+    some torque beyond the second-order fit. At one time, the variance of its power is
+    :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of
+    freedom. At times d samples apart, the powers are correlated as far as the times share lagged
+    angles, and by the squared correlation of their noise.
+    """
+    known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
+    if not known.any():
+        return float("nan")
+    # noiseless times are not among them
+    directions = chance[known] / windows.noise[known] * windows.samples[known]
+    variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
+    span = 2 * (windows.lags + windows.half) + 1
+    window = np.bartlett(4 * windows.half + 3)[1:-1]
+    smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
+    shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
+    total = float(np.sum((windows.fitted + windows.beyond)[known]))
+    error = np.sqrt(variance * (2 * shared.sum() - 1))
+    return float(100 * error / total) if total > 0 else float("nan")
 
 
 def impulse_response_model(

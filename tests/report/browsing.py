@@ -4,7 +4,7 @@ import json
 import re
 
 FRAME = """<!DOCTYPE html>
-<html><body><pre id="seen"></pre><script>
+<html><head><meta charset="utf-8"></head><body><pre id="seen"></pre><script>
 const frame = document.createElement("iframe");
 frame.width = 360; frame.height = 800; frame.style.border = 0;
 frame.srcdoc = PAGE;

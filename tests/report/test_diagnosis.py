@@ -11,7 +11,7 @@ from tests.report.elements import Elements
 import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.quality import FAULTS
-from tvsysid.report import diagnosis_section, write_diagnosis
+from tvsysid.report import write_diagnosis
 
 
 @pytest.fixture(scope="module")
@@ -105,17 +105,7 @@ def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
     assert "This command made the page" not in (tmp_path / "page.html").read_text()
 
 
-@pytest.mark.parametrize("given", [{}, {"ankle": None}, "diagnosis"])
-def test_what_is_no_diagnosis_by_name_is_told(given, tmp_path):
+def test_no_diagnosis_is_refused(tmp_path):
     with pytest.raises(InputError, match="expected diagnoses by name, got"):
-        write_diagnosis(tmp_path / "page.html", given)
+        write_diagnosis(tmp_path / "page.html", {})
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("sketched")
-def test_a_section_for_another_page(diagnoses):
-    section = Elements(f"<main>{diagnosis_section(diagnoses)}</main>")
-    assert section.open == []
-    assert [text for _, text in section.of("h3")] == list(diagnoses)
-    assert not section.of("html", "style", "h1", "h2")

@@ -12,7 +12,7 @@ import tvsysid as tv
 from tvsysid.methods import METHODS
 from tvsysid.methods.references import REFERENCES
 from tvsysid.report.answer import answer
-from tvsysid.report.outcome import illustrations
+from tvsysid.report.identification import illustrations
 from tvsysid.report.page import typeset
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph
 

@@ -16,8 +16,7 @@ from tvsysid.figures import (
 from tvsysid.figures.words import count
 from tvsysid.recordings import write_models, write_table
 from tvsysid.report.answer import Account, taken
-from tvsysid.report.identification import write_identification
-from tvsysid.report.outcome import illustrations
+from tvsysid.report.identification import illustrations, write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
 
 

@@ -4,24 +4,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tvsysid.errors import by_text
-from tvsysid.figures import Illustration, draw_all
-from tvsysid.figures.words import count
+from tvsysid.figures import (
+    Illustration,
+    draw_all,
+    identified_impedance,
+    scheduled_estimates,
+    variable_of,
+)
+from tvsysid.figures.identification import drawn_quantities
+from tvsysid.figures.words import count, unit_name
+from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.numerics.bands import mean_of
 from tvsysid.recommendation.trust import sentence
-from tvsysid.report import page
 from tvsysid.report.answer import (
+    IMPEDANCE_UNITS,
     Account,
+    answer,
     further,
+    others,
     reflex_shape,
+    switches,
     taken,
+    why_leading,
+    with_reflex,
 )
 from tvsysid.report.diagnosis import findings_table
-from tvsysid.report.outcome import VAF, illustrations, outcome
+from tvsysid.report.page import in_text, render
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_identification(
@@ -55,269 +74,229 @@ def write_identification(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     tv.report.write_identification(f"{folder}/report.html", account)
     """
-    found = account.found
-    name = account.source.get("file", "an ensemble")
-    pictures = draw_all(figures or illustrations(account))
-    shown: list[page.Block] = [
-        page.Figure(f"{stem}-figure", picture, place, saved=False)
-        for place, (stem, picture) in enumerate(pictures.items(), 1)
-    ]
-    in_front = ("answer" in pictures) + ("variable" in pictures)
-    parts = [
-        outcome(account, shown[:in_front]),
-        _made(account),
-        _diagnosed(account),
-        _suited(account),
-        _methods(account, shown[in_front:]),
-        *_beside(account),
-        _met(account),
-        *_paragraph(account),
-        _again(command),
-    ]
-    subtitle = (
-        f"{count(len(found.models), 'method')} on {count(len(found.ensemble), 'realization')} of "
+    found, label = account.found, account.found.leading
+    name, blamed = account.source.get("file", "an ensemble"), with_reflex(account)
+    held_out, in_sample = account.held_out_mean(label), mean_of(found.vaf[label])
+    shapes = {each: reflex_shape(model.diagnostics.details) for each, model in found.models.items()}
+    likely, unlikely = (_switches(account, is_likely) for is_likely in (True, False))
+    render(
+        path,
+        "identification.html",
+        account=account,
+        found=found,
+        ensemble=found.ensemble,
+        diagnosis=account.diagnosis,
+        trust=account.trust,
+        name=name,
+        label=label,
+        adaptive=isinstance(found.models[label], AdaptiveModel),
+        lines=list(map(sentence, answer(account))),
+        why=why_leading(account),
+        others=others(found),
+        with_reflex="all" if len(blamed) == len(found.models) - 1 else ", ".join(blamed),
+        held_out=held_out if math.isfinite(held_out) else None,
+        in_sample=in_sample if math.isfinite(in_sample) else None,
+        pictures=draw_all(figures or illustrations(account)),
+        quantities=_quantities(account),
+        switches=likely,
+        unlikely=unlikely,
+        data=_data(account),
+        findings=findings_table(account.diagnosis),
+        measured=_measured(account),
+        methods=_methods(account),
+        differences=_differences(account),
+        further=_further(account),
+        shapes=[f"{each}: {shape}." for each, shape in shapes.items() if shape],
+        problems=_problems(account),
+        paragraph=methods_paragraph(account),
+        bibliography=methods_bibliography(account),
+        command=command,
     )
-    subtitle += f"{found.ensemble.duration:g} s: stiffness, viscosity and inertia over time."
-    page.write_page(path, page.Page(f"Joint impedance identified from {name}", subtitle, parts))
 
 
-def _made(account: Account) -> page.Section:
-    """Return the section on the source and the processing of the data."""
+def illustrations(account: Account) -> dict[str, Illustration]:
+    """Return the answer, estimates over a variable, and a comparison if methods are several."""
+    found, label = account.found, account.found.leading
+    withdrawn = account.trust.level == "none"
+    vaf, variable = found.time_varying_vaf, variable_of(found.models, found.ensemble)
+    below = ", and the time-varying VAF" if vaf else ""
+
+    def impedance(title: str, whose: str, labels: list[str]) -> Illustration:
+        models = {each: found.models[each] for each in labels}
+        *names, last = (each.replace("_", " ") for each in drawn_quantities(models, variable))
+        text = whose.format(f"{', '.join(names)} and {last}")
+        text = f"{text[:1].upper()}{text[1:]}, with 95 % bands{below}."
+        draw = partial(identified_impedance, models, vaf, but_over=variable)
+        return Illustration(draw, title, text)
+
+    drawn = {}
+    if not withdrawn:
+        title = f"Impedance over time by {label}"
+        drawn["answer"] = impedance(title, f"{{}} by {label}", [label])
+        if variable:
+            draw = partial(scheduled_estimates, found.models, found.ensemble, variable)
+            text = (
+                f"Quantities that follow {variable}, with 95 % bands, above how long {variable} "
+                "was near each of its values."
+            )
+            drawn["variable"] = Illustration(draw, f"Estimates over {variable}", text)
+    if withdrawn or len(found.models) > 1:
+        title = "Impedance over time by all methods"
+        drawn["methods"] = impedance(title, "each method’s {}", list(found.models))
+    return drawn
+
+
+def _frame(rows: list[dict[str, str]]) -> pd.DataFrame:
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    return pd.DataFrame(rows)
+
+
+def _quantities(account: Account) -> pd.DataFrame:
+    """Return every quantity over time by the leading method."""
+    found, label = account.found, account.found.leading
+    model, rows = found.models[label], []
+    for name, (lower, upper) in found.bands[label].items():
+        values = model.over_time(name)
+        if not np.isfinite(values).any():
+            continue
+        row = {
+            "quantity": name.replace("_", " "),
+            "unit": IMPEDANCE_UNITS.get(name) or unit_name(model.estimates[name].unit),
+            "mean": in_text(mean_of(values)),
+            "95 % band, ±": in_text(mean_of(upper - lower) / 2),
+        }
+        for end, find in {"lowest": np.nanargmin, "highest": np.nanargmax}.items():
+            at = int(find(values))
+            row |= {end: in_text(values[at]), f"{end} at (s)": in_text(model.time[at], decimals=2)}
+        rows.append(row)
+    return _frame(rows)
+
+
+def _switches(account: Account, is_likely: bool) -> pd.DataFrame:
+    """Return the sudden changes that the leading method found, likely or unlikely."""
+    model = account.found.models[account.found.leading]
+    return _frame(
+        [
+            {
+                "quantity": name,
+                "at (s)": in_text(each.time, decimals=3),
+                "between (s)": f"{each.earliest:.3f} to {each.latest:.3f}",
+                "change": in_text(
+                    each.size, 1.96 * each.size_error, 1 if name == "stiffness" else 3
+                ),
+                "probability (%)": in_text(100 * each.probability, decimals=0),
+            }
+            for name in IMPEDANCE_UNITS
+            for each in switches(model, name)
+            if (each.probability > 0.5) is is_likely
+        ]
+    )
+
+
+def _data(account: Account) -> pd.DataFrame:
+    """Return where the data come from, and what was done to them."""
     ensemble = account.found.ensemble
     rate, ratio = ensemble.sampling_rate, ensemble.angle_as_recorded.shape[-1]
-    context = f"{ensemble.context / rate:g} s on either side"
     trials = len(np.unique(np.asarray(ensemble.trials)))
+    lost, delay = ensemble.left_out, ensemble.delay_removed
     rows = {
         **account.source,
         "recorded at": f"{rate * ratio:g} Hz",
         "identified at": f"{rate:g} Hz{', low-pass filtered and decimated' if ratio > 1 else ''}",
         "realizations": f"{len(ensemble)} of {ensemble.duration:g} s, from "
         f"{count(trials, 'trial')}",
-        "realizations left "
-        "out": f"{ensemble.left_out or 'none'}{': no context' if ensemble.left_out else ''}",
-        "context": context,
+        "realizations left out": f"{lost}: no context" if lost else "none",
+        "context": f"{ensemble.context / rate:g} s on either side",
         "mean over realizations": "subtracted" if ensemble.mean_subtracted else "not subtracted",
-        "delay between the channels": taken(ensemble.delay_removed)
-        if ensemble.delay_removed
-        else "not corrected",
+        "delay between the channels": taken(delay) if delay else "not corrected",
         "further channels": ", ".join(ensemble.channels) or "none",
     }
     if account.diagnosis is not None:
-        measures = account.diagnosis.measures
-        rows["perturbation"] = (
-            f"{measures['angle RMS'][0]:.3g} rad RMS, 95 % of its power below "
-            f"{measures['bandwidth of the angle'][0]:.3g} Hz"
+        rms, width, snr = (
+            account.diagnosis.measures[name][0]
+            for name in ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio")
         )
-        rows["signal-to-noise ratio"] = (
-            f"{measures['signal-to-noise ratio'][0]:.1f} dB, by the diagnosis"
-        )
-    columns = page.columns({"what": "", "value": "long"})
-    table = page.Table(
-        "Data", "Where the data come from, and what was done to them.", columns, _pairs(rows)
-    )
-    return page.Section("data", "How it was found", [table], contents="Data")
+        rows["perturbation"] = f"{rms:.3g} rad RMS, 95 % of its power below {width:.3g} Hz"
+        rows["signal-to-noise ratio"] = f"{snr:.1f} dB, by the diagnosis"
+    return _frame([{"what": what, "value": value} for what, value in rows.items()])
 
 
-def _pairs(rows: dict[str, str]) -> list[page.Row]:
-    return [page.Row(pair) for pair in rows.items()]
-
-
-def _diagnosed(account: Account) -> page.Section:
-    """Return the section on faults of the data and their remedies."""
-    title = "What the diagnosis says"
-    diagnosis = account.diagnosis
-    if diagnosis is None:
-        return page.Section(
-            "diagnosis", title, [f"Not diagnosed: {account.undiagnosed}."], contents="Diagnosis"
-        )
-    blocks: list[page.Block] = [sentence(diagnosis.verdict)]
-    blocks += findings_table(diagnosis, account.source.get("file", "the ensemble"))
-    blocks += [sentence(line) for line in diagnosis.notes]
-    what = (
-        "the ensemble as it was identified"
-        if len(account.found.ensemble) > 1
-        else "the record in pieces"
-    )
-    blocks.append(
-        f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the "
-        "recorded rate, where clipped and lost signals show better, and draws what it sees."
-    )
-    return page.Section("diagnosis", title, blocks, contents="Diagnosis")
-
-
-def _suited(account: Account) -> page.Section:
-    """Return the section on the recommended methods and the properties of the data."""
-    suited = account.found.recommendation
-    rows = [
-        page.Row(
-            (
-                name,
-                page.number(value, decimals=0 if value.is_integer() else None),
-                "" if math.isnan(value) else unit,
-            )
-        )
-        for name, (value, unit) in suited.measured.items()
-    ]
-    columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
-    caption = (
-        "What was measured in the data; nothing where it is not shown, or cannot be told from "
-        "these data."
-    )
-    lines = [sentence(each) for each in (*suited.objections, *suited.caveats)]
-    table = page.Table("Properties", caption, columns, rows, narrow=True)
-    return page.Section(
-        "suited",
-        "Which method suits these data",
-        [f"{suited.sentence}.", table, page.Bullets(lines)],
+def _measured(account: Account) -> pd.DataFrame:
+    """Return the properties of the data that the recommendation depends on."""
+    return _frame(
+        [
+            {
+                "property": name,
+                "value": in_text(value, decimals=0 if value.is_integer() else None),
+                "unit": "" if math.isnan(value) else unit,
+            }
+            for name, (value, unit) in account.found.recommendation.measured.items()
+        ]
     )
 
 
-def _methods(account: Account, figures: list[page.Block]) -> page.Section:
-    """Return the section on all methods side by side, and their differences."""
-    found = account.found
-    rows = [
-        page.Row(
-            (
-                row["method"],
-                *(
-                    page.number(row[f"{name} (N·m/rad)"], decimals=1)
-                    for name in ("stiffness", "half_band", "lowest", "highest")
-                ),
-                page.number(row["inertia (kg·m²)"], decimals=4),
-                page.number(row["VAF (%)"], decimals=1),
-                page.number(account.held_out_mean(row["method"]), decimals=1),
-            )
-        )
-        for row in found.summary().to_dict("records")
-    ]
-    unit = "N·m/rad"
-    headings = {
-        "mean": unit,
-        "95 % band, ±": unit,
-        "lowest": unit,
-        "highest": unit,
-        "inertia": "kg·m²",
-    }
-    headings |= {"VAF in sample": "%", "VAF held out": "%"}
-    columns = [page.Column("method", kind="label")]
-    columns += [page.Column(heading, unit, "number") for heading, unit in headings.items()]
-    caption = f"Stiffness, inertia and VAF by each method. {VAF}"
-    if account.trust.level == "none":
-        caption = f"Not valid, for the reasons above: {caption[0].lower()}{caption[1:]}"
-    table = page.Table(
-        "Methods", caption, columns, rows, "methods-table", sortable=len(rows) > 1, narrow=True
-    )
-    return page.Section(
-        "methods", "The methods side by side", [table, *figures, _differences(account)], "Methods"
-    )
-
-
-def _differences(account: Account) -> page.Table:
-    """Return a table of each method's difference in stiffness, its cause and settings."""
+def _methods(account: Account) -> pd.DataFrame:
+    """Return stiffness, inertia and VAF by each method."""
     rows = []
-    for label, method in account.found.methods.items():
-        if label in account.found.models:
-            title = str(getattr(method, "title", type(method).__name__))
-            differs = (
-                getattr(method, "differs", "")
-                or "This is your own method: its assumptions are not known here."
-            )
-            rows.append(page.Row((label, title, settings_of(method) or "none", str(differs))))
-    columns = page.columns(
-        {"method": "label", "what it is": "", "settings": "label", "its stiffness": "long"}
-    )
-    return page.Table(
-        "Why they differ", "Why the methods’ stiffness differs, and their settings.", columns, rows
+    for row in account.found.summary().to_dict("records"):
+        values = {
+            "mean (N·m/rad)": (row["stiffness (N·m/rad)"], 1),
+            "95 % band, ± (N·m/rad)": (row["half_band (N·m/rad)"], 1),
+            "lowest (N·m/rad)": (row["lowest (N·m/rad)"], 1),
+            "highest (N·m/rad)": (row["highest (N·m/rad)"], 1),
+            "inertia (kg·m²)": (row["inertia (kg·m²)"], 4),
+            "VAF in sample (%)": (row["VAF (%)"], 1),
+            "VAF held out (%)": (account.held_out_mean(row["method"]), 1),
+        }
+        texts = {name: in_text(value, decimals=digits) for name, (value, digits) in values.items()}
+        rows.append({"method": row["method"], **texts})
+    return _frame(rows)
+
+
+def _differences(account: Account) -> pd.DataFrame:
+    """Return why each method's stiffness differs, with its settings."""
+    return _frame(
+        [
+            {
+                "method": label,
+                "what it is": account.found.methods[label].title,
+                "settings": settings_of(account.found.methods[label]) or "none",
+                "its stiffness": account.found.methods[label].differs
+                or "This is your own method: its assumptions are not known here.",
+            }
+            for label in account.found.models
+        ]
     )
 
 
-def _beside(account: Account) -> list[page.Section]:
-    """Return the section on the reflex and further estimates, if there are any."""
+def _further(account: Account) -> pd.DataFrame:
+    """Return the estimates beside stiffness, viscosity and inertia over time."""
+    return _frame(
+        [
+            {
+                **{name: getattr(each, name) for name in ("method", "quantity", "unit", "over")},
+                "mean": in_text(each.mean),
+                "95 % band, ±": in_text(each.half_band),
+                "lowest": in_text(each.lowest),
+                "highest": in_text(each.highest),
+            }
+            for each in further(account.found)
+        ]
+    )
+
+
+def _problems(account: Account) -> pd.DataFrame:
+    """Return failures, skipped methods and warnings."""
     found = account.found
-    rows = [
-        page.Row((*words, *map(page.number, numbers)))
-        for *words, mean, half_band, lowest, highest in further(found)
-        for numbers in [(mean, half_band, lowest, highest)]
-    ]
-    shapes = {
-        label: reflex_shape(model.diagnostics.details) for label, model in found.models.items()
-    }
-    told = [f"{label}: {shape}." for label, shape in shapes.items() if shape]
-    if not rows and not told:
-        return []
-    columns = [
-        page.Column(heading, kind="label" if heading == "method" else "")
-        for heading in ("method", "quantity")
-    ]
-    columns += [page.Column("unit"), page.Column("over")]
-    columns += [
-        page.Column(heading, kind="number")
-        for heading in ("mean", "95 % band, ±", "lowest", "highest")
-    ]
-    caption = "What methods estimate beside stiffness, viscosity and inertia over time."
-    blocks: list[page.Block] = (
-        [page.Table("Further estimates", caption, columns, rows, narrow=True)] if rows else []
-    )
-    return [
-        page.Section(
-            "beside",
-            "Reflex and further estimates",
-            [*blocks, *([page.Bullets(told)] if told else [])],
-        )
-    ]
-
-
-def _met(account: Account) -> page.Section:
-    """Return the section on failures, skipped methods and warnings."""
-    found = account.found
-    rows = [page.Row((label, "failed", reason)) for label, reason in found.failed.items()]
-    rows += [page.Row((label, "skipped", reason)) for label, reason in found.skipped.items()]
     warned = (
         (label, text)
         for label, model in found.models.items()
         for text in model.diagnostics.warnings
     )
-    rows += [
-        page.Row((", ".join(labels), "warning", text)) for text, labels in by_text(warned).items()
+    rows = [
+        *((label, "failed", why) for label, why in found.failed.items()),
+        *((label, "skipped", why) for label, why in found.skipped.items()),
+        *((", ".join(labels), "warning", text) for text, labels in by_text(warned).items()),
     ]
-    columns = page.columns({"method": "label", "what": "", "why": "long"})
-    table = page.Table("Warnings", "What failed, was skipped, or gave a warning.", columns, rows)
-    blocks: list[page.Block] = (
-        [table] if rows else ["No method failed, none was skipped, and none gave a warning."]
-    )
-    return page.Section("problems", "Warnings", blocks)
-
-
-def _paragraph(account: Account) -> list[page.Section]:
-    """Return what was done, ready for a paper; nothing without a stiffness to report."""
-    if account.trust.level == "none":
-        return []
-    blocks: list[page.Block] = [
-        "For the methods section of a paper. Numbers and settings are those of this "
-        "identification; say yourself who was measured, with which apparatus, doing what.",
-        page.Box([methods_paragraph(account)]),
-        "The publications cited, as BibTeX:",
-        page.Code("BibTeX", methods_bibliography(account)),
-    ]
-    return [
-        page.Section(
-            "paragraph", "Methods paragraph and references", blocks, contents="For a paper"
-        )
-    ]
-
-
-def _again(command: str) -> page.Section:
-    """Return the section on how to repeat the analysis, and on its files."""
-    blocks: list[page.Block] = (
-        ["This command made the page:", page.Code("Command", command)] if command else []
-    )
-    reading = (
-        "import xarray as xr\n\nmodels = "
-        'xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
-    )
-    blocks += [
-        "All estimates with their standard errors and bands are in models.nc beside this page, and "
-        "over time in stiffness.csv. To read them in Python:",
-        page.Code("Reading the results", reading),
-    ]
-    return page.Section("again", "How to repeat it", blocks)
+    return _frame([dict(zip(("method", "what", "why"), row, strict=True)) for row in rows])

@@ -15,25 +15,17 @@ from tvsysid.figures import Illustration, draw_all
 from tvsysid.figures.visits import Visit, stiffness_of_visits
 from tvsysid.numerics.bands import mean_of
 from tvsysid.recommendation.trust import sentence
-from tvsysid.report import page
 from tvsysid.report.answer import Account, answer
+from tvsysid.report.page import in_text, render
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 MODELS = "models.nc"  # where tvsysid identify keeps what it found, in its folder
-MOST = 6  # visits on one page
-NOTICE = "Research use only. Not for diagnosis, and not for decisions about treatment."
-BY_HAND = (
-    "Person: ____________________   Visit: ____________   Date: ____________   Signed: "
-    "____________________"
-)
-NOTE = (
-    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up or "
-    "told to hold the joint. No test was made of whether visits differ. VAF is the share of the "
-    "torque’s variance that is predicted in realizations held out. Of the faults, report.html "
-    "beside each result says what they do."
-)
+MAX_VISITS = 6  # on one page
+VALUES = ("stiffness (N·m/rad)", "lowest (N·m/rad)", "highest (N·m/rad)")
+VALUES += ("viscosity (N·m·s/rad)", "inertia (kg·m²)")
 
 
 class Known(NamedTuple):
@@ -91,36 +83,31 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
     InputError
         For none, too many, and for a folder that identify did not write.
     """
-    if not 1 <= len(folders) <= MOST:
+    if not 1 <= len(folders) <= MAX_VISITS:
         raise InputError(
-            f"write_sheet: expected 1 to {MOST} folders of tvsysid identify, got {len(folders)}"
+            f"write_sheet: expected 1 to {MAX_VISITS} folders of tvsysid identify, got "
+            f"{len(folders)}"
         )
     known = [_read(Path(folder)) for folder in folders]
     several = len(known) > 1
     lines = [f"{each.visit.label}: {each.about['answer']}" for each in known if not each.valid]
     lines = lines if several else [known[0].about["answer"]]
-    title = "Stiffness of a joint over visits" if several else "Stiffness of a joint"
     illustration = Illustration(
         partial(stiffness_of_visits, [each.visit for each in known]),
         "Stiffness over time"
         + (", and over visits (circles: means with the mean half width of the band)" * several),
         "",
     )
-    blocks: list[page.Block] = [BY_HAND, *([page.Box(lines)] if lines else [])]
-    if any(each.valid for each in known):
-        blocks.append(page.Figure("sheet", draw_all({"sheet": illustration})["sheet"]))
-    blocks += [_table(known), NOTE]
-    subtitle = (
-        f"Identified by tvsysid {known[-1].about['tvsysid']} from {', '.join(_files(known))}."
-    )
-    page.write_page(
+    is_valid = any(each.valid for each in known)
+    render(
         path,
-        page.Page(title, subtitle, [page.Section("sheet-result", "Result", blocks)], notice=NOTICE),
+        "sheet.html",
+        visits=known,
+        lines=lines,
+        files=dict.fromkeys(str(each.about["file"]) for each in known),
+        picture=draw_all({"sheet": illustration})["sheet"] if is_valid else None,
+        values=_values(known),
     )
-
-
-def _files(known: Sequence[Known]) -> list[str]:
-    return list(dict.fromkeys(str(each.about["file"]) for each in known))
 
 
 def _read(folder: Path) -> Known:
@@ -172,46 +159,28 @@ def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
     return np.asarray(values, dtype=float)
 
 
-def _table(known: Sequence[Known]) -> page.Table:
+def _values(known: Sequence[Known]) -> pd.DataFrame:
     """Return a row for each visit."""
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     rows = []
     for place, each in enumerate(known, start=1):
         visit, about = each.visit, each.about
-        values: list[page.Cell | str] = ["not valid"] * 5
+        values = dict.fromkeys(VALUES, "not valid")
         if each.valid:
-            ends = [int(find(visit.stiffness)) for find in (np.nanargmin, np.nanargmax)]
-            values = [
-                page.number(visit.mean, visit.half_band, 1),
-                *(
-                    page.Cell(
-                        f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at]
-                    )
-                    for at in ends
-                ),
-                *(page.number(each.viscosity, decimals=2), page.number(each.inertia, decimals=4)),
-            ]
+            low, high = int(np.nanargmin(visit.stiffness)), int(np.nanargmax(visit.stiffness))
+            texts = [in_text(visit.mean, visit.half_band, 1)]
+            texts += [f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s" for at in (low, high)]
+            texts += [in_text(each.viscosity, decimals=2), in_text(each.inertia, decimals=4)]
+            values = dict(zip(VALUES, texts, strict=True))
         rows.append(
-            page.Row(
-                (
-                    *(
-                        f"{place}. {visit.label}",
-                        about["data"].replace(" ", "\u00a0"),
-                        about["leading"],
-                    ),
-                    *values,
-                    *(page.number(float(about["held_out_vaf"]), decimals=1), about["faults"]),
-                )
-            )
+            {
+                "visit": f"{place}. {visit.label}",
+                "data": about["data"].replace(" ", "\u00a0"),
+                "method": about["leading"],
+                **values,
+                "VAF (%)": in_text(float(about["held_out_vaf"]), decimals=1),
+                "faults of the data": about["faults"],
+            }
         )
-    columns = [page.Column("visit", kind="label"), page.Column("data"), page.Column("method")]
-    columns += [page.Column(end, "N·m/rad", "number") for end in ("stiffness", "lowest", "highest")]
-    columns += [
-        page.Column("viscosity", "N·m·s/rad", "number"),
-        page.Column("inertia", "kg·m²", "number"),
-    ]
-    columns += [page.Column("VAF", "%", "number"), page.Column("faults of the data")]
-    caption = (
-        "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: "
-        "realizations and their duration."
-    )
-    return page.Table("Values", caption, columns, rows, narrow=True)
+    return pd.DataFrame(rows)

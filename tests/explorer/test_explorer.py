@@ -74,7 +74,7 @@ def found(file):
 @pytest.mark.slow
 def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     # Stop after the table is written
-    monkeypatch.setattr("tvsysid.cli.identify._account", lambda *given: sys.exit(0))
+    monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given: sys.exit(0))
     code, _, _ = tvsysid(*shlex.split(found.settings.command)[1:], "--out", "found")
     assert code == 0
     written, shown = pd.read_csv("found/stiffness.csv"), found.found.over_time()

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 MODELS = "models.nc"  # where tvsysid identify keeps what it found, in its folder
 MAX_VISITS = 6  # on one page
-VALUES = ("stiffness (N·m/rad)", "lowest (N·m/rad)", "highest (N·m/rad)")
-VALUES += ("viscosity (N·m·s/rad)", "inertia (kg·m²)")
+VALUES = [f"{name} (N·m/rad)" for name in ("stiffness", "lowest", "highest")]
+VALUES += ["viscosity (N·m·s/rad)", "inertia (kg·m²)"]
 
 
 class Known(NamedTuple):

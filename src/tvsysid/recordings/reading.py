@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal
 
 import attrs
+from attrs.validators import optional
 
 from tvsysid.errors import InputError
-from tvsysid.validators import Validator, finite, not_negative, one_of, optional, positive
+from tvsysid.validators import Validator, finite, not_negative, one_of, positive
 
 AngleUnit = Literal["rad", "deg"]
 TorqueUnit = Literal["Nm", "Nmm"]
@@ -101,7 +102,7 @@ class Reading:
 
     angle: str | None = None
     torque: str | None = attrs.field(default=None)
-    sampling_rate: float | None = attrs.field(default=None, validator=_named(optional(positive)))
+    sampling_rate: float | None = attrs.field(default=None, validator=optional(_named(positive)))
     channels: Mapping[str, str] = attrs.field(factory=dict, converter=named_channels, hash=False)
     columns: Columns = attrs.field(default="contiguous", validator=_named(one_of(Columns)))
     torque_sign: TorqueSign = attrs.field(default=1, validator=_named(one_of(TorqueSign)))
@@ -151,6 +152,6 @@ class Segmentation:
         ends.
     """
 
-    period: float | None = attrs.field(default=None, validator=_named(optional(positive)))
-    decimate: float | None = attrs.field(default=None, validator=_named(optional(positive)))
+    period: float | None = attrs.field(default=None, validator=optional(_named(positive)))
+    decimate: float | None = attrs.field(default=None, validator=optional(_named(positive)))
     context: float = attrs.field(default=0.5, validator=_named(not_negative))

@@ -1,4 +1,3 @@
-import os
 import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +12,6 @@ import tvsysid as tv
 from tvsysid.study import Study, of_quantity, plan, run, score, summarize
 from tvsysid.study.tasks import run_task
 from tvsysid.study.trials import trials_of
-from tvsysid.study.workers import cores
 
 
 def same(one, other):
@@ -94,16 +92,6 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
     assert not np.array_equal(other.estimate, results.estimate.isel(trial=[0]))
 
 
-def test_progress_is_reported():
-    seen = []
-    run(
-        Study(**SMALL | {"perturbation": ["prbs"]}),
-        workers=1,
-        progress=lambda done, total: seen.append((done, total)),
-    )
-    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "reason"),
@@ -158,13 +146,6 @@ def test_threads_keep_each_trial_s_doubts():
         same(run(study, executor=executor), run(study, workers=1))
 
 
-def test_an_executor_that_was_shut_down_gives_up_plainly():
-    executor = ThreadPoolExecutor(1)
-    executor.shutdown()
-    with pytest.raises(tv.InputError, match=r"the executor failed .*Run the same command again"):
-        run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
-
-
 def test_a_method_that_cannot_be_pickled_is_refused():
     method = Mine()
     object.__setattr__(method, "fault", threading.Lock())
@@ -179,24 +160,6 @@ def test_a_worker_with_other_software_is_refused():
         run_task(sent)
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores"
-)
-def test_cores_are_those_that_may_be_used():
-    all_of_them = os.sched_getaffinity(0)
-    try:
-        os.sched_setaffinity(0, {min(all_of_them)})
-        assert cores() == 1
-    finally:
-        os.sched_setaffinity(0, all_of_them)
-    assert cores() == len(all_of_them)
-
-
-def test_wrong_workers_are_refused():
-    with pytest.raises(tv.InputError, match="workers must be at least 1"):
-        run(Study(**SMALL), workers=0)
-
-
 def test_a_plan_tells_time_and_size():
     study = Study(duration_s=[40, 80], trials=5, methods="sds")
     told = plan(study)
@@ -205,3 +168,10 @@ def test_a_plan_tells_time_and_size():
     # Estimates, standard errors, coverage and truth of three quantities, and the VAF.
     over_time = 3 * 4 + 1
     assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8
+
+
+def test_an_executor_that_was_shut_down_gives_up_plainly():
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(tv.InputError, match=r"the executor failed .*Run the same command again"):
+        run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)

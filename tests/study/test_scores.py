@@ -169,16 +169,6 @@ def test_draws_of_methods_are_paired_also_where_trials_failed(random):
     np.testing.assert_array_equal(known, drawn)
 
 
-def test_a_method_without_numbers_has_no_metrics(random):
-    values = score(made_up(np.full((4, 200), np.nan), np.full((4, 200), np.nan))).value
-    for name in (
-        "bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf",
-        "switch_dip", "coverage",
-        "coverage_at_switch", "coverage_away",
-    ):  # fmt: skip
-        assert np.isnan(values.sel(metric=name)).all(), name
-
-
 def test_a_dip_at_the_switches_is_measured(random):
     over_time = np.full((4, 200), 95.0)
     over_time[:, 45:56] = over_time[:, 145:156] = 75.0
@@ -209,31 +199,6 @@ def test_failed_trials_are_left_out_and_counted(random):
     assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
     results.failure[:] = "x"
     assert np.isnan(score(results).value.sel(metric="bias_error")).all()
-
-
-def test_times_without_an_estimate_are_left_out(random):
-    estimates = noisy(random, 6)
-    estimates[:, :5] = np.nan
-    estimates[3, 100] = np.nan
-    scores = score(made_up(estimates))
-    assert scores.value.sel(metric="left_out").item() == 6
-    assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
-
-
-def test_coverage_everywhere_about_the_switches_and_away(random):
-    covered = np.ones((4, 200))
-    covered[:, 45:56] = covered[:, 145:156] = 0.0
-    covered[0, 95:106] = 0.0
-    scores = score(made_up(noisy(random, 4), covered=covered)).value
-    assert scores.sel(metric="coverage").item() == pytest.approx(100 * (1 - (4 * 22 + 11) / 800))
-    assert scores.sel(metric="coverage_at_switch").item() == 0
-    distance = np.abs((np.arange(200) / 100) % 1 - 0.5)
-    share = covered[:, distance >= 0.3].mean()
-    assert scores.sel(metric="coverage_away").item() == pytest.approx(100 * share)
-    assert share < 1
-    other = score(made_up(noisy(random, 4), profile="sine", covered=covered)).value
-    assert other.sel(metric="coverage").item() == scores.sel(metric="coverage").item()
-    assert np.isnan(other.sel(metric=["coverage_at_switch", "coverage_away"])).all()
 
 
 def test_coverage_counts_every_band_there_is_and_tells_how_many_there_are_not(random):

@@ -30,13 +30,6 @@ def test_the_paper_s_study():
     )
 
 
-def test_snr_and_viscosity_presets():
-    assert preset("snr").snr_db[0] == 0
-    assert preset("snr").snr_db[-1] == 30
-    assert preset("viscosity").viscosity == ("constant", "covarying")
-    assert preset("viscosity").scenarios[1].label == "square-noise-150s-10dB-covarying"
-
-
 def test_covarying_viscosity_lies_between_1_and_3():
     scenario = Study(viscosity="covarying").scenarios[0]
     joint, _ = Study(viscosity="covarying").simulated(scenario)

@@ -1,13 +1,12 @@
 """A study simulates any system, profile and perturbation, at any rate and period."""
 
-import json
 import sys
 
 import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.study import Study, of_quantity, read_results, run, score, summarize
+from tvsysid.study import Study, read_results, run, score, summarize
 from tvsysid.study.scores import from_switch
 
 MODULE = """
@@ -113,19 +112,6 @@ def test_seeds_do_not_depend_on_rate_and_period_but_on_the_system():
         848547876,
         3,
     )
-
-
-def test_a_reflex_is_known_with_its_pathway():
-    found = run(
-        Study(system="reflex", duration_s=20, trials=2, perturbation="prbs", methods="birf"),
-        workers=1,
-    )
-    assert list(found.quantity.values)[:3] == ["stiffness", "viscosity", "inertia"]
-    assert "reflex_gain" in found.quantity.values
-    assert np.isfinite(found.truth.sel(quantity="reflex_gain")).all()
-    assert np.isnan(found.estimate.sel(quantity="reflex_gain")).all()
-    assert "pathway_vaf" not in found  # birf has one pathway
-    assert set(of_quantity(summarize(score(found))).quantity) == {"", "stiffness"}
 
 
 def test_a_truth_that_changes_from_trial_to_trial_is_scored_by_trial():
@@ -276,4 +262,4 @@ def test_the_mean_over_realizations_is_subtracted_from_the_noiseless_torque_too(
     model = tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
     np.testing.assert_allclose(without.estimate.values[0, 0, 0, 0], model.stiffness)
     assert not np.allclose(plain.estimate, without.estimate, equal_nan=True)
-    assert json.loads(Study(**settings, subtract_mean=True).to_json())["subtract_mean"]
+    assert "subtract_mean" in Study(**settings, subtract_mean=True).to_json()

@@ -266,22 +266,3 @@ def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypa
     finally:
         monkeypatch.chdir(tmp_path)
         subprocess.run(["umount", "--lazy", small], check=True)
-
-
-def test_a_folder_that_cannot_be_written_to(tvsysid, tmp_path, monkeypatch):
-    shut = tmp_path / "shut"
-    shut.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", shut], capture_output=True, check=False
-    )
-    if mounted.returncode:
-        pytest.skip(f"cannot mount a read-only file system here: {mounted.stderr.decode().strip()}")
-    try:
-        monkeypatch.chdir(shut)
-        code, _, errors = tvsysid(*WORDS)
-        assert code == 2
-        assert "Read-only file system" in errors
-        assert "Traceback" not in errors
-    finally:
-        monkeypatch.chdir(tmp_path)
-        subprocess.run(["umount", "--lazy", shut], check=True)

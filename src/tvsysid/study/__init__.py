@@ -14,7 +14,7 @@ from tvsysid.study.summary import (
     stiffness_over_time,
     summarize,
 )
-from tvsysid.study.workers import cores, processes
+from tvsysid.study.workers import cores
 
 __all__ = [
     "EXPERIMENT",
@@ -30,7 +30,6 @@ __all__ = [
     "of_quantity",
     "plan",
     "prepared_recordings",
-    "processes",
     "read_results",
     "run",
     "score",

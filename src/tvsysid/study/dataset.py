@@ -149,13 +149,8 @@ def complete(results: xr.Dataset, title: str, **settings: str) -> xr.Dataset:
 
 def write_results(results: xr.Dataset, folder: Path) -> None:
     """Write results to a folder; the file appears whole or not at all."""
-    encoding = {
-        name: {"fletcher32": True}  # a checksum, so that a damaged file is noticed
-        for name, variable in results.variables.items()
-        if variable.dtype.kind == "f" and variable.size
-    }
     with whole_file(folder / RESULTS) as temporary:
-        results.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        results.to_netcdf(temporary, engine="h5netcdf")
 
 
 def read_results(folder: str | Path) -> xr.Dataset:

@@ -113,9 +113,10 @@ def run(
         missing = {file: task for file, task in tasks.items() if not _is_done(scores[file])}
         done = len(tasks) - len(missing)
         progress(done, len(tasks))
-        for count, _ in enumerate(run_tasks(missing, workers, executor), start=done + 1):
+        finished = run_tasks(missing, workers, executor)
+        for count, (file, measured) in enumerate(finished, start=done + 1):
+            scores[file] = measured
             progress(count, len(tasks))
-        scores |= {file: read_scores(file) for file in missing}
         rows = _rows(work.tasks, [scores[file] for file in files]) | work.failed
         write_results(work.assemble(rows), kept)
         return read_results(kept)

@@ -29,8 +29,8 @@ def cores() -> int:
 
 def run_tasks(
     tasks: Mapping[Path, Task], workers: int | None = None, executor: Executor | None = None
-) -> Iterator[Path]:
-    """Run tasks, write the scores of each to its file, and yield the file.
+) -> Iterator[tuple[Path, Scores]]:
+    """Run tasks, write the scores of each to its file, and yield both.
 
     Parameters
     ----------
@@ -53,11 +53,14 @@ def run_tasks(
             yield from _by_executor(tasks, pool, count)
     else:
         for file, task in tasks.items():
-            write_scores(run_task(task), file)
-            yield file
+            scores = run_task(task)
+            write_scores(scores, file)
+            yield file, scores
 
 
-def _by_executor(tasks: Mapping[Path, Task], executor: Executor, workers: int) -> Iterator[Path]:
+def _by_executor(
+    tasks: Mapping[Path, Task], executor: Executor, workers: int
+) -> Iterator[tuple[Path, Scores]]:
     waiting = iter(tasks.items())
     running: dict[Future[Scores], Path] = {}
     try:
@@ -68,9 +71,9 @@ def _by_executor(tasks: Mapping[Path, Task], executor: Executor, workers: int) -
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                file = running.pop(future)
-                write_scores(future.result(), file)
-                yield file
+                file, scores = running.pop(future), future.result()
+                write_scores(scores, file)
+                yield file, scores
     except (InputError, OSError):
         raise
     except BrokenExecutor as error:
@@ -90,23 +93,10 @@ def _by_executor(tasks: Mapping[Path, Task], executor: Executor, workers: int) -
 
 @contextmanager
 def processes(count: int) -> Iterator[Pool]:
-    """Start local processes, which end with this one and ignore interruptions.
-
-    Raises
-    ------
-    InputError
-        If no process can be started.
-    """
+    """Start local processes, which end with this one and ignore interruptions."""
     others = set(multiprocessing.active_children())
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
-    context = multiprocessing.get_context("spawn")
-    try:
-        pool = Pool(count, mp_context=context, initializer=_begin)
-    except OSError as error:
-        raise InputError(
-            "run: worker processes cannot be made here, which need shared memory "
-            f"({error.strerror}); make /dev/shm writable, or give workers=1"
-        ) from error
+    pool = Pool(count, multiprocessing.get_context("spawn"), initializer=_begin)
     try:
         yield pool
     except BaseException:

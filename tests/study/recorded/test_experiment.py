@@ -185,16 +185,3 @@ def test_what_stands_in_a_table_is_taken_as_it_is():
     assert experiment.named_methods["kbr"] == tv.KernelRegression.preset("experiment")
     assert experiment.named_methods["plain"] == tv.KernelRegression()
     assert experiment.named_methods["sds"].window == 12 / 128
-
-
-class Nameless(tv.Method):
-    """A method whose repr tells no more than where it is."""
-
-    def fit(self, ensemble):
-        return tv.BasisIRF().identify(ensemble)
-
-
-def test_an_object_without_a_name_has_that_of_its_class():
-    one, two = (Experiment(methods=[Nameless()], virtual=1) for _ in range(2))
-    assert one.to_json() == two.to_json()
-    assert one.analyses[0].label == "Nameless-75"

@@ -34,30 +34,6 @@ def test_every_figure_is_as_defined(small):
     assert len(table) == 2 * 6 * 16
 
 
-def test_every_quantity_that_is_estimated_is_scored(small):
-    results = small.results
-    table = summarize(results)
-    # birf, esm and kbr find no reflex
-    assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}
-    at = results.sel(recording="P1-prbs", analysis="esm-20", quantity="viscosity")
-    rows = table[
-        (table.perturbation == "prbs") & (table.method == "esm") & (table.realizations == 20)
-    ]
-    rows = rows[rows.quantity == "viscosity"].set_index("metric")
-    assert {"mean_viscosity", "random_error", "bias_error", "mean_bias"} <= set(rows.index)
-    assert set(rows.unit) == {"N·m·s/rad", "samples"}
-    estimates, truth = at.estimate.values, at.truth.values
-    assert rows.value["mean_viscosity"] == pytest.approx(estimates.mean())
-    assert rows.value["random_error"] == pytest.approx(
-        np.sqrt(estimates.var(axis=0, ddof=1).mean())
-    )
-    assert rows.value["bias_error"] == pytest.approx(tv.metrics.bias_error(estimates, truth))
-    assert rows.value["mean_bias"] == pytest.approx((estimates.mean(axis=0) - truth).mean())
-    people = summarize(results.assign(truth=results.truth * np.nan))
-    of_inertia = {"mean_inertia", "random_error", "left_out"}
-    assert set(people.metric[people.quantity == "inertia"]) == of_inertia
-
-
 def test_stiffness_over_time_has_mean_and_spread(small):
     table = stiffness_over_time(small.results)
     assert list(table.columns) == [

@@ -10,7 +10,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Cutting, ReadingOptions, given
+from tvsysid.cli.options import ReadingOptions, SegmentationOptions, given
 from tvsysid.recordings.reading import Reading, Segmentation
 
 
@@ -19,7 +19,7 @@ def explore(
     /,
     *,
     reading: ReadingOptions = Reading(),
-    segmentation: Cutting = Segmentation(),
+    segmentation: SegmentationOptions = Segmentation(),
     method: str = "adaptive",
     align_channels: bool = True,
     port: int = 0,

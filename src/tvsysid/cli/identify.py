@@ -18,7 +18,14 @@ from tvsysid.cli.console import (
     shown_progress,
     shown_warnings,
 )
-from tvsysid.cli.options import SLOW_RATE, Cutting, Flag, Methods, ReadingOptions, rate_options
+from tvsysid.cli.options import (
+    SLOW_RATE,
+    Flag,
+    Methods,
+    ReadingOptions,
+    SegmentationOptions,
+    rate_options,
+)
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -65,7 +72,7 @@ def identify(
     /,
     *,
     reading: ReadingOptions = Reading(),
-    segmentation: Cutting = Segmentation(),
+    segmentation: SegmentationOptions = Segmentation(),
     scheduling: str | None = None,
     method: Methods = DEFAULT_METHODS,
     align_channels: bool = True,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.cli.console import errors, remark, say, show_table, shown_warnings
-from tvsysid.cli.options import Cutting, Flag, ReadingOptions, rate_options
+from tvsysid.cli.options import Flag, ReadingOptions, SegmentationOptions, rate_options
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -27,7 +27,7 @@ def inspect(
     /,
     *,
     reading: ReadingOptions = Reading(),
-    segmentation: Cutting = Segmentation(),
+    segmentation: SegmentationOptions = Segmentation(),
     plot: Path | None = None,
     diagnose: Flag = False,
     reference: str | None = None,

@@ -35,7 +35,7 @@ class Workers:
 Flag = Annotated[bool, Parameter(negative=())]
 Flattened = Parameter(name="*")  # each field of a class is an option
 ReadingOptions = Annotated[Reading, Flattened]
-Cutting = Annotated[Segmentation, Flattened]
+SegmentationOptions = Annotated[Segmentation, Flattened]
 WorkerOptions = Annotated[Workers, Flattened]
 Methods = Annotated[
     list[str],

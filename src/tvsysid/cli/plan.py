@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
-from tvsysid.cli.options import Cutting, Flag, Methods, ReadingOptions, given
+from tvsysid.cli.options import Flag, Methods, ReadingOptions, SegmentationOptions, given
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
@@ -33,7 +33,7 @@ def plan(
     snr: float | None = None,
     pilot: Path | None = None,
     reading: ReadingOptions = Reading(),
-    segmentation: Cutting = Segmentation(),
+    segmentation: SegmentationOptions = Segmentation(),
     verify: Flag = False,
     seed: int = 0,
     out: Path = Path("tvsysid-plan"),

@@ -42,7 +42,7 @@ class PreparedRecording:
         The same, and a delay, with numbers and in sentences.
     mains
         Frequency in Hz of the mains hum that was subtracted; 0 for none.
-    deviating
+    centered
         Channels that lost their mean.
     """
 
@@ -52,13 +52,13 @@ class PreparedRecording:
     corrections: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     mains: float = 0.0
-    deviating: tuple[str, ...] = ()
+    centered: tuple[str, ...] = ()
 
 
 def prepare_recording(
     recording: Recording,
     segmentation: Segmentation,
-    deviating: Iterable[str] = (),
+    centered: Iterable[str] = (),
     *,
     method: str = "adaptive",
     align_channels: bool = True,
@@ -73,7 +73,7 @@ def prepare_recording(
         Recording as it was read, not decimated.
     segmentation
         Period, rate and context. Without a period, the record is one realization.
-    deviating
+    centered
         Channels that lose their mean over realizations, as angle and torque do: see
         :func:`tvsysid.methods.centered_channels`. Names that the recording lacks are ignored.
     method
@@ -87,7 +87,7 @@ def prepare_recording(
         As of :meth:`tvsysid.Comparison.held_out_vaf`.
     """
     period, context = segmentation.period, segmentation.context
-    names = tuple(name for name in deviating if name in recording.channels)
+    names = tuple(name for name in centered if name in recording.channels)
     findings, corrections, notes = diagnose_recording(recording), [], []
 
     def note(fault: str, correction: str) -> None:

@@ -99,13 +99,13 @@ def _prepared(
     reading: Reading,
     cutting: Segmentation,
     align_channels: bool,
-    deviating: tuple[str, ...],
+    centered: tuple[str, ...],
 ) -> Warned[PreparedRecording]:
     recording, before = (
         _read(source, changed, reading) if isinstance(source, Path) else (source, ())
     )
     prepared, notes = _warned(
-        lambda: prepare_recording(recording, cutting, deviating, align_channels=align_channels)
+        lambda: prepare_recording(recording, cutting, centered, align_channels=align_channels)
     )
     return prepared, (*before, *prepared.notes, *notes)
 

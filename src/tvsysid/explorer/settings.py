@@ -70,7 +70,7 @@ class Settings:
             if value:
                 lines.append(f"recording = tv.preprocess.{step}(recording, {_text(value)})")
         cut = f"{_text(self.cutting.period)}, {_text(self.cutting.context)}, gaps"
-        channels = f", {list(prepared.deviating)!r}" if prepared.deviating else ""
+        channels = f", {list(prepared.centered)!r}" if prepared.centered else ""
         lines += [
             f"ensemble = tv.preprocess.segment(recording, {cut})",
             f"ensemble = tv.preprocess.subtract_mean(ensemble{channels})",

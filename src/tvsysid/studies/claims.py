@@ -8,7 +8,7 @@ itself. It does not hold if one margin is below zero with 95 % confidence for al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -26,13 +26,15 @@ if TYPE_CHECKING:
 COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
 HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
 FINDINGS = {
-    HOLDS: "all {1} comparisons speak for it; the closest: ",
     FAILS: "{0} of {1} comparisons against it; the clearest: ",
     UNDECIDED: "{0} of {1} comparisons open; the most so: ",
+    HOLDS: "all {1} comparisons speak for it; the closest: ",
 }
+"""Beginning of the finding, by verdict; the first verdict that any comparison has counts."""
 RATIO = "ratio"  # unit of margins that are logarithms
 MIN_TRIALS = 10  # below which limits from resampled trials are too narrow
 TAIL = 0.025  # probability beyond either 95 % limit
+SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
 HOW_DECIDED = (
     "Estimate and limits (95 %) are those of the comparison that decides: a difference above 0 or "
     "a ratio above 1 speaks for the claim. For “does not hold” the confidence is 95 % for all "
@@ -78,41 +80,37 @@ class Evidence:
         return f"{quantity.replace('_', ' ')} {value.strip()} ({', '.join(owner)})"
 
 
-def difference(one: Array, *others: Array) -> Array:
-    """Return a number, or its difference from another one."""
-    return one - others[0] if others else one
-
-
-def log_ratio(one: Array, other: Array, *others: Array) -> Array:
-    """Return the logarithm of the ratio of two sizes, or of two such ratios."""
-    ratio = np.log(np.abs(one / other))
-    return np.asarray(ratio - log_ratio(*others) if others else ratio)
-
-
 @attrs.frozen
 class Margin:
-    """Distances of a combination of numbers from its bounds; positive within them.
+    """Distances of a comparison from its bounds; positive within them.
 
-    ``of`` combines the numbers. Its result is a logarithm where the unit is ``RATIO``; the bounds
-    are not.
+    Parameters
+    ----------
+    low, high
+        Bounds of a number, of the difference of two, or of the difference of two differences.
+    is_ratio
+        Whether they are compared by the logarithm of their ratio, not by their difference.
+    of
+        Function of the numbers that replaces these; it returns a logarithm if it is a ratio.
     """
 
     low: float = -np.inf
     high: float = np.inf
-    of: Callable[..., Array] = difference
-    unit: str = ""
+    is_ratio: bool = False
+    of: Callable[..., Array] | None = None
 
     def __call__(self, *samples: Array) -> list[Array]:
         """Return the samples of the margin to each finite bound."""
-        value, ends = self.of(*samples), np.array([self.low, self.high])
-        low, high = np.log(ends) if self.unit == RATIO else ends
+        terms = np.log(np.abs(samples)) if self.is_ratio else np.asarray(samples)
+        value = self.of(*samples) if self.of else SIGNS[: len(terms)] @ terms
+        low, high = np.log([self.low, self.high]) if self.is_ratio else (self.low, self.high)
         margins = ((low, value - low), (high, high - value))
-        return [margin for end, margin in margins if np.isfinite(end)]
+        return [margin for bound, margin in margins if np.isfinite(bound)]
 
 
-def ratio(low: float = 0.0, high: float = np.inf, of: Callable[..., Array] = log_ratio) -> Margin:
+def ratio(low: float = 0.0, high: float = np.inf, **words: Any) -> Margin:
     """Return the margin of a ratio."""
-    return Margin(low, high, of, RATIO)
+    return Margin(low, high, is_ratio=True, **words)
 
 
 HIGHER, HIGHER_RATIO = Margin(0), ratio(1)
@@ -146,31 +144,33 @@ class Claim:
     disagreement: str = ""
     most: bool = False
 
-    def rows(self, evidence: Evidence) -> Iterator[tuple[Margin, list[Key]]]:
-        """Yield each margin with the keys of its numbers."""
+    def compare(self, evidence: Evidence) -> list[tuple[list[Array], Margin, list[Key]]]:
+        """Return the samples of each comparison with the keys of its numbers."""
+        found = []
         for margin, *axes in self.comparisons:
             parts = [axis(evidence) if callable(axis) else axis for axis in axes]
             for place in product(*([part] if isinstance(part, str) else part for part in parts)):
-                sides = [side if isinstance(side, tuple) else (side,) for side in place]
-                keys = list(product(*sides))
+                keys = list(product(*([side] if isinstance(side, str) else side for side in place)))
                 if evidence.values.keys() >= set(keys) and len(set(keys)) == len(keys):
-                    yield margin, keys
+                    found.append((margin(*(evidence.values[key] for key in keys)), margin, keys))
+        return found
 
     def margins(self, evidence: Evidence) -> list[tuple[Array, str, str]]:
         """Return samples and unit of each margin, and its numbers in words."""
-        rows = [
-            (margin(*(evidence.values[key] for key in keys)), margin.unit, keys)
-            for margin, keys in self.rows(evidence)
-        ]
-        if self.most and rows:
-            least = np.array([np.min(samples, axis=0) for samples, *_ in rows])
+        found = self.compare(evidence)
+        if self.most and found:
+            least = np.array([np.min(margins, axis=0) for margins, *_ in found])
             share = np.where(np.isnan(least), np.nan, least > 0).mean(axis=0)
             words = f"{np.count_nonzero(least[:, 0] > 0)} of {len(least)} conditions"
             return [(share - 0.5, "share of conditions beyond half", words)]
         return [
-            (each, unit or evidence.units[keys[0][0]], "; ".join(map(evidence.describe, keys)))
-            for samples, unit, keys in rows
-            for each in samples
+            (
+                samples,
+                RATIO if margin.is_ratio else evidence.units[keys[0][0]],
+                "; ".join(map(evidence.describe, keys)),
+            )
+            for margins, margin, keys in found
+            for samples in margins
         ]
 
 
@@ -190,28 +190,33 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
     if evidence.too_few or not margins:
         blank = (UNDECIDED, evidence.too_few) if margins else (NOT_STUDIED, f"Needs {claim.needs}.")
         return (claim.sentence, claim.source, "", *[np.nan] * 3, "", *blank)
-    intervals = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
-    estimates, lows, _ = intervals.T
+    samples = [each for each, *_ in margins]
+    estimates, lows, highs = np.transpose([evidence.interval(each, TAIL) for each in samples])
     known = np.isfinite(estimates)
-    joint = TAIL / max(1, int(known.sum()))
-    highs = np.array([evidence.interval(samples, joint)[2] for samples, *_ in margins])
-    holds, fails = known & (lows > 0), known & (highs < 0)
-    for verdict, chosen in ((FAILS, fails), (UNDECIDED, ~holds & ~fails), (HOLDS, holds)):
-        if chosen.any():
-            break
+    joint = TAIL / max(1, np.count_nonzero(known))
+    fails = known & (np.array([evidence.interval(each, joint)[2] for each in samples]) < 0)
+    holds = known & (lows > 0)
+    chosen = {FAILS: fails, UNDECIDED: ~holds & ~fails, HOLDS: holds}
+    verdict = next(each for each in FINDINGS if chosen[each].any())
     order = lows if verdict == HOLDS else estimates
-    place = int(np.argmin(np.where(chosen, order, np.inf)))  # the first without results, if any
-    numbers, (_, unit, words) = intervals[place], margins[place]
+    place = int(np.argmin(np.where(chosen[verdict], order, np.inf)))  # one without results, if any
+    numbers = np.array([estimates[place], lows[place], highs[place]])
+    _, unit, words = margins[place]
+    count = FINDINGS[verdict].format(np.count_nonzero(chosen[verdict]), len(margins))
     remark = "" if verdict == HOLDS else claim.disagreement
     if verdict == UNDECIDED:
-        is_lost = np.isnan(estimates[place])
-        why = "A method gave no results." if is_lost else f"More {evidence.more} may decide."
+        why = f"More {evidence.more} may decide."
+        why = why if known[place] else "A method gave no results."
         remark = f"{why} {remark}".strip()
-    count = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
-    finding = f"{count if len(margins) > 1 else ''}{words}"
-    numbers = np.exp(numbers) if unit == RATIO else numbers
-    unit = unit.replace("%", "percentage points")
-    return (claim.sentence, claim.source, finding, *numbers.tolist(), unit, verdict, remark)
+    return (
+        claim.sentence,
+        claim.source,
+        f"{count if len(margins) > 1 else ''}{words}",
+        *(np.exp(numbers) if unit == RATIO else numbers).tolist(),
+        unit.replace("%", "percentage points"),
+        verdict,
+        remark,
+    )
 
 
 def simulation_evidence(scores: xr.Dataset) -> Evidence:

@@ -99,7 +99,7 @@ CLAIMS: tuple[Claim, ...] = (
         f"{100 * (ALIKE - 1):g} %)", "Kearney et al. 1997",
         f"three gains of the reflex, and none ({PRESET})",
         [(
-            ratio(2 / ALIKE, 2 * ALIKE, bias_ratio), BIAS, ONE_PATH,
+            ratio(2 / ALIKE, 2 * ALIKE, of=bias_ratio), BIAS, ONE_PATH,
             [tuple(CONSTANT[gain].label for gain in (0.0, *pair)) for pair in pairwise(GAINS)],
         )],
     ),

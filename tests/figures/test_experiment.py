@@ -62,7 +62,7 @@ def test_who_is_incomplete_does_not_stand_for_all(experiment):
 
 def test_descriptions_say_what_is_drawn(shown):
     assert "mean and two standard deviations over bootstraps" in shown["participant"].description
-    assert "esm 75 × 2 s, kbr 20 × 2 s" in shown["participants"].description
+    assert "esm, 75 × 2 s; kbr, 20 × 2 s" in shown["participants"].description
     assert "at 1024 Hz, and the torque to be followed" in shown["recorded-signals"].description
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tvsysid.figures import style
-from tvsysid.figures.results import estimates, traits_of, truth, unique
+from tvsysid.figures.results import of_quantity, scenario_traits, unique
 from tvsysid.figures.words import differing, wrapped
 from tvsysid.numerics import Array
 
@@ -70,7 +70,7 @@ def method_comparison(
     names = [name for name in metrics if name in set(rows.metric)]
     quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
     over_time = [(name, label) for name in (*quantities, VAF_LABEL) for label in shown]
-    traits = traits_of(results)
+    traits: Any = scenario_traits(results).to_dict("index")
     ticks = differing([traits[label] for label in bars])
     upright = 0.065 * max(map(len, ticks)) if names and _crowded(ticks) else 0.0  # inches
     heights = [1.25] * len(over_time) + [1.0] * len(names)
@@ -116,7 +116,8 @@ def method_comparison(
 def _over_time(row: Sequence[Axes], cell: xr.Dataset, name: str) -> None:
     """Draw mean and two standard deviations over trials of a quantity, or of the VAF."""
     is_vaf, time = name == VAF_LABEL, cell.time.values
-    values = cell.time_varying_vaf if is_vaf else estimates(cell, name)
+    values = cell.time_varying_vaf if is_vaf else of_quantity(cell, name).estimate
+    true = of_quantity(cell, *([] if is_vaf else [name])).truth.values
     mean = values.mean("trial")
     spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
@@ -124,7 +125,7 @@ def _over_time(row: Sequence[Axes], cell: xr.Dataset, name: str) -> None:
         row, style.hues(unique(cell.method_key.values)).items(), strict=True
     ):
         if not is_vaf:
-            axes.plot(time, truth(cell, name).values, **style.TRUE_LINE)
+            axes.plot(time, true, **style.TRUE_LINE)
         middle, reach = mean.sel(method_key=method).values, spread.sel(method_key=method).values
         band = [middle - reach, np.minimum(middle + reach, 100.0 if is_vaf else np.inf)]
         drawn = band if several.sel(method_key=method) else None
@@ -136,7 +137,7 @@ def _over_time(row: Sequence[Axes], cell: xr.Dataset, name: str) -> None:
         known = values.values[np.isfinite(values.values)]
         row[0].set_ylim(_floor(float(np.quantile(known, 0.01)) if known.size else 0.0), 102)
     else:
-        low, high = (float(end(truth(cell, name).values)) for end in (np.min, np.max))
+        low, high = float(np.min(true)), float(np.max(true))
         span = max(high - low, 0.5 * max(abs(low), abs(high))) or 1.0
         row[0].set_ylim(min(0.0, low - 0.5 * span), high + 0.6 * span)
 

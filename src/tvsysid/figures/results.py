@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures.words import TRAITS, wrapped
-from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,35 +19,21 @@ def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
     return results[list(TRAITS)].to_dataframe()[list(TRAITS)]
 
 
-def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return the traits of each scenario as a mapping, by its label."""
-    table = scenario_traits(results)
-    return {str(label): dict(zip(TRAITS, row, strict=True)) for label, *row in table.itertuples()}
+def of_quantity(results: xr.Dataset, quantity: str = "stiffness") -> xr.Dataset:
+    """Return the results on a quantity, or all if they are on a single one."""
+    return results.sel(quantity=quantity) if "quantity" in results.dims else results
 
 
-def of_quantity(values: xr.DataArray, quantity: str = "stiffness") -> xr.DataArray:
-    """Return the values of a quantity, or all values if they do not depend on one."""
-    return values.sel(quantity=quantity) if "quantity" in values.dims else values
+def of_least_data(results: xr.Dataset) -> xr.Dataset:
+    """Return the stiffness by each method's analysis with the fewest realizations."""
+    amounts = results.realizations.to_series()
+    labels = amounts.groupby(results.method_key.to_series(), sort=False).idxmin()
+    return of_quantity(results).sel(analysis=labels.tolist())
 
 
-def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """Return the estimates over time and the axes of the study; NaN where there is none."""
-    return of_quantity(results.estimate, quantity)
-
-
-def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """Return the truth over scenario or recording and time; NaN where it is unknown."""
-    return of_quantity(results.truth, quantity)
-
-
-def covered(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
-    """Whether the 95 % band holds the truth: 1, 0, or NaN where there is no band."""
-    return of_quantity(results.covered, quantity)
-
-
-def knows_truth(results: xr.Dataset) -> bool:
+def is_known(results: xr.Dataset) -> bool:
     """Whether the true stiffness of anybody is known."""
-    return bool(np.isfinite(truth(results).values).any())
+    return bool(np.isfinite(of_quantity(results).truth.values).any())
 
 
 def unique(values: Iterable[object]) -> list[str]:
@@ -56,32 +41,20 @@ def unique(values: Iterable[object]) -> list[str]:
     return list(dict.fromkeys(map(str, values)))
 
 
-def least_data(results: xr.Dataset) -> dict[str, str]:
-    """Label of an experiment's analysis with the fewest realizations, by method."""
-    table = results.realizations.to_series()
-    methods = results.method_key.to_series()
-    return {str(method): str(table[methods == method].idxmin()) for method in methods.unique()}
+def headings(results: xr.Dataset, width: int) -> list[str]:
+    """Return method and seconds of data of each analysis, in lines of limited length."""
+    texts = []
+    for method, count in zip(results.method_key.values, results.realizations.values, strict=True):
+        name, amount = wrapped(str(method), width), f"{int(count)} × {duration_of(results):.4g} s"
+        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
+        texts.append(f"{name}, {amount}" if fits else f"{name},\n{amount}")
+    return texts
 
 
-def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
-    """Return the amount of data of an analysis as text: realizations times their duration."""
-    return f"{int(results.realizations.sel(analysis=analysis))} × {_period(results):.4g} s"
-
-
-def _period(results: xr.Dataset) -> float:
+def duration_of(results: xr.Dataset) -> float:
     """Return the duration of a realization in s."""
     time = results.time.values
     return len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
-
-
-def headings(results: xr.Dataset, width: int) -> dict[str, str]:
-    """Return method and seconds of data, in short lines, by the label of its smallest analysis."""
-    shown = {}
-    for method, label in least_data(results).items():
-        name, amount = wrapped(method, width), seconds_of_data(results, label)
-        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
-        shown[label] = f"{name}, {amount}" if fits else f"{name},\n{amount}"
-    return shown
 
 
 def label_time(axes: Any, results: xr.Dataset) -> None:
@@ -89,20 +62,6 @@ def label_time(axes: Any, results: xr.Dataset) -> None:
     start = float(results.time.values[0])
     for each in np.ravel(axes):
         each.set_xlabel("time (s)")
-        each.set_xlim(start, start + (_period(results) or 1.0))
+        each.set_xlim(start, start + (duration_of(results) or 1.0))
         each.locator_params(axis="x", nbins=4)
         each.xaxis.set_major_formatter("{x:g}")
-
-
-def mean_stiffness(results: xr.Dataset) -> xr.DataArray:
-    """Return the mean stiffness of each method's smallest analysis, (recording, analysis, time)."""
-    here = estimates(results).sel(analysis=list(least_data(results).values()))
-    here = here.transpose("bootstrap", "recording", "analysis", "time")
-    return here.isel(bootstrap=0, drop=True).copy(data=mean_and_spread(here.values)[0])
-
-
-def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> str | None:
-    """Label of the recording of a participant under a perturbation; None if there is none."""
-    there = (results.participant == participant) & (results.perturbation == perturbation)
-    labels = results.recording.values[there.values]
-    return str(labels[0]) if len(labels) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.figures import style
-from tvsysid.figures.results import covered, truth, unique
+from tvsysid.figures.results import of_quantity, unique
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics import Array
 
@@ -105,7 +105,7 @@ def _errors(axes: Axes, rows: pd.DataFrame, amount: str, methods: Sequence[str])
         bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
         axes.errorbar(line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
     ticks = sorted(rows[amount].unique())
-    if ticks[0] > 0 and ticks[-1] > 10 * ticks[0]:
+    if ticks and ticks[0] > 0 and ticks[-1] > 10 * ticks[0]:
         axes.set_xscale("log")
         axes.minorticks_off()
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -132,9 +132,9 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     )
     looks, shown = style.lines(methods), set()
     for (above, below), scenario in zip(grid.T, scenarios, strict=True):
-        cell = results.sel(scenario=scenario)
+        cell = of_quantity(results).sel(scenario=scenario)
         for place, (method, look) in enumerate(looks.items()):
-            share = _averaged(covered(cell).sel(method_key=method).values, time)
+            share = _averaged(cell.covered.sel(method_key=method).values, time)
             if np.isfinite(share).any():
                 curve = look.curve(len(time), place, len(looks))
                 above.plot(time, share, linewidth=1.4, label=method, **curve)
@@ -142,7 +142,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         above.axhline(NOMINAL, color=style.INK, linestyle=":", linewidth=1.2)
         above.set_ylim(-2, 102)
         above.set_title(perturbation_name(cell.perturbation.item()))
-        below.plot(time, truth(cell).values, color=style.TRUTH, linewidth=1.4)
+        below.plot(time, cell.truth.values, color=style.TRUTH, linewidth=1.4)
         below.set_xlabel(style.REALIZATION_TIME)
         below.margins(x=0)
     grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)")

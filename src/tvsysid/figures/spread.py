@@ -9,14 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.figures import style
-from tvsysid.figures.results import (
-    headings,
-    label_time,
-    least_data,
-    mean_stiffness,
-    truth,
-    unique,
-)
+from tvsysid.figures.results import headings, label_time, of_least_data, unique
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
 
@@ -70,29 +63,28 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
     results, summary
         Of an experiment, as of :func:`stiffness_of_participants` and :func:`variance_and_spread`.
     """
-    here = results.isel(recording=np.isfinite(truth(results).values).any(axis=1))
-    perturbations, least = unique(here.perturbation.values), least_data(here)
+    here = of_least_data(results)
+    here = here.isel(recording=np.isfinite(here.truth.values).any(axis=1))
+    perturbations, methods = (unique(here[name].values) for name in ("perturbation", "method_key"))
     rows = max(len(perturbations), 1)
     heights = [1.35 * rows + 0.6, 1.8 * rows + 0.5]
-    width = max(1.45 * len(least) + 0.8, _width(summary, len(AGAINST_TRUTH)))
+    width = max(1.45 * len(methods) + 0.8, _width(summary, len(AGAINST_TRUTH)))
     figure = style.blank(width, sum(heights) + 0.6, title)
     above, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    grid = above.subplots(rows, len(least), sharex=True, sharey=True, squeeze=False)
-    off = mean_stiffness(here).values - truth(here).values[:, None]
+    grid = above.subplots(rows, len(methods), sharex=True, sharey=True, squeeze=False)
+    draws = here.estimate.transpose("bootstrap", "analysis", "recording", "time").values
+    off = mean_and_spread(draws)[0] - here.truth.values
     for row, perturbation in zip(grid, perturbations, strict=False):
-        errors = off[here.perturbation.values == perturbation]
         which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
         row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)")
-        for axes, hue, each in zip(
-            row, style.hues(list(least)).values(), np.moveaxis(errors, 1, 0), strict=True
-        ):
+        errors = off[:, here.perturbation.values == perturbation]
+        for axes, hue, each in zip(row, style.hues(methods).values(), errors, strict=True):
             axes.axhline(0, color=style.INK, linestyle="--")
-            axes.plot(here.time.values, each.T, color=hue, linewidth=0.6, alpha=0.45)
-            style.curve_with_band(
-                axes, here.time.values, mean_and_spread(each)[0], None, hue, linewidth=2.0
-            )
-    grid[0, 0].set_ylim(style.usual_limits(np.moveaxis(off, 1, 0), np.zeros(1)))
-    for axes, heading in zip(grid[0], headings(here, 18).values(), strict=True):
+            axes.plot(here.time, each.T, color=hue, linewidth=0.6, alpha=0.45)
+            mean, _ = mean_and_spread(each)
+            style.curve_with_band(axes, here.time.values, mean, None, hue, linewidth=2.0)
+    grid[0, 0].set_ylim(style.usual_limits(off, np.zeros(1)))
+    for axes, heading in zip(grid[0], headings(here, 18), strict=True):
         axes.set_title(heading, fontsize=8.5)
     label_time(grid[-1], here)
     lower = below.subplots(rows, len(AGAINST_TRUTH), sharex=True, sharey="col", squeeze=False)
@@ -120,20 +112,29 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str]) -> None:
     """Draw each participant, and their mean with two standard deviations."""
     axes.axhline(0, color="black", linewidth=0.8)
     for place, (method, hue) in enumerate(style.hues(methods).items()):
-        amounts = dict(tuple(rows[rows.method == method].groupby("realizations").value))
+        amounts = list(rows[rows.method == method].groupby("realizations").value)
         width = 0.8 / max(len(amounts), 1)
-        opacities = np.linspace(FULL if len(amounts) == 1 else FAINT, FULL, len(amounts))
-        for number, (values, opacity) in enumerate(zip(amounts.values(), opacities, strict=True)):
-            known = values.dropna().to_numpy(dtype=float)
-            middle = place + (number - (len(amounts) - 1) / 2) * width
+        opacities = np.linspace(FAINT, FULL, len(amounts)) if len(amounts) > 1 else [FULL]
+        for number, ((_, values), opacity) in enumerate(zip(amounts, opacities, strict=False)):
+            known, middle = values.dropna(), place + (number - (len(amounts) - 1) / 2) * width
             if not len(known):
                 axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
                 continue
-            mean, face = float(known.mean()), (hue, float(opacity))
-            axes.bar(middle, mean, 0.92 * width, facecolor=face, edgecolor=hue, linewidth=0.8)
+            face = (hue, float(opacity))
+            axes.bar(
+                middle, known.mean(), 0.92 * width, facecolor=face, edgecolor=hue, linewidth=0.8
+            )
             if len(known) > 1:
-                reach = 2 * float(known.std(ddof=1))
-                axes.errorbar(middle, mean, reach, color="black", linewidth=0.9, capsize=2.0)
+                reach = 2 * float(known.std())
+                axes.errorbar(
+                    middle,
+                    known.mean(),
+                    reach,
+                    fmt="none",
+                    ecolor="black",
+                    elinewidth=0.9,
+                    capsize=2.0,
+                )
             # Dots beside each other, so that equal ones show, in the order of the participants.
             beside = np.linspace(-0.25, 0.25, len(known) + 2)[1:-1] * width
             axes.plot(middle + beside, known, ".", color="black", markersize=3.6, alpha=0.7)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tvsysid.figures import Picture
-from tvsysid.figures.results import truth, unique
+from tvsysid.figures.results import of_quantity, unique
 from tvsysid.figures.words import perturbation_name
 from tvsysid.report import alignment
 from tvsysid.report.page import in_text, render
@@ -76,7 +76,7 @@ def write_experiment_report(
         nothing was aligned.
     """
     draws, people = results.vaf.values, unique(results.participant.values)
-    is_known = np.isfinite(truth(results).values).any(axis=1)
+    is_known = np.isfinite(of_quantity(results).truth.values).any(axis=1)
     virtual = len(unique(results.participant.values[is_known]))
     failed = int(np.count_nonzero(np.isnan(draws)))
     settings = settings_of(results, "experiment") | {

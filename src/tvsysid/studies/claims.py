@@ -193,7 +193,7 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
     samples = [each for each, *_ in margins]
     estimates, lows, highs = np.transpose([evidence.interval(each, TAIL) for each in samples])
     known = np.isfinite(estimates)
-    joint = TAIL / max(1, np.count_nonzero(known))
+    joint = TAIL / max(1, int(known.sum()))
     fails = known & (np.array([evidence.interval(each, joint)[2] for each in samples]) < 0)
     holds = known & (lows > 0)
     chosen = {FAILS: fails, UNDECIDED: ~holds & ~fails, HOLDS: holds}

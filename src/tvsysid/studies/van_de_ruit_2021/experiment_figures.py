@@ -16,12 +16,7 @@ from tvsysid.figures import (
     stiffness_with_bands,
     variance_and_spread,
 )
-from tvsysid.figures.results import (
-    knows_truth,
-    least_data,
-    seconds_of_data,
-    unique,
-)
+from tvsysid.figures.results import headings, is_known, of_least_data, unique
 from tvsysid.figures.words import perturbation_name
 from tvsysid.preprocess import Preparation
 from tvsysid.signals import Recording
@@ -56,8 +51,7 @@ def experiment_figures(
         about. May be empty.
     """
     one, own = representative(results, summary), results.sel(quantity="stiffness")
-    least = least_data(results).items()
-    amounts = ", ".join(f"{method} {seconds_of_data(own, label)}" for method, label in least)
+    amounts = "; ".join(headings(of_least_data(results), 60))
     drawn = (
         f"a line or a column for each method, from the least data ({amounts}), beside the truth "
         "and the torque to be followed where they are known. The table of metrics has the numbers."
@@ -95,7 +89,7 @@ def experiment_figures(
         "participants; dots: single participants. VAF is that of the realizations that the model "
         "was identified from.",
     )
-    if knows_truth(own):
+    if is_known(own):
         title = "Error against the truth"
         shown["error-against-truth"] = Illustration(
             partial(error_against_truth, own, summary, title),

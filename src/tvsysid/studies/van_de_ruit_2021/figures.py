@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures import Illustration, error_against_amount, impulse_responses
-from tvsysid.figures.results import covered, scenario_traits, unique
+from tvsysid.figures.results import of_quantity, scenario_traits, unique
 from tvsysid.figures.words import perturbation_name, profile_name
 from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
@@ -76,7 +76,7 @@ def study_figures(
                 shown[f"amount-{profile}{ending}{by}"] = Illustration(
                     partial(error_against_amount, amounts, title), title, AMOUNT
                 )
-        if np.isfinite(covered(results.sel(scenario=labels)).values).any():
+        if np.isfinite(of_quantity(results).covered.sel(scenario=labels).values).any():
             title = f"{name}: how often the bands hold the truth, {duration:g} s{also}"
             shown[f"coverage-{profile}{ending}"] = coverage(results, labels, title)
     if responses is not None:

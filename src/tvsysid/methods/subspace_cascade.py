@@ -355,11 +355,9 @@ def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags:
 
     The sums run over pieces of these ``sizes``, which follow each other.
     """
-    pieces = np.split(np.column_stack([noise, answers]), np.cumsum(sizes)[:-1])
-    longest = max(sizes)
-    padded_pieces = np.stack([np.pad(each, ((0, longest - len(each)), (0, 0))) for each in pieces])
-    own, *others = (
-        autocovariance(each, lags) * each.size for each in np.moveaxis(padded_pieces, -1, 0)
-    )
+    columns = np.column_stack([noise, answers])
+    pieces = np.zeros((len(sizes), max(sizes), columns.shape[1]))  # short ones end with zeros
+    pieces[np.arange(max(sizes)) < np.array(sizes)[:, None]] = columns
+    own, *others = (autocovariance(each, lags) * each.size for each in np.moveaxis(pieces, -1, 0))
     taper = np.r_[1.0, 2 * (1 - np.arange(1, lags + 1) / (lags + 1))]
     return np.asarray(others @ (taper * own / len(noise)))

@@ -1,6 +1,5 @@
 """Test that methods with own pathways, inputs and estimates go wherever the package's go."""
 
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from tests.contracts import toys
 from tests.contracts.toys import Cascade, Instrumental, Recursive, Scheduled
 
 import tvsysid as tv
-from tvsysid import cli
 
 SYSTEMS = {
     Cascade: tv.simulate.ReflexJoint(
@@ -120,27 +118,19 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
     ("system", "together"),
     [("scheduled", (Scheduled, Cascade)), ("compliant", (Instrumental, Recursive))],
 )
-def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
+def test_take_part_in_identify(system, together, tmp_path, tvsysid):
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
-    monkeypatch.chdir(tmp_path)
     inputs = [item for toy in together for item in toy().inputs]
     signals = ["--angle=angle", "--torque=torque", "--rate=1000", "--decimate=100", "--period=2"]
     signals += [f"--channel={item.name}={item.name}" for item in inputs]
     labels = {toy: f"mytoys:{toy.__name__}" for toy in together}
+    methods = [f"--method={label}" for label in (*labels.values(), "sds")]
     for words in (
         ["simulate", "ankle.mat", f"--system={system}", "--duration=40"],
-        [
-            "identify",
-            "ankle.mat",
-            *signals,
-            *(f"--method={label}" for label in labels.values()),
-            "--method=sds",
-        ],
+        ["identify", "ankle.mat", *signals, *methods],
     ):
-        monkeypatch.setattr(sys, "argv", ["tvsysid", *words])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        assert stopped.value.code == 0, capsys.readouterr().err
+        code, _, err = tvsysid(*words)
+        assert code == 0, err
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc") as tree:
         models = {toy: tree[label].to_dataset().load() for toy, label in labels.items()}
     for toy, stored in models.items():

@@ -39,6 +39,11 @@ def windowed(values, axis=0):
     return WINDOW * uniform_filter1d(values, WINDOW, axis=axis, mode="constant")
 
 
+def products(x, y):
+    """Return sums over realizations and a window, shape (time, regressor, regressor)."""
+    return windowed(np.einsum("irt,jrt->tij", x, y))
+
+
 def sliding_fit(regressors, torque, instruments):
     """Return values and standard errors, each (regressor, time), of a sliding window.
 
@@ -46,19 +51,14 @@ def sliding_fit(regressors, torque, instruments):
     """
     known = np.isfinite(regressors).all(axis=0) & np.isfinite(instruments).all(axis=0)
     x, z, y = (np.where(known, each, 0.0) for each in (regressors, instruments, torque))
-    inverse = np.linalg.pinv(windowed(np.einsum("irt,jrt->tij", z, x)))
-    values = np.einsum("tij,tj->it", inverse, windowed(np.einsum("irt,rt->ti", z, y)))
-    residual = np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0)
-    noise = windowed(np.sum(residual**2, axis=0)) / np.maximum(
-        windowed(known.sum(axis=0).astype(float)), 1.0
-    )
-    spread = np.einsum(
-        "tij,tjk,tik->it", inverse, windowed(np.einsum("irt,jrt->tij", z, z)), inverse
-    )
+    inverse = np.linalg.pinv(products(z, x))
+    values = (inverse @ products(z, y[None]))[..., 0].T
+    squares = np.sum(np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0) ** 2, axis=0)
+    noise = windowed(squares) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
+    spread = np.einsum("tij,tjk,tik->it", inverse, products(z, z), inverse)
     values[:, ~known.any(axis=0)] = np.nan
-    return values, np.sqrt(
-        np.maximum(noise * spread, 0.0)
-    ) + 0 * values  # a running sum may leave less than 0
+    variance = np.maximum(noise * spread, 0.0)  # a running sum may leave less than 0
+    return values, np.sqrt(variance) + 0 * values
 
 
 class Cascade(tv.Method):
@@ -84,9 +84,8 @@ class Cascade(tv.Method):
     def fit(self, ensemble):
         regressors = self.regressors(ensemble)
         values, errors = sliding_fit(regressors, ensemble.torque[:, ensemble.core], regressors)
-        return model_of(
-            self, ensemble, values, over_time((*IMPEDANCE, "reflex_gain"), values, errors)
-        )
+        estimates = over_time((*IMPEDANCE, "reflex_gain"), values, errors)
+        return model_of(self, ensemble, values, estimates)
 
 
 class Scheduled(tv.Method):
@@ -97,9 +96,8 @@ class Scheduled(tv.Method):
 
     def regressors(self, ensemble):
         angle, velocity, acceleration = ensemble.derivatives()
-        return np.stack(
-            [angle, velocity, acceleration, angle * ensemble.signal("emg")[:, ensemble.core]]
-        )
+        emg = ensemble.signal("emg")[:, ensemble.core]
+        return np.stack([angle, velocity, acceleration, angle * emg])
 
     def fit(self, ensemble):
         regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
@@ -111,19 +109,13 @@ class Scheduled(tv.Method):
 
         def stiffness(emg, *axes):
             variance = covariance[0, 0] + 2 * emg * covariance[0, 3] + emg**2 * covariance[3, 3]
-            return Estimate(
-                values[0] + values[3] * emg,
-                "N m/rad",
-                axes,
-                StandardError(np.sqrt(variance), np.inf),
-            )
+            error = StandardError(np.sqrt(variance), np.inf)
+            return Estimate(values[0] + values[3] * emg, "N m/rad", axes, error)
 
         emg = ensemble.signal("emg")[:, ensemble.core]
         levels = np.linspace(emg.min(), emg.max(), 20)
-        constants = (
-            np.tile(each[1:3, None], ensemble.samples)
-            for each in (values, np.sqrt(np.diag(covariance)))
-        )
+        spread = np.sqrt(np.diag(covariance))
+        constants = (np.tile(each[1:3, None], ensemble.samples) for each in (values, spread))
         estimates = {
             "stiffness": stiffness(emg, "realization", "time"),
             "stiffness_at_emg": stiffness(levels, "emg"),
@@ -179,10 +171,8 @@ class Recursive(tv.Method):
         )
         values[:, ~known] = np.nan
         axes = ("realization", "time")
-        estimates = {
-            name: Estimate(each, UNITS[name], axes)
-            for name, each in zip(IMPEDANCE, values, strict=True)
-        }
+        pairs = zip(IMPEDANCE, values, strict=True)
+        estimates = {name: Estimate(each, UNITS[name], axes) for name, each in pairs}
         return model_of(self, ensemble, values.mean(axis=1), estimates)
 
 

@@ -16,7 +16,7 @@ import attrs
 from tvsysid.errors import InputError
 from tvsysid.progress import Progress, no_progress
 from tvsysid.study.bootstraps import bootstraps_of, results_of_bootstraps
-from tvsysid.study.dataset import read_results, write_results
+from tvsysid.study.dataset import write_results
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import TRUTH, Rows, Scores
 from tvsysid.study.prepared import Prepared, prepared_recordings
@@ -118,8 +118,9 @@ def run(
             scores[file] = measured
             progress(count, len(tasks))
         rows = _rows(work.tasks, [scores[file] for file in files]) | work.failed
-        write_results(work.assemble(rows), kept)
-        return read_results(kept)
+        results = work.assemble(rows)
+        write_results(results, kept)
+        return results
 
 
 class Work(NamedTuple):

@@ -320,35 +320,14 @@ class Experiment(Settings):
 
     def to_json(self) -> str:
         """Return all settings as text, methods by their labels."""
-        methods = []
-        for item in self.methods:
-            own = [analysis for analysis in self.analyses if analysis.name == item.name]
-            methods.append(
-                {
-                    "name": item.name,
-                    "method": label_of(item.method),
-                    "realizations": [analysis.realizations for analysis in own],
-                    "contiguous": own[0].contiguous,
-                }
-            )
-        settings: dict[str, Any] = {"methods": methods, "bootstraps": self.bootstraps}
-        settings["seed"] = self.seed
-        if virtual := dict.fromkeys(each.number for each in self.recordings if each.is_virtual):
-            settings["virtual"] = list(virtual)
-        participants: dict[str, dict[str, list[str]]] = {}
-        for recorded in self.recordings:
-            if not recorded.is_virtual:
-                files = participants.setdefault(recorded.participant, {})
-                files[recorded.perturbation] = list(recorded.files)
-        if participants:
-            settings |= {"participants": participants, "folder": str(self.folder.resolve())}
-        if self.reading is not None:
-            settings["reading"] = attrs.asdict(self.reading)
-        settings["preparation"] = {
-            name: False if value is None else value
-            for name, value in attrs.asdict(self.preparation).items()
-        }
-        settings["perturbation"] = list(
-            dict.fromkeys(each.perturbation for each in self.recordings)
-        )
-        return json.dumps(settings)
+
+        def is_setting(field: attrs.Attribute[Any], value: Any) -> bool:
+            is_needed = field.name != "folder" or bool(self.participants)
+            return field.init and is_needed
+
+        def serialize(item: object, field: attrs.Attribute[Any], value: Any) -> Any:
+            if isinstance(value, Path):
+                return str(value.resolve())
+            return label_of(value) if isinstance(value, Method) else value
+
+        return json.dumps(attrs.asdict(self, filter=is_setting, value_serializer=serialize))

@@ -64,6 +64,14 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     assert best.smooth.prior.kind == "few harmonics"
 
 
+def test_misfit_widens_the_error_of_a_free_estimate_that_is_given_too_small(random):
+    estimate, _ = estimate_of(random, periodic=True, times=200, switches=())
+    small = attrs.evolve(estimate, whitener=3 * estimate.whitener)
+    for given, expected in ((small, estimate), (estimate, estimate)):
+        ratio = given.with_misfit().whitener[0, 0] / expected.whitener[0, 0]
+        assert ratio == pytest.approx(1.0, abs=0.2)
+
+
 def test_two_switches_that_are_close_are_both_listed(random):
     estimate, _ = estimate_of(random, periodic=False, switches=(20.3, 22.6))
     rows = switches_of("stiffness", posterior.average(estimate), 0, 1.0)

@@ -151,13 +151,14 @@ class Data:
 
     @cached_property
     def columns(self) -> list[Columns]:
-        """Return the torque and the intrinsic columns."""
-        functions = np.split(self.functions[self.times], self.starts[1:], axis=1)
+        """Return the torque and the intrinsic columns. Those after velocity are constant."""
+        *changing, _ = np.split(self.functions[self.times], self.starts[1:3], axis=1)
         parts: list[Columns] = [self.torque[None]]
-        for signal, each in zip(self.signals, functions, strict=True):
-            is_explicit = self.are_few or each.shape[1] == 1
-            parts.append(signal * each.T[:, None] if is_explicit else Modulated(signal, each))
-        return parts
+        for signal, functions in zip(self.signals, changing, strict=False):
+            is_explicit = self.are_few or functions.shape[1] == 1
+            values = signal * functions.T[:, None] if is_explicit else Modulated(signal, functions)
+            parts.append(values)
+        return [*parts, self.signals[2:]]
 
     @cached_property
     def fold_products(self) -> list[Array]:

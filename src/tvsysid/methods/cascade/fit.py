@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any, Self
+from typing import Any
 
 import attrs
 import numpy as np
@@ -195,10 +195,6 @@ class Fit:
         squares = self.data.squares
         return predicts_better(squares(self.held_out), squares(other.held_out))
 
-    def at(self, shape: Array) -> Self:
-        """Return the fit for another shape, with the same hyperparameters."""
-        return attrs.evolve(self, shape=shape, products=DEFAULT)
-
     def _moved(self, numbers: list[int], values: Array) -> Array:
         """Return the shape with other numbers, kept within their bounds."""
         shape = self.shape.copy()
@@ -272,7 +268,8 @@ class Fit:
             if np.max(np.abs(step) / SPREAD[free]) < SMALLEST_STEP:
                 break
             numbers = fit.shape[free]
-            tried = (fit.at(fit._moved(free, numbers + step / 2**n)) for n in range(MAX_HALVINGS))
+            shapes = (fit._moved(free, numbers + step / 2**n) for n in range(MAX_HALVINGS))
+            tried = (attrs.evolve(fit, shape=shape, products=DEFAULT) for shape in shapes)
             better = next((each for each in tried if each.objective > fit.objective), None)
             if better is None:
                 break

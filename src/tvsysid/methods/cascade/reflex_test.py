@@ -190,10 +190,8 @@ def reflex_test(
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    regression, (positive, negative) = (
-        _regression(angle, torque, stretches, core, rate),
-        _usual_responses(),
-    )
+    regression = _regression(angle, torque, stretches, core, rate)
+    positive, negative = _usual_responses()
     models = [(), (positive + negative,), (positive, negative), (positive,), (negative,)]
     none, linear, both, *directed = (
         regression.predicted(regression.columns(*late)) for late in models

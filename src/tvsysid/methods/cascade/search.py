@@ -132,19 +132,14 @@ class Search:
 
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
-        thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
-        data = self.data.constant
-        fits = [
-            self.fit(name, data, _shape(delay, frequency, threshold), USUAL_PARAMETERS)
-            for delay, frequency, threshold in product(self._delays, FREQUENCIES, thresholds)
-        ]
-        return max(fits, key=lambda fit: fit.objective).improved()
-
-    @property
-    def _delays(self) -> tuple[float, ...]:
-        """Return the initial delays in s."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        return DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
+        delays = DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
+        thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
+        fits = [
+            self.fit(name, self.data.constant, _shape(*each), USUAL_PARAMETERS)
+            for each in product(delays, FREQUENCIES, thresholds)
+        ]
+        return _best(fits).improved()
 
     def fits(self, names: Iterable[str]) -> dict[str, Fit]:
         """Return the fit with each named reflex.
@@ -165,9 +160,11 @@ class Search:
         fits = solved(data)
         if data.varies and self.constant is None:
             unchanging = solved(data.constant)
-            if not _is_better(_best(fits), _best(unchanging), MIN_CHANGE_EVIDENCE):
+            if not _is_better(
+                _best(fits.values()), _best(unchanging.values()), MIN_CHANGE_EVIDENCE
+            ):
                 fits, data = unchanging, data.constant
-        best = _best(fits)
+        best = _best(fits.values())
         if len(data.torque) < MIN_TESTED_REALIZATIONS:
             return fits
         data = attrs.evolve(data, noise=autocorrelation(left, WHITE_FLOOR))
@@ -240,12 +237,10 @@ class Search:
         stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
         weights = stiffness, readout(self.lags, data.rate)[1]
         rows = np.concatenate([data.features(each)[some] for each in weights])
-        gains = [data.gain(time[some] / self.period)] * (fit.drive is not None)
-        both = [
-            attrs.evolve(fit, positive=block_diag(rows, *(sign * gain for gain in gains)))
-            for sign in ((1, -1) if self.emg else (1,))
-        ]
-        return min(both, key=lambda each: each.posterior.left)
+        if fit.drive is not None:
+            sign = np.sign(fit.posterior.mean[data.own]) if self.emg else 1.0
+            rows = block_diag(rows, sign * data.gain(time[some] / self.period))
+        return attrs.evolve(fit, positive=rows)
 
 
 def _shape(delay: float, frequency: float = 16.0, threshold: float = 0.0) -> Array:
@@ -253,8 +248,8 @@ def _shape(delay: float, frequency: float = 16.0, threshold: float = 0.0) -> Arr
     return np.array([math.log(frequency), math.log(0.8), threshold, delay])
 
 
-def _best(fits: Mapping[str, Fit]) -> Fit:
-    return max(fits.values(), key=lambda fit: fit.objective)
+def _best(fits: Iterable[Fit]) -> Fit:
+    return max(fits, key=lambda fit: fit.objective)
 
 
 def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:

@@ -27,7 +27,7 @@ from tvsysid.cli.options import (
     rate_options,
 )
 from tvsysid.cli.running import command_line
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, printable
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ def _account(
         held_out = found.held_out_vaf(jobs=-1, progress=advance)
     sign = ", sign reversed" if reading.torque_sign == -1 else ""
     source = {
-        "file": file.name,
+        "file": printable(file.name),
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }

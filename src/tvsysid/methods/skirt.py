@@ -276,13 +276,13 @@ def second_order(skirts: Skirts, lines: Array) -> tuple[Joint, float]:
 
     Return also the probability that noise alone makes the lines differ as much from the fit.
     """
-    speed, count = 2 * np.pi * lines, skirts.features.shape[1]
-    design = np.zeros((len(lines), 2, count, 2 * count + 1))
-    for function in range(count):
-        design[:, 0, function, function] = 1.0
-        design[:, 1, function, count + function] = speed
-    design[:, 0, 0, -1] = -(speed**2)
-    design = design.reshape(-1, 2 * count + 1)
+    count = skirts.features.shape[1]
+    unit, none = np.eye(count), np.zeros((count, count))
+    blocks = [  # real and imaginary part of each line
+        [[unit, none, -(speed**2) * unit[:, :1]], [none, speed * unit, none[:, :1]]]
+        for speed in 2 * np.pi * lines
+    ]
+    design = np.concatenate([np.block(rows) for rows in blocks])
     weighted = np.linalg.solve(skirts.covariance, design)
     covariance = np.linalg.inv(design.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)

@@ -30,9 +30,8 @@ class Mine(tv.Method):
         if self.fault == "dies":
             os._exit(9)
         angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
-        count = ensemble.samples - (self.fault == "short")
         gain = np.nan if self.fault == "nothing" else np.sum(angle * torque) / np.sum(angle * angle)
-        return tv.Model.of(ensemble, np.full(count, gain))
+        return tv.Model.of(ensemble, np.full(ensemble.samples, gain))
 
 
 @pytest.fixture(scope="session")

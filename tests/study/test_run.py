@@ -98,7 +98,6 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
     [
         ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
         ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
-        ("short", r"Mine: stiffness over time must be of shape \(200,\), it is \(199,\)"),
         ("nothing", "it found no stiffness at any time"),
     ],
 )

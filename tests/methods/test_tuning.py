@@ -1,5 +1,4 @@
 import functools
-import pickle
 import warnings
 
 import attrs
@@ -62,6 +61,7 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
     assert list(table.value) == list(evidence.values)
     assert list(np.flatnonzero(table.chosen)) == [evidence.chosen]
     assert f"{len(evidence.values)} tried" in repr(evidence)
+    assert evidence._repr_html_().count("<tr") == len(evidence.values) + 1
     # It identifies, and no worse than before.
     truth = tv.simulate.SquareWave()(ensemble.time)
     errors = [
@@ -78,10 +78,6 @@ def test_tuning_repeats(few_deals, method):
     first, second = tuned_to_a_square_wave(method), method.tuned(ensemble)
     np.testing.assert_array_equal(first.evidence.values, second.evidence.values)
     assert first.method == second.method
-    again = pickle.loads(pickle.dumps(first))
-    np.testing.assert_array_equal(again.evidence.values, first.evidence.values)
-    with pytest.raises(ValueError, match="read-only"):
-        first.evidence.values[0] = 0
 
 
 def test_the_seed_deals_the_halves(few_deals):
@@ -117,18 +113,6 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     )
 
 
-@pytest.mark.slow
-def test_evidence_is_shown_in_words_and_as_a_table():
-    evidence = tuned_to_a_square_wave(tv.ShortDataSegments()).evidence
-    shown = evidence._repr_html_()
-    assert str(evidence) in shown
-    assert shown.count("<tr") == len(evidence.values) + 1
-    unchanged = attrs.evolve(evidence, chosen=0)
-    assert str(unchanged).startswith(
-        "max_lag=0.12, window=0.1 as given: nothing else has a clearly better cross-validated"
-    )
-
-
 def test_the_reference_is_short_data_segments_with_a_window_that_determines_it():
     ensemble = ensemble_of(40.0, "sine", "noise")  # 20 realizations: 5 samples make 100 for 25 lags
     expected = tv.ShortDataSegments(window=0.04).identify(ensemble).stiffness
@@ -149,8 +133,6 @@ def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     "method",
     [
         tv.ShortDataSegments(window=5.0),
-        tv.ShortDataSegments(max_lag=1.6),
-        tv.EnsembleSpectral(window=5.0),
         tv.EnsembleIRF(max_lag=1.6),
     ],
 )
@@ -198,21 +180,6 @@ def test_a_method_that_tunes_itself():
     assert tv.methods.parse("sds:window=0.2,tuned=false") == tv.ShortDataSegments(window=0.2)
     begun = tv.methods.parse("kbr:preset=experiment,tuned=true").method
     assert begun == tv.KernelRegression.preset("experiment")
-
-
-@pytest.mark.parametrize(
-    ("create", "message"),
-    [
-        (
-            lambda: tv.methods.parse("sds:tuned=perhaps"),
-            "tuned must be true or false, got 'perhaps'",
-        ),
-        (lambda: tv.methods.parse("adaptive:tuned=true"), "unknown setting 'tuned'"),
-    ],
-)
-def test_wrong_ways_to_ask_for_tuning_are_refused(create, message):
-    with pytest.raises(tv.InputError, match=message):
-        create()
 
 
 # Basis: what samples are worth.

@@ -169,17 +169,3 @@ def test_dollar_signs_are_no_mathematics():
     labels = list(results.scenario.values)
     content = drawn(method_comparison(results, summary_of(results), labels, labels), "svg").decode()
     assert "mine:a$\\frac$b" in content
-
-
-@pytest.mark.slow
-def test_results_that_were_stored_are_drawn_too(results, summary, tmp_path):
-    import xarray as xr
-
-    few = results.isel(trial=slice(2)).sel(method_key=["sds"])
-    few.to_netcdf(tmp_path / "results.nc", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "results.nc", engine="h5netcdf") as stored:
-        one, two = (
-            drawn(method_comparison(each, summary, SINE[:1], SINE[:1]), "png")
-            for each in (few, stored)
-        )
-    assert one == two

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from tests.drawing import draw
-from tests.synthetic import SINE, SQUARE, TIME, fail, results_of, summary_of
+from tests.synthetic import SQUARE, TIME, fail, results_of, summary_of
 
 from tvsysid.figures import coverage_over_time
 from tvsysid.figures.style import lines
@@ -79,25 +79,9 @@ def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     np.testing.assert_allclose(shown["esm"][50:98], 100)
 
 
-@pytest.mark.parametrize("told", [0, 1, 3])
-def test_bands_at_hardly_any_time(made, told):
-    made.covered[..., told:] = np.nan
-    shown = shares(coverage_over_time(made, [LABEL]))
-    assert list(shown) == (["sds", "esm", "kbr"] if told else [])
-    for share in shown.values():
-        assert np.isfinite(share).sum() == told
-
-
 def test_failed_trials_do_not_count(made):
     fail(made, "kbr", 3, "no such luck")
     np.testing.assert_allclose(shares(coverage_over_time(made, [LABEL]))["kbr"], 100)
-
-
-def test_both_perturbations_side_by_side():
-    results = results_of(SINE, trials=2)
-    figure = coverage_over_time(results, list(results.scenario.values))
-    draw(figure)
-    assert [axes.get_title() for axes in figure.axes] == ["filtered noise", "PRBS", "", ""]
 
 
 def test_what_is_told_below_it(made):

@@ -1,10 +1,8 @@
-import numpy as np
 import pytest
 from tests.drawing import draw
 from tests.experimental import experiment_of, fail, results_of, summary_of
 from tests.virtual import prepared
 
-from tvsysid.figures.saving import drawn
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, representative
 
 ALL = [
@@ -91,26 +89,3 @@ def test_when_everything_failed():
         draw(each.draw())
         assert "nan" not in each.description
     assert list(shown) == ["participants", "participant", "variance-and-spread"]
-
-
-@pytest.mark.slow
-def test_some_recordings_failed():
-    failed = fail(results_of(("P1", "P2"), methods=("sds",)), "no", recording="P1-prbs")
-    shown = experiment_figures(failed, summary_of(failed), {}, {})
-    assert np.isfinite(failed.truth.sel(quantity="stiffness").values).any()
-    for each in shown.values():
-        draw(each.draw())
-        assert "nan" not in each.description
-
-
-@pytest.mark.slow
-def test_results_that_were_stored_are_drawn_too(tmp_path):
-    import xarray as xr
-
-    experiment = experiment_of(participants=("P1",), methods=("sds",))
-    experiment.results.to_netcdf(tmp_path / "results.nc", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "results.nc") as stored:
-        for stem, each in experiment_figures(stored, experiment.summary, {}, {}).items():
-            first = experiment_figures(experiment.results, experiment.summary, {}, {})[stem]
-            assert drawn(each.draw(), "svg") == drawn(first.draw(), "svg")
-            break

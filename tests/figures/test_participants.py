@@ -120,24 +120,6 @@ def test_many_participants_are_shown_six_abreast():
     assert [axes.get_ylabel() for axes in shown if axes.get_ylabel()].count("torque\n(N·m)") == 3
 
 
-def test_a_period_of_walking_and_other_amounts():
-    results = results_of(
-        ("S1",), ("steps",), ("birf", "own:Method"), (30,), bootstraps=1, period=1.5
-    )
-    figure = stiffness_of_participants(results)
-    draw(figure)
-    assert figure.axes[0].get_xlim() == (0, 1.5)
-    assert figure.axes[0].get_ylabel().startswith("steps\n")
-    assert legend(figure)[:2] == ["birf, 30 × 1.5 s", "own:Method, 30 × 1.5 s"]
-
-
-def test_spikes_do_not_hide_the_rest(results):
-    spiked = results.copy(deep=True)
-    spiked["estimate"][0, 0, ..., 100] = 1e5
-    high = stiffness_of_participants(spiked).axes[0].get_ylim()[1]
-    assert results.truth.sel(quantity="stiffness").max() < high < 400
-
-
 def test_details_of_a_participant(results, detail):
     grid, behind = np.array(detail.axes[:20]).reshape(4, 5), detail.axes[20:]
     assert [axes.get_title() for axes in grid[0]] == [
@@ -172,27 +154,9 @@ def test_details_of_a_participant(results, detail):
     assert [axes.get_ylabel() for axes in behind] == (["", "", "", "", "torque (N·m)"] * 4)
 
 
-def test_without_a_target_no_torque_is_drawn_behind_the_bands():
-    results = results_of(("S1",), ("noise",), ("sds",), (75,), target=False)
-    figure = participant_in_detail(results, "S1")
-    assert len(figure.axes) == 2
-    assert not {"mean torque", "torque to be followed"} & set(legend(figure))
-    assert figure.axes[0].get_ylabel() == "stiffness\n(N·m/rad)"
-
-
 def test_a_single_bootstrap_has_no_band():
     results = results_of(("S1",), ("noise",), ("sds",), (75,), bootstraps=1)
     assert "the only bootstrap" in legend(participant_in_detail(results, "S1"))
-
-
-def test_times_without_an_estimate_stay_empty(results):
-    holed = results.copy(deep=True)
-    holed["estimate"][:, 0, ..., :12] = np.nan
-    holed["estimate"][:, 0, 2] = np.nan
-    mean = participant_in_detail(holed, "P1").axes[0].lines[-1].get_ydata()
-    assert np.isnan(mean[:12]).all()
-    left = holed.estimate.sel(quantity="stiffness").values[0, 0, [0, 1, 3, 4, 5], 12:]
-    np.testing.assert_allclose(mean[12:], left.mean(axis=0))
 
 
 @pytest.mark.slow

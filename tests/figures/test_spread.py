@@ -101,15 +101,6 @@ def test_one_participant_one_perturbation_one_amount():
 
 
 @pytest.mark.slow
-def test_thirty_participants():
-    many = experiment_of(
-        participants=tuple(f"P{n}" for n in range(30)), methods=("sds", "esm"), bootstraps=2
-    )
-    draw(variance_and_spread(many.summary))
-    draw(error_against_truth(many.results, many.summary))
-
-
-@pytest.mark.slow
 def test_error_over_time_and_by_method(experiment):
     results = experiment.results
     figure = error_against_truth(results, experiment.summary, "Error")

@@ -120,7 +120,6 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
             weighted.constants - weighted.low @ free.solved,
             np.diag(weighted.constants),
             signals.prior_precision,
-            signals.positive,
         )
         stiffness = free.values(constants.values)
         np.testing.assert_allclose([*stiffness, *constants.values], expected, rtol=1e-8)

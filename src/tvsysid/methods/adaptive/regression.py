@@ -18,7 +18,6 @@ from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.posterior import Mixture
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.signals import Signals
-from tvsysid.methods.cascade.evidence import nearest_inside
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.gaussian import Moments, solve
@@ -101,7 +100,7 @@ class FreeEstimates:
         free = FreeCoefficient.of(U, weighted, sandwich)
         power, true_power = (np.diag(each.constants) for each in self.weights)
         beside = weighted.constants - weighted.low @ free.solved
-        found = fit_constants(beside, power, precision, self.signals.positive)
+        found = fit_constants(beside, power, precision)
         stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
         covariance = found.covariance * np.outer(stronger, stronger)
         self.constants = found._replace(covariance=covariance)
@@ -168,11 +167,11 @@ class Constants(NamedTuple):
     identifiable: bool
 
 
-def fit_constants(products: Array, power: Array, precision: Array, positive: Array) -> Constants:
+def fit_constants(products: Array, power: Array, precision: Array) -> Constants:
     """Estimate the constants from products (constant, signal) of what stiffness leaves of them.
 
-    The last signal is the torque. ``power`` (constant,) is that of the signals as they are. For
-    ``precision`` and ``positive`` see :class:`Signals`.
+    The last signal is the torque. ``power`` (constant,) is that of the signals as they are,
+    ``precision`` (constant,) the prior's, times the variance of the noise.
     """
     size = np.sqrt(np.maximum(power + precision, np.finfo(float).tiny))
     gram, cross = products[:, :-1], products[:, -1]
@@ -180,8 +179,8 @@ def fit_constants(products: Array, power: Array, precision: Array, positive: Arr
     eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
     kept = eigenvalues > STILL
     root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
-    values = root @ nearest_inside(cross @ root, (positive @ root).T)
-    return Constants(values, root @ root.T, bool(kept.all()))
+    covariance = root @ root.T
+    return Constants(covariance @ cross, covariance, bool(kept.all()))
 
 
 def floored(power: Array) -> Array:

@@ -33,8 +33,6 @@ class Signals:
         Number of independent realizations.
     prior_precision
         Precision of the constants' priors, times the variance of the noise, shape (constant,).
-    positive
-        The products of the constants with each row are not negative, shape (row, constant).
     reflex
         Model of the reflex whose columns are among the regressors. The torque lacks what the change
         of its viscosity over time adds.
@@ -46,7 +44,6 @@ class Signals:
     edges: tuple[int, int]
     independent: int
     prior_precision: Array
-    positive: Array
     reflex: JointCascadeModel | None = None
     change_covariance: Array | float = 0.0
 
@@ -70,7 +67,6 @@ class Signals:
             edges=(edge, edge),
             independent=independent_realizations(ensemble),
             prior_precision=np.zeros(2),
-            positive=np.zeros((0, 2)),
         )
 
     def residual(self, coefficients: Array) -> Array:
@@ -103,13 +99,10 @@ def signals_with_reflex(
     except InputError:  # realizations are too short
         return None
     _, _, _, is_shown, fit = selection
-    data, positive = fit.data, fit.positive
+    data = fit.data
     if not is_shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
         return None
-    assert positive is not None
     first = data.starts[2] + 1  # after the inertia
-    gains = positive[:, data.own :]
-    constants = len(data.signals) - 1, len(fit.free)
     change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
     change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
     torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
@@ -119,7 +112,6 @@ def signals_with_reflex(
         edges=(data.times.start, ensemble.samples - data.times.stop),
         independent=len(data.torque) - 1,
         prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
-        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), constants)),
         reflex=model(repr(method), selection),
         change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
     )

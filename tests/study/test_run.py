@@ -133,7 +133,7 @@ def test_a_worker_that_dies_is_reported(tmp_path):
     settings = {"duration_s": 40, "trials": 3, "perturbation": "prbs"}
     with pytest.raises(
         tv.InputError,
-        match="a worker process died: it crashed",
+        match=r"the worker of .*square.* by sds, Mine\(.*\) died: it crashed",
     ):
         run(Study(**settings, methods=["sds", Mine("dies")]), workers=2, folder=tmp_path)
 

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
 
@@ -45,42 +45,52 @@ def run_tasks(
     InputError
         If a worker dies, or the executor fails.
     """
-    if executor is not None:
-        known = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
-        yield from _by_executor(tasks, executor, known)
-    elif (count := min(workers or cores(), len(tasks))) > 1:
-        with processes(count) as pool:
-            yield from _by_executor(tasks, pool, count)
-    else:
-        for file, task in tasks.items():
-            scores = run_task(task)
-            write_scores(scores, file)
-            yield file, scores
+    with ExitStack() as stack:
+        if executor is not None:
+            count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+            # A second task for each worker is on its way while the first is run.
+            executors = [executor] * 2 * count
+        else:
+            count = min(workers or cores(), len(tasks))
+            # An executor to itself for each process: if the process dies, its task is known.
+            executors = [stack.enter_context(processes(1)) for _ in range(count) if count > 1]
+        if executors:
+            yield from _by_executors(tasks, executors)
+            return
+    for file, task in tasks.items():
+        scores = run_task(task)
+        write_scores(scores, file)
+        yield file, scores
 
 
-def _by_executor(
-    tasks: Mapping[Path, Task], executor: Executor, workers: int
+def _by_executors(
+    tasks: Mapping[Path, Task], free: list[Executor]
 ) -> Iterator[tuple[Path, Scores]]:
     waiting = iter(tasks.items())
-    running: dict[Future[Scores], Path] = {}
+    running: dict[Future[Scores], tuple[Executor, Path]] = {}
     try:
         while True:
-            # A second task for each worker is on its way while the first is run.
-            for file, task in islice(waiting, 2 * workers - len(running)):
-                running[executor.submit(run_task, task)] = file
+            for file, task in islice(waiting, len(free)):
+                executor = free.pop()
+                running[executor.submit(run_task, task)] = executor, file
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                file, scores = running.pop(future), future.result()
+                executor, file = running.pop(future)
+                free.append(executor)
+                try:
+                    scores = future.result()
+                except BrokenExecutor as error:
+                    task = tasks[file]
+                    raise InputError(
+                        f"run: the worker of {task.case.label} by {', '.join(task.methods)} died: "
+                        "it crashed, ran out of memory, or did not start (a script must call run "
+                        "under `if __name__ == '__main__':`). The same command resumes"
+                    ) from error
                 write_scores(scores, file)
                 yield file, scores
     except (InputError, OSError):
         raise
-    except BrokenExecutor as error:
-        raise InputError(
-            "run: a worker process died: it crashed, ran out of memory, or did not start (a script "
-            "must call run under `if __name__ == '__main__':`). The same command resumes"
-        ) from error
     except Exception as error:
         raise InputError(
             f"run: the executor failed ({type(error).__name__}: {one_line(str(error))}). Run the "

@@ -147,10 +147,8 @@ def measured_apart(folder: Path, checkout: Path, threads: str) -> Measured:
 
     The default number if empty.
     """
-    settings = os.environ | {
-        "PYTHONPATH": str(checkout.resolve() / "src"),
-        "OPENBLAS_NUM_THREADS": threads,
-    }
+    settings = os.environ | {"PYTHONPATH": str(checkout.resolve() / "src")}
+    settings |= {"OPENBLAS_NUM_THREADS": threads} if threads else {}
     command = [sys.executable, __file__, "--measure", str(folder)]
     done = subprocess.run(command, env=settings, stdout=subprocess.PIPE, check=True, text=True)
     result: Measured = json.loads(done.stdout)

@@ -203,6 +203,7 @@ def identify(
         say(f"{file.name}: {prepared.ensemble!r}")
         with shown_progress("identifying") as advance:
             found = compare(prepared.ensemble, method, tune=tune, progress=advance)
+            found = attrs.evolve(found, diagnosis=prepared.diagnosis)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():

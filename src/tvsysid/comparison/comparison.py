@@ -48,6 +48,8 @@ class Comparison:
         Reason why a method cannot identify the ensemble, for each method that was not run.
     failed
         Error message of each method that failed.
+    diagnosis
+        Diagnosis of the ensemble without a reference, if there is one.
     """
 
     ensemble: Ensemble
@@ -57,6 +59,7 @@ class Comparison:
     evidence: Mapping[str, Evidence]
     skipped: Mapping[str, str]
     failed: Mapping[str, str]
+    diagnosis: Diagnosis | None = None
 
     @cached_property
     def bands(self) -> dict[str, dict[str, Array]]:
@@ -99,6 +102,7 @@ class Comparison:
             inputs.get("reference"),
             inputs.get("scheduling"),
             model=adaptive[0] if adaptive else None,
+            diagnosis=None if "reference" in inputs else self.diagnosis,
         )
 
     @cached_property

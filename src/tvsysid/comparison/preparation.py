@@ -15,7 +15,7 @@ from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import parse
 from tvsysid.methods.cascade.reflex_test import predicts_better
-from tvsysid.quality import Finding, diagnose, diagnose_recording
+from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
 from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.recordings.reading import Segmentation
 from tvsysid.signals import Array, Ensemble, Recording
@@ -44,6 +44,8 @@ class PreparedRecording:
         Frequency in Hz of the mains hum that was subtracted; 0 for none.
     centered
         Channels that lost their mean.
+    diagnosis
+        Diagnosis of ``ensemble``, if one was made in search of a delay and none was corrected.
     """
 
     ensemble: Ensemble
@@ -53,6 +55,7 @@ class PreparedRecording:
     notes: tuple[str, ...] = ()
     mains: float = 0.0
     centered: tuple[str, ...] = ()
+    diagnosis: Diagnosis | None = None
 
 
 def prepare_recording(
@@ -126,10 +129,12 @@ def prepare_recording(
             note("gaps", f"realizations with gaps were left out ({lost})")
         else:
             del findings["gaps"]
-    delay = 0.0
+    delay, diagnosis = 0.0, None
     if align_channels:
-        delay, decision = delay_to_correct(ensemble, diagnosed(0.0), method, jobs)
-        notes += filter(None, [decision])
+        with suppress(InputError):  # realizations are too few, or too short
+            diagnosis = diagnose(diagnosed(0.0))
+            delay, decision = delay_to_correct(ensemble, diagnosis, method, jobs)
+            notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
         diagnosed(delay),
@@ -138,11 +143,12 @@ def prepare_recording(
         tuple(notes),
         mains,
         names,
+        diagnosis if diagnosed(delay) is ensemble(0.0) else None,
     )
 
 
 def delay_to_correct(
-    cut: Callable[[float], Ensemble], diagnosed: Ensemble, method: str, jobs: int = 1
+    cut: Callable[[float], Ensemble], diagnosis: Diagnosis, method: str, jobs: int = 1
 ) -> tuple[float, str]:
     """Choose how much of a torque delay to correct: all of it, half of it or none.
 
@@ -155,8 +161,8 @@ def delay_to_correct(
     ----------
     cut
         Function that returns the ensemble after correction of a delay in s.
-    diagnosed
-        Ensemble in which the delay is looked for: as recorded, or pieces of it.
+    diagnosis
+        Diagnosis of the data as recorded.
     method
         Method for a single realization, which ``adaptive`` cannot identify.
     jobs
@@ -170,10 +176,7 @@ def delay_to_correct(
     str
         What was found and done. Empty if no delay is found.
     """
-    try:
-        faults = {each.name: each for each in diagnose(diagnosed).findings}
-    except InputError:  # realizations are too few, or too short
-        return 0.0, ""
+    faults = {each.name: each for each in diagnosis.findings}
     if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
         return 0.0, ""
     what = faults["delay"].what.partition(";")[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -65,6 +66,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
     # Methods use one thread of BLAS. To start and stop the others takes a tenth of the time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(100_000)  # the libraries' many objects are never garbage
     try:
         sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
         sys.exit(app(sys.argv[1:], print_error=False, exit_on_error=False) or 0)

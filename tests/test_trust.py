@@ -66,7 +66,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
 @pytest.mark.parametrize(
     ("faults", "words", "level", "start"),
     [
-        (["torque-unit", "feedback"], {}, "none", "No joint is so stiff or so soft: torque-unit "),
+        (["torque-unit", "feedback"], {}, "none", "No joint is so soft: torque-unit "),
         ([], {"sign": -1}, "none", "No joint has a negative stiffness."),
         # A reference that was not named is the remedy for a loop. With a wrong period, any channel
         # seems to move the joint.

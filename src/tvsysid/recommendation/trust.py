@@ -12,12 +12,13 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import Finding
+from tvsysid.quality import FAULTS, Finding
 from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
 from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 from tvsysid.signals import Array
 
 MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this often by chance
+MIN_STIFFNESS = 1.0  # N·m/rad
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -25,6 +26,7 @@ DOUBTFUL = (
     "clipped-torque",
     "sampling-rate",
     "narrow-excitation",
+    "weak-answer",
     "slow-answer",
     "delay",
     "drift",
@@ -43,9 +45,10 @@ REVERSED = (
 )
 WRONG = {  # faults that make every method's stiffness wrong, causes before their consequences
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
-    "torque-unit": "No joint is so stiff or so soft: {what}. Angle and torque may be swapped "
-    "(--angle, --torque). Or check the units: add --torque-unit Nmm, or leave out a unit that is "
-    "there.",
+    "too-soft": "No joint is so soft: {what}. Angle and torque may be swapped, or one may be "
+    "another signal (--angle, --torque). Or leave out --torque-unit Nmm, if it is there.",
+    "too-stiff": "No joint is so stiff: {what}. Leave out --angle-unit deg, if it is there. Or add "
+    "--torque-unit Nmm.",
     "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
     "deg.",
     "reversed-torque": REVERSED,
@@ -102,8 +105,11 @@ def trust_in(
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed, loop = recommendation.unnamed_references, _described(LOOP, faults)
-    wrong = _described(WRONG, faults)
-    if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
+    wrong = _described(WRONG, _told_apart(faults))
+    mean = mean_of(model.stiffness)
+    if abs(mean) < FAULTS["torque-unit"].lowest and "torque-unit" not in faults:
+        wrong.append(WRONG["too-soft"].format(what=f"the mean stiffness is {mean:.2g} N·m/rad"))
+    elif mean < 0 and not faults.keys() & {"reversed-torque", "torque-unit"}:
         wrong.append(REVERSED)
     if has_reference:
         loop = []
@@ -128,6 +134,22 @@ def trust_in(
         doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
         cautions = []
     return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
+
+
+def _told_apart(faults: Mapping[str, Finding]) -> dict[str, Finding]:
+    """Return the faults, with one cause of an impossible stiffness.
+
+    Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
+    another signal in place of the torque, make it much softer.
+    """
+    if "torque-unit" not in faults:
+        return dict(faults)
+    size = faults["torque-unit"].value
+    if "angle-unit" in faults and math.degrees(size) > MIN_STIFFNESS:
+        return {name: each for name, each in faults.items() if name != "torque-unit"}
+    explained = ("torque-unit", "angle-unit", "reversed-torque")
+    others = {name: each for name, each in faults.items() if name not in explained}
+    return others | {"too-stiff" if size > 1 else "too-soft": faults["torque-unit"]}
 
 
 def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:

@@ -81,8 +81,8 @@ def test_by_default_the_answer_comes_first(identify):
     ("options", "reason", "remedy"),
     [
         ("--angle degrees", "The movement is too large for radians", "--angle-unit deg."),
-        ("--angle torque --torque angle", "No joint is so stiff or so soft", "that is there."),
-        ("--torque mm", "No joint is so stiff or so soft", "or leave out a unit that is there."),
+        ("--angle torque --torque angle", "No joint is so soft", "if it is there."),
+        ("--torque mm", "No joint is so stiff", "add --torque-unit Nmm."),
         ("--period 1.9", "The movement does not repeat with this", "Check --period and --rate."),
     ],
 )

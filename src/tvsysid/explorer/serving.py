@@ -14,6 +14,7 @@ import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.explorer.settings import Settings
+from tvsysid.preprocess.trials import nearest_rate
 from tvsysid.recordings import Reading, Segmentation, describe_file
 from tvsysid.signals import Recording
 
@@ -103,7 +104,7 @@ def explore(
     **settings
         What the page begins with, as of :class:`tvsysid.recordings.Reading` (``angle``, ``torque``,
         ``sampling_rate``, ...) and :class:`tvsysid.recordings.Segmentation` (``period``,
-        ``decimate``, ``context``; decimation to 100 Hz unless given).
+        ``decimate``, ``context``; decimation to some 100 Hz unless given).
 
     Raises
     ------
@@ -122,7 +123,10 @@ def explore(
     except ModuleNotFoundError as error:
         raise InputError("the explorer needs Shiny: pip install 'tvsysid[explore]'") from error
     own = {name: settings.pop(name) for name in attrs.fields_dict(Reading) if name in settings}
-    reading, cutting = Reading(**own), Segmentation(**{"decimate": USUAL_RATE_HZ} | settings)
+    reading = Reading(**own)
+    rate = source.sampling_rate if isinstance(source, Recording) else reading.sampling_rate
+    usual = USUAL_RATE_HZ if rate is None else nearest_rate(rate, USUAL_RATE_HZ)
+    cutting = Segmentation(**{"decimate": usual} | settings)
     channels: dict[str, str] = {}
     if isinstance(source, str | Path):
         source = Path(source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import platform
 import re
 import sys
@@ -10,7 +11,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -149,16 +150,21 @@ def read_scores(file: Path) -> Scores:
 
 
 def digest_of(item: object) -> str:
-    """Return a digest of the attributes and the source file of an object of a user's class.
+    """Return a digest of the attributes and the source code of an object of a user's class.
 
     It is empty for objects of the package, whose labels say all of them.
     """
     module = _module_of(item)
     if module is not None and module.__name__.startswith("tvsysid."):
         return ""
-    state = re.sub(" at 0x[0-9a-f]+", "", repr(getattr(item, "__dict__", "")))
-    file = Path(getattr(module, "__file__", None) or "")
-    code = file.read_bytes() if file.is_file() else b""
+    with np.printoptions(threshold=sys.maxsize):
+        state = re.sub(" at 0x[0-9a-f]+", "", repr(item.__getstate__()))
+    file, code = Path(getattr(module, "__file__", None) or ""), b""
+    if file.is_file():
+        code = file.read_bytes()
+    else:
+        with suppress(OSError, TypeError):  # the source is known of a notebook's cells
+            code = inspect.getsource(item if inspect.isroutine(item) else type(item)).encode()
     return hashlib.sha256(state.encode() + code).hexdigest()[:12]
 
 

@@ -75,7 +75,8 @@ def _by_executors(
                 running[executor.submit(run_task, task)] = executor, file
             if not running:
                 return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            done = wait(running, return_when=FIRST_COMPLETED).done
+            for future in sorted(done, key=lambda each: each.exception() is not None):
                 executor, file = running.pop(future)
                 free.append(executor)
                 try:

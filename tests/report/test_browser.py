@@ -98,15 +98,16 @@ def test_numbers_sort_as_numbers_and_the_missing_come_last(seen):
     assert data == ["40"] * 4 + ["80"] * 4 + ["150"] * 4
 
 
-IDENTIFIED = """
+SHOWN = """
   seen.width = page.documentElement.scrollWidth;
   seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
 """
 
 
-def test_an_identification_is_shown_on_a_phone(browser, identification_page, tmp_path):
-    seen = look(browser, identification_page, IDENTIFIED, tmp_path)
-    assert (seen["broken"], seen["images"]) == ([], [True, True])
+@pytest.mark.parametrize(("name", "pictures"), [("identification_page", 2), ("experiment_page", 5)])
+def test_other_pages_are_shown_on_a_phone(browser, request, tmp_path, name, pictures):
+    seen = look(browser, request.getfixturevalue(name), SHOWN, tmp_path)
+    assert (seen["broken"], seen["images"]) == ([], [True] * pictures)
     assert seen["width"] <= 360
 
 

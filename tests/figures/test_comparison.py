@@ -40,8 +40,8 @@ def test_columns_are_methods_and_rows_have_units(figure):
     assert [axes.get_title() for axes in grid[0]] == list(METHODS)
     labels = [axes.get_ylabel() for axes in (*grid[:, 0], *metrics[:, 0])]
     assert [label.partition("\n")[0] for label in labels] == [
-        "stiffness", "time-varying "
-                     "VAF", "bias error", "random error", "total error", "rise time", "VAF",
+        "stiffness", "time-varying VAF",
+        "bias error", "random error", "total error", "rise time", "VAF",
     ]  # fmt: skip
     units = [label.partition("\n")[2] for label in labels]
     assert units[0] == units[2] == units[3] == units[4] == "(N·m/rad)"
@@ -94,9 +94,8 @@ def test_both_perturbations_of_the_sine_wave(results, summary):
     grid, metrics = over_time(figure, 5, 4), bars(figure, 5, 4)
     labels = [axes.get_ylabel().split("\n")[:2] for axes in grid[:, 0]]
     assert labels == [
-        ["noise", "stiffness"], ["PRBS", "stiffness"], ["noise", "time-varying "
-                                                                 "VAF"], ["PRBS", "time-varying "
-                                                                                  "VAF"],
+        ["noise", "stiffness"], ["PRBS", "stiffness"],
+        ["noise", "time-varying VAF"], ["PRBS", "time-varying VAF"],
     ]  # fmt: skip
     assert len(metrics) == 4  # a sine wave has no rise time
     assert [label.get_text() for label in metrics[-1, 0].get_xticklabels()] == ["noise", "PRBS"]

@@ -162,10 +162,9 @@ def _bars(
     top = 102.0 if as_dots else 1.06 * min(float(np.nanmax(values + errors)), usual) or 1.0
     for axes, hue, heights, reach in zip(row, hues, values, errors, strict=True):
         if as_dots:
-            axes.errorbar(places, heights, reach, fmt="o", color=hue, markersize=4, capsize=1.8)
+            axes.errorbar(places, heights, reach, fmt="o", color=hue, markersize=4)
         else:
-            axes.bar(places, heights, 0.72, color=hue)
-            axes.errorbar(places, heights, reach, fmt="none", ecolor="black", capsize=1.8)
+            axes.bar(places, heights, 0.72, color=hue, yerr=reach)
         for place, height in zip(places, heights, strict=True):
             if not np.isfinite(height):
                 axes.text(place, bottom, "–", ha="center", va="bottom", fontsize=10)

@@ -44,7 +44,7 @@ def leaderboard(
     places, score = np.arange(len(table)), table.score.to_numpy()
     spread = 2 * table.score_error.fillna(0.0).to_numpy()
     below = np.minimum(spread, 0.99 * score)  # no score is below 0
-    scores.errorbar(score, places, xerr=(below, spread), fmt="o", color=style.INK, capsize=2)
+    scores.errorbar(score, places, xerr=(below, spread), fmt="o", color=style.INK)
     scores.set_xscale("log")
     scores.set_xlim(min(LEAST, 0.8 * float(score.min())), 100.0)
     scores.xaxis.set_major_formatter("{x:g}")

@@ -102,7 +102,7 @@ def _errors(axes: Axes, rows: pd.DataFrame, amount: str, methods: Sequence[str])
     """Draw a value with its standard error over an amount, a line for each method."""
     for method, look in style.lines(methods).items():
         line = rows[rows.method == method].sort_values(amount)
-        bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
+        bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0)}
         axes.errorbar(line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
     ticks = sorted(rows[amount].unique())
     if ticks and ticks[0] > 0 and ticks[-1] > 10 * ticks[0]:

@@ -120,21 +120,13 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str]) -> None:
             if not len(known):
                 axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
                 continue
-            face = (hue, float(opacity))
-            axes.bar(
-                middle, known.mean(), 0.92 * width, facecolor=face, edgecolor=hue, linewidth=0.8
-            )
-            if len(known) > 1:
-                reach = 2 * float(known.std())
-                axes.errorbar(
-                    middle,
-                    known.mean(),
-                    reach,
-                    fmt="none",
-                    ecolor="black",
-                    elinewidth=0.9,
-                    capsize=2.0,
-                )
+            look: dict[str, Any] = {
+                "facecolor": (hue, float(opacity)),
+                "edgecolor": hue,
+                "linewidth": 0.8,
+            }
+            reach = 2 * float(known.std()) if len(known) > 1 else None
+            axes.bar(middle, known.mean(), 0.92 * width, yerr=reach, **look)
             # Dots beside each other, so that equal ones show, in the order of the participants.
             beside = np.linspace(-0.25, 0.25, len(known) + 2)[1:-1] * width
             axes.plot(middle + beside, known, ".", color="black", markersize=3.6, alpha=0.7)

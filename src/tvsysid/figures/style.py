@@ -24,9 +24,9 @@ P = ParamSpec("P")
 Style = Literal["-", "--", ":", "-."]
 
 LOOK = Path(__file__).with_name("tvsysid.mplstyle")
-# Each colour has a contrast of 3:1 or more on white. The first six differ by 22 or more (CIE 1976)
-# to all eyes, also without one kind of cone (Machado et al. 2009), the first nine by 13, all by 10.
-# Markers tell methods apart as well.
+# Each colour has a contrast of 3:1 or more on white. The first six differ by 19 or more (CIEDE2000)
+# to all eyes, also without one kind of cone (Machado et al. 2009), the next three by 11, the last
+# by 8. Markers tell methods apart as well.
 PALETTE: tuple[str, ...] = (
     "#385997",
     "#AB0D07",

@@ -114,6 +114,8 @@ def processes(count: int) -> Iterator[Pool]:
         # Nobody waits for what is under way, least of all for a method that hangs.
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
+        # The end of a result that a worker was sending never comes: do not wait for it.
+        pool._result_queue._writer.close()  # type: ignore[attr-defined]
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -25,11 +25,7 @@ from tvsysid.methods.shared.residuals import (
 )
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.second_order import (
-    derivative_filters,
-    derivative_moments,
-    second_order_fit,
-)
+from tvsysid.numerics.second_order import derivative_filters, second_order_fit
 from tvsysid.signals import Array, Ensemble
 
 
@@ -134,29 +130,26 @@ class SegmentFit(NamedTuple):
     def of(cls, segments: Segments, products: Array) -> SegmentFit:
         """Fit segments. ``products`` are the :func:`colour_products` of the angle."""
         ensemble, power, begin, end = segments
-        count, rate, known = len(ensemble), ensemble.sampling_rate, segments.known
-        around = slice(segments.first - HALF_WIDTH, segments.last + HALF_WIDTH)
-        angle, torque = ensemble.angle[:, around], ensemble.torque[:, around]
-        mirrored = around.start + (len(products) - ensemble.angle.shape[1] + 1) // 2
-        along = products[mirrored : mirrored + angle.shape[1]]
-        gram, cross, square = derivative_moments(along, angle, torque, rate)
+        signals = *segments.derivatives(ensemble.angle), segments.torque
         moments = np.zeros((end - begin, 4, 4))
-        moments[known, :3, :3], moments[known, 3, 3] = count * gram, count * square
-        moments[known, :3, 3] = moments[known, 3, :3] = count * cross
+        for a, b in itertools.combinations_with_replacement(range(4), 2):
+            moments[segments.known, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
+            moments[:, b, a] = moments[:, a, b]
         sums = window_sums(moments, power)
         impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
         # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-        centre, filters = len(power) // 2, derivative_filters(HALF_WIDTH, rate)
+        known, centre = segments.known, len(power) // 2
         start, stop = max(known.start, centre), min(known.stop, centre + len(impedance))
-        at_centre = slice(start - known.start, stop - known.start + 2 * HALF_WIDTH)
-        weights = impedance[start - centre : stop - centre] @ filters
-        left = torque[:, at_centre][:, HALF_WIDTH:-HALF_WIDTH]
-        left = left - convolve_lags(angle[:, at_centre], weights)
+        at_centre = impedance[start - centre : stop - centre].T
+        inner = slice(start - known.start, stop - known.start)
+        parts = (each[:, inner] * own for each, own in zip(signals, at_centre, strict=False))
+        left = segments.torque[:, inner] - sum(parts)
         # The response itself would not do for a comparison, because leakage takes more from it
         # than higher dynamics.
         agreement = residual_agreement(ensemble, ensemble, left, begin + start - ensemble.context)
-        taken = _taken(power, count, colour_lags(ensemble) + 1)
+        taken = _taken(power, len(ensemble), colour_lags(ensemble) + 1)
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         colour = Colour.of(ensemble, left, taken, filters, products)
         realizations = independent_realizations(ensemble)
         return cls(impedance, agreement, moments, known, power, realizations, colour)

@@ -60,7 +60,7 @@ def write_identification(
     command
         What was typed, if it is to be mentioned.
     figures
-        Figures by name, if they are drawn already; as :func:`illustrations` returns them.
+        Figures by name, if they are drawn already; as ``illustrations`` returns them.
 
     Examples
     --------

@@ -133,8 +133,9 @@ def prepare_recording(
     if align_channels:
         with suppress(InputError):  # realizations are too few, or too short
             diagnosis = diagnose(diagnosed(0.0))
-            delay, decision = delay_to_correct(ensemble, diagnosis, method, jobs)
-            notes += filter(None, [decision])
+    if diagnosis is not None:
+        delay, decision = delay_to_correct(ensemble, diagnosis, method, jobs)
+        notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
         diagnosed(delay),

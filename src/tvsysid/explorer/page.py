@@ -174,9 +174,9 @@ def _results() -> ui.Tag:
 
 def _server(start: Settings, methods: Mapping[str, Mapping[str, str]]) -> Callable[[Inputs], None]:
     places = {name: place for place, name in enumerate(methods)}
-    names = ["period", "decimate", "context", "align_channels", "method"]
+    inputs = ["period", "decimate", "context", "align_channels", "method"]
     if isinstance(start.source, Path):
-        names += ["angle", "torque", "sampling_rate", "reversed", *UNITS_AND_COLUMNS]
+        inputs += ["angle", "torque", "sampling_rate", "reversed", *UNITS_AND_COLUMNS]
 
     def server(input: Inputs) -> None:
         @reactive.extended_task
@@ -188,7 +188,7 @@ def _server(start: Settings, methods: Mapping[str, Mapping[str, str]]) -> Callab
 
         @reactive.effect
         def _start() -> None:
-            controls = {name: input[name]() for name in names}
+            controls = {name: input[name]() for name in inputs}
             key = controls["method"]
             controls["settings"] = {
                 name: input[_setting(places[key], name)]() for name in methods.get(key, {})

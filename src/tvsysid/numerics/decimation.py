@@ -24,19 +24,23 @@ def decimation_weights(factor: float, taps: int = TAPS) -> Array:
     return np.asarray(weights)
 
 
-def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
-    """Every factor-th sample (..., time) of the zero-delay convolution of x with the low-pass.
+def windows_about(x: Array, taps: int = TAPS) -> Array:
+    """Samples about each sample of x (..., time), shape (..., time, tap); odd reflection at ends.
 
-    Odd reflection at ends.
-
-    The first sample stays the first; there must be as many as taps, whose number is odd.
+    There must be as many samples as taps, whose number is odd.
     """
-    if factor == 1:
-        return x
     half = taps // 2
     head = 2 * x[..., :1] - x[..., half:0:-1]
     tail = 2 * x[..., -1:] - x[..., -2 : -2 - half : -1]
-    windows = sliding_window_view(np.concatenate([head, x, tail], axis=-1), taps, axis=-1)
-    return np.asarray(
-        np.einsum("...t,t", windows[..., ::factor, :], decimation_weights(factor, taps))
-    )
+    return sliding_window_view(np.concatenate([head, x, tail], axis=-1), taps, axis=-1)
+
+
+def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
+    """Every factor-th sample (..., time) of the zero-delay convolution of x with the low-pass.
+
+    The first sample stays the first.
+    """
+    if factor == 1:
+        return x
+    windows = windows_about(x, taps)[..., ::factor, :]
+    return np.asarray(np.einsum("...t,t", windows, decimation_weights(factor, taps)))

@@ -7,9 +7,8 @@ import math
 import attrs
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.numerics.decimation import TAPS, decimation_weights
+from tvsysid.numerics.decimation import decimation_weights, windows_about
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.signals import Array, Ensemble
 
@@ -48,13 +47,11 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     places = context + step * np.arange(-margin, count + margin)
 
     def resampled(values: Array) -> Array:
-        half = TAPS // 2
-        extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
-        windows = sliding_window_view(extended, TAPS, axis=1)
-        smooth = np.einsum("rtk,k", windows, decimation_weights(step))
+        windows, weights = windows_about(values), decimation_weights(step)
         if step.is_integer():
-            return np.asarray(smooth[:, places.astype(int)])
-        time = np.arange(values.shape[1])
+            first, last = int(places[0]), int(places[-1])
+            return np.asarray(np.einsum("rtk,k", windows[:, first : last + 1 : int(step)], weights))
+        smooth, time = np.einsum("rtk,k", windows, weights), np.arange(values.shape[1])
         return np.asarray(scipy.interpolate.make_interp_spline(time, smooth, axis=1)(places))
 
     signals = attrs.evolve(ensemble, recorded_angle=None).mapped(resampled)

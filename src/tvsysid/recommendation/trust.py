@@ -18,7 +18,7 @@ from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 from tvsysid.signals import Array
 
 MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this often by chance
-MIN_STIFFNESS = 1.0  # N·m/rad
+MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -105,7 +105,7 @@ def trust_in(
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed, loop = recommendation.unnamed_references, _described(LOOP, faults)
-    wrong = _described(WRONG, _told_apart(faults))
+    wrong = _described(WRONG, _with_one_cause(faults))
     mean = mean_of(model.stiffness)
     if abs(mean) < FAULTS["torque-unit"].lowest and "torque-unit" not in faults:
         wrong.append(WRONG["too-soft"].format(what=f"the mean stiffness is {mean:.2g} N·m/rad"))
@@ -136,7 +136,7 @@ def trust_in(
     return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
 
 
-def _told_apart(faults: Mapping[str, Finding]) -> dict[str, Finding]:
+def _with_one_cause(faults: Mapping[str, Finding]) -> dict[str, Finding]:
     """Return the faults, with one cause of an impossible stiffness.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
@@ -149,7 +149,7 @@ def _told_apart(faults: Mapping[str, Finding]) -> dict[str, Finding]:
         return {name: each for name, each in faults.items() if name != "torque-unit"}
     explained = ("torque-unit", "angle-unit", "reversed-torque")
     others = {name: each for name, each in faults.items() if name not in explained}
-    return others | {"too-stiff" if size > 1 else "too-soft": faults["torque-unit"]}
+    return others | {"too-stiff" if size > MIN_STIFFNESS else "too-soft": faults["torque-unit"]}
 
 
 def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:

@@ -7,12 +7,7 @@ from pathlib import Path
 import attrs
 
 from tvsysid.errors import printable
-from tvsysid.figures import (
-    save,
-    scheduled_estimates,
-    tuning_curves,
-    variable_of,
-)
+from tvsysid.figures import save, scheduled_estimates, tuning_curves, variable_of
 from tvsysid.figures.words import count
 from tvsysid.recordings import write_models, write_table
 from tvsysid.report.answer import Account, taken

@@ -179,11 +179,11 @@ def _bands(
         row[0].set_ylabel(f"{name}\n{LABELS[variable]}" if recordings > 1 else LABELS[variable])
         row[0].set_ylim(limits[variable])
         values = one[variable].transpose("bootstrap", "analysis", "time").values
-        most = np.inf if variable == "estimate" else 100.0
+        upper_limit = np.inf if variable == "estimate" else 100.0
         for axes, hue, mean, spread in zip(row, hues, *mean_and_spread(values), strict=True):
             if variable == "estimate":
                 axes.plot(one.time, one.truth, **style.TRUE_LINE)
-            band = (mean - 2 * spread, np.minimum(mean + 2 * spread, most))
+            band = (mean - 2 * spread, np.minimum(mean + 2 * spread, upper_limit))
             style.curve_with_band(axes, one.time.values, mean, band, hue)
             if np.isfinite(one.target_torque).any():
                 behind = _torque_behind(axes, one, axes is row[-1])

@@ -159,9 +159,9 @@ class Claim:
         """Return samples and unit of each margin, and its numbers in words."""
         found = self.compare(evidence)
         if self.most and found:
-            least = np.array([np.min(margins, axis=0) for margins, *_ in found])
-            share = np.where(np.isnan(least), np.nan, least > 0).mean(axis=0)
-            words = f"{np.count_nonzero(least[:, 0] > 0)} of {len(least)} conditions"
+            smallest = np.array([np.min(margins, axis=0) for margins, *_ in found])
+            share = np.where(np.isnan(smallest), np.nan, smallest > 0).mean(axis=0)
+            words = f"{np.count_nonzero(smallest[:, 0] > 0)} of {len(smallest)} conditions"
             return [(share - 0.5, "share of conditions beyond half", words)]
         return [
             (

@@ -298,8 +298,8 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T
     residual = np.einsum("tij,tj->ti", beside, weights)
     # Where both signals are collinear, their coefficients are uncertain, and count little.
-    least = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
-    inverse = np.linalg.inv(beside[:, :2, :2] + least)
+    ridge = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
+    inverse = np.linalg.inv(beside[:, :2, :2] + ridge)
     change = np.einsum("tij,tj->ti", inverse, residual[:, :2])
     left = np.sum(weights * residual, axis=1) - np.sum(change * residual[:, :2], axis=1)
     variance = np.einsum("tii->ti", inverse)

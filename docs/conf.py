@@ -29,7 +29,7 @@ extensions = [
     "reference",
     "browser",
 ]
-exclude_patterns = ["learn/*.ipynb", "learn/*.py", "learn/*.zip"]
+exclude_patterns = ["learn/*.ipynb", "learn/*.py", "learn/*.zip", "generated/checks.md"]
 suppress_warnings = ["config.cache"]
 nitpicky = True
 # What docstrings name of the package's inside, which has no page.

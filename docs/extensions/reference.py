@@ -1,14 +1,18 @@
-"""Generate reference pages from the package: functions, classes, command line and settings."""
+"""Generate reference pages from the package: functions, classes, commands, settings, checks."""
+
+from __future__ import annotations
 
 import importlib
 import inspect
 import re
 from pathlib import Path
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING
 
 import tvsysid as tv
 from tvsysid.cli.app import app as program
+
+if TYPE_CHECKING:  # its test has no Sphinx
+    from sphinx.application import Sphinx
 
 PACKAGES = (
     "tvsysid",
@@ -64,6 +68,18 @@ def settings() -> str:
     return "\n".join(lines)
 
 
+def checks() -> str:
+    """What the diagnosis looks for: measure and limit, effect and remedy of each fault."""
+    lines = []
+    for name, fault in tv.quality.FAULTS.items():
+        lowest = f" or below {fault.lowest:g} {fault.unit}" if fault.lowest else ""
+        limit = f"{fault.wrong} {fault.limit:g} {fault.unit}{lowest}"
+        lines += [f"### `{name}`: {fault.title}", ""]
+        lines += [f"- Measure: {fault.measure}; wrong {limit}."]
+        lines += [f"- Effect: {fault.effect}.", f"- Remedy: {fault.remedy}.", ""]
+    return "\n".join(lines)
+
+
 def package(name: str) -> str:
     """Functions and classes of one package, but those that stand in `tvsysid` itself."""
     module = importlib.import_module(name)
@@ -97,7 +113,7 @@ def write(app: Sphinx) -> None:
     """Write the pages where the builder finds them, if they have changed."""
     folder = Path(app.srcdir) / "generated"
     folder.mkdir(exist_ok=True)
-    pages = {"command-line.md": command_line(), "settings.md": settings()}
+    pages = {"command-line.md": command_line(), "settings.md": settings(), "checks.md": checks()}
     pages |= {f"{name}.rst": package(name) for name in PACKAGES}
     for name, text in pages.items():
         place = folder / name

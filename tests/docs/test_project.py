@@ -21,9 +21,8 @@ def test_links_lead_somewhere(page):
         assert (ROOT / page).parent.joinpath(target).exists(), target
 
 
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/robustness.md"])
-def test_files_that_are_named_exist(page):
-    named = re.findall(r"\b((?:src|tests|benchmarks|docs)/[\w/.-]*\w)", read(page))
+def test_files_that_are_named_exist():
+    named = re.findall(r"\b((?:src|tests|benchmarks|docs)/[\w/.-]*\w)", read("CONTRIBUTING.md"))
     assert len(named) > 10
     for name in named:
         assert (ROOT / name).exists(), name

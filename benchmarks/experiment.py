@@ -75,7 +75,7 @@ def main() -> None:
 def moments_table(ensemble: tv.Ensemble | None) -> Table:
     """Share of the second moments in an identification of 75 realizations."""
     assert ensemble is not None
-    drawn = next(tv.preprocess.bootstrap(ensemble, 1, 0, 75))
+    drawn = ensemble.select(np.random.default_rng(0).integers(0, len(ensemble), 75))
     angle, torque = drawn.angle, drawn.torque
     methods = tv.study.Experiment().named_methods
     moments: dict[str, Callable[[], object]] = {

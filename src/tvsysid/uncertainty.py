@@ -13,7 +13,7 @@ from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
-from tvsysid.preprocess import bootstrap as draw_ensembles
+from tvsysid.preprocess import bootstrap_weights
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
@@ -173,7 +173,9 @@ def bootstrap(
         name: np.full((count, *values.shape), np.nan)
         for name, values in _values(model, model).items()
     }
-    for number, drawn in enumerate(draw_ensembles(ensemble, count, seed)):
+    weights = bootstrap_weights(len(ensemble), len(ensemble), count, seed)
+    for number, times in enumerate(weights):
+        drawn = ensemble.select(np.repeat(np.arange(len(ensemble)), times))
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import tvsysid as tv
-from tvsysid.preprocess import bootstrap, bootstrap_weights
+from tvsysid.preprocess import bootstrap_weights
 
 
 @pytest.mark.parametrize("contiguous", [False, True])
@@ -23,12 +22,3 @@ def test_weights_sum_to_the_size_and_more_draws_keep_the_first(
         assert weights.max() == 1
         begins = (weights == 1) & (np.roll(weights, 1, axis=1) == 0)
         assert (begins.sum(axis=1) == (size < realizations)).all()
-
-
-def test_ensembles_hold_the_realizations_of_the_weights():
-    values = np.tile(np.arange(5.0)[:, None], (1, 8)) + np.linspace(0, 0.5, 8)
-    ensemble = tv.Ensemble(values, values, 100.0, channels={"emg": values})
-    drawn = list(bootstrap(ensemble, count=6, seed=3, size=9))
-    for each, times in zip(drawn, bootstrap_weights(5, 9, 6, 3), strict=True):
-        np.testing.assert_array_equal(each.angle[:, 0], np.repeat(np.arange(5), times))
-        np.testing.assert_array_equal(each.channels["emg"], each.angle)

@@ -132,7 +132,7 @@ def at_rest(noise):
     "make",
     [
         *(partial(in_lines, spacing) for spacing in (0.1, 1.0, 5.0)),
-        *(partial(at_rest, noise) for noise in (0.0, 0.1, 0.3)),
+        *(partial(at_rest, noise) for noise in (0.0, 0.3)),
         lambda: faults.clipped(recorded("prbs", "slow")[0], "torque", 1.0),
         lambda: faults.clipped(recorded("prbs", "slow")[0], "torque", 3.0),
     ],

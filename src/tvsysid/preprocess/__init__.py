@@ -3,7 +3,7 @@
 Each step raises an :class:`tvsysid.InputError` for settings or data that do not allow it.
 """
 
-from tvsysid.preprocess.bootstrap import bootstrap, bootstrap_weights
+from tvsysid.preprocess.bootstrap import bootstrap_weights
 from tvsysid.preprocess.faults import find_gaps, find_mains, remove_mains
 from tvsysid.preprocess.mean import subtract_mean
 from tvsysid.preprocess.prepare import (
@@ -22,7 +22,6 @@ __all__ = [
     "Step",
     "align",
     "align_channels",
-    "bootstrap",
     "bootstrap_weights",
     "decimate",
     "exclude_residual_outliers",

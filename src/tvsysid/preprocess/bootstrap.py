@@ -1,35 +1,12 @@
-"""Draw ensembles with replacement."""
+"""Draw realizations with replacement."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Ensemble
 from tvsysid.validators import at_least
-
-
-def bootstrap(
-    ensemble: Ensemble, count: int, seed: int, size: int | None = None
-) -> Iterator[Ensemble]:
-    """Draw ensembles of realizations with replacement, one at a time.
-
-    Parameters
-    ----------
-    count, seed
-        Number of ensembles, and random seed. A higher count with the same seed only adds draws.
-    size
-        Number of realizations in each; by default as many as there are.
-
-    References
-    ----------
-    van de Ruit et al. 2021, section 4.1.4: 100 draws of 75 or 150 realizations.
-    """
-    weights = bootstrap_weights(len(ensemble), len(ensemble) if size is None else size, count, seed)
-    return (ensemble.select(np.repeat(np.arange(len(ensemble)), times)) for times in weights)
 
 
 def bootstrap_weights(

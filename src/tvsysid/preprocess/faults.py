@@ -16,11 +16,8 @@ from tvsysid.preprocess.trials import Gap, map_trials, shortest_trial
 from tvsysid.signals import Array, Recording
 
 MIN_GAP_S, MIN_GAP_SAMPLES = 0.03, 10
-# A record with more gaps than this, over a larger share of it, holds rests or coarse steps.
-MAX_GAPS, MAX_SHARE = 3, 0.05
 # A signal is straight where it bends by less than these shares of its median bend and its maximum.
 STRAIGHT, ROUNDING = 1e-2, 1e-12
-MAX_REST_STEPS = 1.5  # resolution steps by which a torque at rest bends at most
 
 MAINS_HZ = (50.0, 60.0)
 MAX_DEVIATION_HZ = 0.3  # of a line from the mains
@@ -34,9 +31,8 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     """Find where both angle and torque are constant or straight for 30 ms and 10 samples or more.
 
     Give the gaps to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which
-    hides them. A signal recorded in coarse steps rests at times, which is no gap. Such rests end
-    with a change by one step, last 10 ms more often than 30 ms, or occur more than three times and
-    take more than a twentieth of the record.
+    hides them. A signal recorded in coarse steps rests at times, which is no gap. Such rests last
+    10 ms more often than 30 ms.
 
     Examples
     --------
@@ -48,8 +44,7 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     """
     rate, starts = recording.sampling_rate, np.array(recording.trial_starts)
     signals = np.stack([recording.angle, recording.torque])
-    slopes = np.diff(signals, axis=1)
-    bends = np.abs(np.diff(slopes, axis=1))
+    bends = np.abs(np.diff(signals, 2))
     if not bends.size:
         return ()
     tolerance = STRAIGHT * np.median(bends, axis=1) + ROUNDING * np.abs(signals).max(axis=1)
@@ -57,16 +52,9 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     for begin in starts[1:]:
         straight[begin - 2 : begin] = False
     first, last = np.flatnonzero(np.diff(np.pad(straight, 1))).reshape(-1, 2).T
-    torque = np.abs(slopes[1])
-    step = np.min(torque, where=torque > tolerance[1], initial=np.inf)
-    beside = np.pad(bends[1], 1)
-    largest = np.maximum(beside[first], beside[last + 1])
-    is_no_rest = (largest > MAX_REST_STEPS * step) | (torque[first] > tolerance[1])
     length, shortest = last - first + 2, max(MIN_GAP_S * rate, MIN_GAP_SAMPLES)
-    is_gap = is_no_rest & (length >= shortest)
-    brief = (length >= shortest / 3) & (length < shortest)
-    many = is_gap.sum() > MAX_GAPS and length[is_gap].sum() > MAX_SHARE * len(recording)
-    if many or brief.sum() > is_gap.sum():
+    is_gap = length >= shortest
+    if np.sum(~is_gap & (length >= shortest / 3)) > is_gap.sum():
         return ()
     trials = np.searchsorted(starts, first[is_gap], "right") - 1
     within = np.stack([first[is_gap], last[is_gap] + 2]) - starts[trials]

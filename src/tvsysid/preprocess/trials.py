@@ -260,9 +260,8 @@ def segment(
     kept = has_context.copy()
     reach, start = margin + math.ceil(SMEARED_S * rate), recording.origin + recording.start
     for gap in gaps if period else ():
-        before = first + samples <= (gap.start - start) * rate - reach
-        after = first >= (gap.stop - start) * rate + reach
-        kept &= (trials != gap.trial) | before | after
+        begin, end = (gap.start - start) * rate - reach, (gap.stop - start) * rate + reach
+        kept &= (trials != gap.trial) | (first + samples <= begin) | (first >= end)
     if samples < 1 or not kept.any():
         duration = f" of {period:g} s" if period else ""
         raise InputError(

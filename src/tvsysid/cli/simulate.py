@@ -84,7 +84,6 @@ def simulate(
     from tvsysid.methods import resolve
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS
-    from tvsysid.simulate.simulation import checked_simulation
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")
@@ -94,13 +93,15 @@ def simulate(
         return
     joint = _system(system, stiffness)
     try:
-        made = joint.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
-        simulation = checked_simulation(made, system)
+        simulation = joint.simulate(
+            duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate
+        )
+        signals = _signals(simulation)
     except Exception as error:  # a system of one's own may raise anything
         raise InputError(f"system {system}: {describe_error(error)}") from error
     first = round(-simulation.recording.start * rate)
     inner = slice(first, first + round(duration * rate))
-    write_simulation(file, {name: each[inner] for name, each in _signals(simulation).items()}, rate)
+    write_simulation(file, {name: each[inner] for name, each in signals.items()}, rate)
     period = getattr(getattr(joint, "stiffness", None), "period", PERIOD_S)
     channels = simulation.recording.channels
     named = "".join(f" --channel {name}={name}" for name in channels)

@@ -1,16 +1,13 @@
-"""Impose an angle on a joint by a stiff actuator."""
+"""Move a joint by a stiff actuator."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Mapping
 
 import numpy as np
 import scipy
 
 from tvsysid.numerics import Array
-from tvsysid.simulate.conditions import BANDWIDTH, Conditions
-from tvsysid.simulate.reflex import StretchReflex
-from tvsysid.simulate.simulation import Simulation
+
+BANDWIDTH = 40.0  # Hz, of the actuator's Bessel filter and the noise's Butterworth filter
 
 
 def actuate(drive: Array, rate: float) -> Array:
@@ -39,29 +36,3 @@ def actuate(drive: Array, rate: float) -> Array:
         scipy.signal.lfilter(numerator, denominator, drive) for numerator in numerators
     )
     return np.stack([angle, velocity, stiffness * (drive - angle) - damping * velocity])
-
-
-def impose(
-    conditions: Conditions,
-    truth: Mapping[str, Array],
-    noise_bandwidth: float,
-    reflex: StretchReflex | None = None,
-    gain: Array | float = 0.0,
-    channels: Callable[[Array], dict[str, Array]] = lambda velocity: {},
-) -> Simulation:
-    """Impose the perturbation on a joint whose impedance over time is the truth.
-
-    The gain of a reflex is given over the whole time, and the channels are a function of the
-    angle's velocity over the whole time.
-    """
-    motion, recorded = actuate(conditions.drive(), conditions.rate), conditions.recorded
-    angle, velocity, acceleration = motion[:, recorded]
-    torque = truth["inertia"] * acceleration + truth["viscosity"] * velocity
-    torque += truth["stiffness"] * angle
-    scale = conditions.angle_scale(angle)
-    pathways, whole = {"intrinsic": scale * torque}, scale * motion[1]
-    if reflex is not None:
-        begin = -2 * conditions.second
-        pathways["reflex"] = reflex.torque(whole, gain, conditions.rate, begin)[recorded]
-    noise = conditions.noise(noise_bandwidth)[recorded]
-    return conditions.simulation(scale * angle, noise, pathways, truth, channels(whole))

@@ -8,7 +8,6 @@ from typing import Any, Literal
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import actuate
 from tvsysid.simulate.conditions import Conditions
@@ -52,11 +51,6 @@ class CompliantActuator(Joint):
     disturbance
         ``"angle"`` or ``"torque"``.
 
-    Raises
-    ------
-    InputError
-        Also when the stiffness of joint and actuator together is not positive.
-
     References
     ----------
     Closed loops in joint identification: van der Helm et al. 2002, J. Neurosci. Methods 119, 1-14.
@@ -77,31 +71,17 @@ class CompliantActuator(Joint):
     disturbance: Disturbance = attrs.field(default="angle", validator=one_of(Disturbance))
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        time, rate = conditions.whole_time, conditions.rate
-        drive = conditions.drive()
+        time, rate, drive = conditions.time, conditions.rate, conditions.drive()
         # The noise begins with an impulse, whose rest is some 1e-6 of the torque at 2 Hz. Results
         # of the closed-loop study depend on it.
         noise = conditions.noise(self.noise_bandwidth, 1.0)
         impedance = self._impedance(time, rate)
         joint, load = np.stack([*impedance.values()]), self._with_load(impedance)
-        softest = impedance["stiffness"].min()
-        if softest + self.actuator_stiffness <= 0:
-            raise InputError(
-                f"CompliantActuator: the stiffness of joint (lowest: {softest:g} N·m/rad) and "
-                f"actuator ({self.actuator_stiffness:g} N·m/rad) together must be positive; "
-                "stiffen either"
-            )
         mass = self.inertia + self.actuator_inertia
-
-        def move(force: Array, held: Array | None = None) -> Array:
-            """Return the motion that a force and that the noise causes: the system is linear."""
-            forces, steps = np.stack([force, -noise]), None if held is None else tuple(held / mass)
-            return driven_motion(load[0] / mass, load[1] / mass, forces / mass, rate, steps)
-
         if self.disturbance == "torque":
-            applied = drive
+            applied, force, added = drive, drive, np.zeros(1)
             between = self._impedance(time[:-1] + 0.5 / rate, 2 * rate)
-            motion = move(drive, self._with_load(between)[:2])
+            held = tuple(self._with_load(between)[:2] / mass)
         else:
             # As a deviation from a share of the reference. The motion of the angle itself would
             # ring between samples on a stiff actuator. The deviation from the whole reference would
@@ -109,22 +89,25 @@ class CompliantActuator(Joint):
             turned = float(load[0].mean()) / mass / rate**2  # squared, within a step
             share = turned**2 / (STIFF**2 + turned**2)
             reference = actuate(drive, rate)
-            applied = reference[0]
-            force = np.einsum("qt,qt->t", load, reference)
-            motion = move(self.actuator_stiffness * applied - share * force)
-            motion[:, 0] += share * reference
-        recorded = conditions.recorded
-        motion, joint, noise = (each[..., recorded] for each in (motion, joint, noise))
+            applied, added, held = reference[0], share * reference, None
+            force = self.actuator_stiffness * applied - share * np.einsum(
+                "qt,qt->t", load, reference
+            )
+        # The system is linear: motion that the force and that the noise causes.
+        forces = np.stack([force, -noise]) / mass
+        motion = driven_motion(load[0] / mass, load[1] / mass, forces, rate, held)
+        motion[:, 0] += added
         scale = conditions.angle_scale(motion[0, 0])
         imposed = scale * np.einsum("qt,qt->t", joint, motion[:, 0])
-        motion = scale * motion[:, 0] + conditions.noise_scale(imposed, noise) * motion[:, 1]
+        size = conditions.noise_scale(imposed, noise)
+        motion = scale * motion[:, 0] + size * motion[:, 1]
+        torque = np.einsum("qt,qt->t", joint, motion)
         return conditions.simulation(
             motion[0],
-            noise,
-            {"intrinsic": np.einsum("qt,qt->t", joint, motion)},
-            {name: values[recorded] for name, values in impedance.items()},
-            {"disturbance": scale * applied[recorded]},
-            imposed,
+            size * noise,
+            {"intrinsic": torque},
+            impedance,
+            {"disturbance": scale * applied},
         )
 
     def _with_load(self, impedance: dict[str, Array]) -> Array:

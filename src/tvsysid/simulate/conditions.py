@@ -1,4 +1,4 @@
-"""Conditions of a simulated experiment: its settings, random seed, times and noise."""
+"""Conditions of a simulated experiment: its settings, random numbers, times and scales."""
 
 from __future__ import annotations
 
@@ -11,49 +11,40 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
+from tvsysid.simulate.actuator import BANDWIDTH
 from tvsysid.simulate.perturbations import Perturbation, low_passed_noise
 from tvsysid.simulate.simulation import Seed, Simulation
-from tvsysid.validators import Validator, at_least, is_number, positive
+from tvsysid.validators import Validator, is_number, positive
 
 RMS_ANGLE = math.radians(0.5)
-BANDWIDTH = 40.0  # Hz, of the actuator's Bessel filter and the noise's Butterworth filter
 
-RULES = {
-    "duration": positive,
-    "perturbation": Validator(
-        "FilteredNoise, PRBS, Pulses, Multisine or an object with generate",
-        lambda value: callable(getattr(value, "generate", None)),
-    ),
-    "snr_db": Validator(
-        "a number of decibels above -300",
-        lambda value: (is_number(value) or value == math.inf) and value > -300,
-    ),
-    "seed": Validator(
-        "a whole number of zero or more",
-        lambda value: not isinstance(value, int | float) or at_least(0).is_valid(value),
-    ),
-    "rate": Validator(
-        f"a number of hertz above {2 * BANDWIDTH:g} Hz",
-        lambda value: is_number(value) and value > 2 * BANDWIDTH,
-    ),
-}
+is_perturbation = Validator(
+    "FilteredNoise, PRBS, Pulses, Multisine or an object with generate",
+    lambda value: hasattr(value, "generate"),
+)
+is_snr = Validator(
+    "a number of decibels, or inf", lambda value: is_number(value) or value == math.inf
+)
+is_rate = Validator(
+    f"a number of hertz above {2 * BANDWIDTH:g} Hz",
+    lambda value: is_number(value) and value > 2 * BANDWIDTH,
+)
 
 
 @attrs.frozen(eq=False)
 class Conditions:
-    """Conditions under which a system is simulated. ``system`` is its name in error messages.
+    """Conditions under which a system is simulated.
 
     One second before time 0 and one second after the duration are recorded as context. One more
-    second is simulated before these but not recorded: the run-in, in which the transients of the
-    filters decay.
+    second is simulated before these: the run-in, in which the transients of the filters decay. All
+    signals begin with it. :meth:`simulation` cuts it off.
     """
 
-    system: str
-    duration: float
-    perturbation: Perturbation
-    snr_db: float
+    duration: float = attrs.field(validator=positive)
+    perturbation: Perturbation = attrs.field(validator=is_perturbation)
+    snr_db: float = attrs.field(validator=is_snr)
     seed: Seed
-    rate: float
+    rate: float = attrs.field(validator=is_rate)
 
     @cached_property
     def generators(self) -> list[np.random.Generator]:
@@ -64,51 +55,35 @@ class Conditions:
             seed = np.random.SeedSequence(**seed.state | {"n_children_spawned": 0})
         return np.random.default_rng(seed).spawn(3)
 
-    def __attrs_post_init__(self) -> None:
-        for name, rule in RULES.items():
-            rule.check(self.system, name, getattr(self, name))
-
     @property
     def second(self) -> int:
         """Number of samples in one second: the run-in, or the context on either side."""
         return round(self.rate)
 
-    @property
-    def whole_time(self) -> Array:
-        """Time of each simulated sample in s, those of the run-in included."""
-        return (
-            np.arange(-2 * self.second, round(self.duration * self.rate) + self.second) / self.rate
-        )
-
-    @property
-    def recorded(self) -> slice:
-        """Simulated samples that are recorded."""
-        return slice(self.second, None)
-
-    @property
+    @cached_property
     def time(self) -> Array:
-        """Time of each recorded sample in s."""
-        return self.whole_time[self.recorded]
-
-    def _inner(self, values: Array) -> Array:
-        """Return recorded values from time 0 to the duration, from which scales are computed."""
-        return values[self.second : -self.second]
+        """Time of each sample in s."""
+        last = round(self.duration * self.rate) + self.second
+        return np.arange(-2 * self.second, last) / self.rate
 
     def drive(self) -> Array:
-        """Return the unscaled perturbation over the whole time."""
-        return self.perturbation.generate(len(self.whole_time), self.rate, self.generators[0])
+        """Return the unscaled perturbation."""
+        return self.perturbation.generate(len(self.time), self.rate, self.generators[0])
 
     def noise(self, bandwidth: float, state: float = 0.0) -> Array:
-        """Return unscaled noise of the torque over the whole time."""
-        samples = len(self.whole_time)
-        return low_passed_noise(self.generators[1], bandwidth, self.rate, samples, state)
+        """Return unscaled noise of the torque."""
+        return low_passed_noise(self.generators[1], bandwidth, self.rate, len(self.time), state)
+
+    def _inner(self, values: Array) -> Array:
+        """Return the values from time 0 to the duration, from which scales are computed."""
+        return values[2 * self.second : -self.second]
 
     def angle_scale(self, angle: Array) -> float:
         """Return the factor that scales an angle to an RMS of 0.5 degrees."""
         inner = self._inner(angle)
         size = float(np.dot(inner, inner))
         if size == 0:
-            raise InputError(f"{self.system}: {self.perturbation!r} gave an angle of 0 only")
+            raise InputError(f"simulate: {self.perturbation!r} gave an angle of 0 only")
         return RMS_ANGLE / math.sqrt(size / len(inner))
 
     def noise_scale(self, torque: Array, noise: Array) -> float:
@@ -122,15 +97,17 @@ class Conditions:
         noise: Array,
         pathways: Mapping[str, Array],
         truth: Mapping[str, Array],
-        channels: Mapping[str, Array] | None = None,
-        imposed: Array | None = None,
+        channels: Mapping[str, Array],
     ) -> Simulation:
-        """Scale the noise, add it to the torque, and return the simulation.
+        """Return the simulation without the run-in, whose torque is pathways plus noise."""
+        recorded = slice(self.second, None)
 
-        The noise is scaled relative to the torque ``imposed``, by default the sum of the pathways.
-        """
-        torque = reduce(np.add, pathways.values())
-        noise = noise * self.noise_scale(torque if imposed is None else imposed, noise)
-        start = float(self.time[0])
-        recording = Recording(angle, torque + noise, self.rate, start, channels=channels or {})
-        return Simulation(recording, truth, pathways)
+        def cut(signals: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: values[recorded] for name, values in signals.items()}
+
+        torque = reduce(np.add, pathways.values()) + noise
+        start = float(self.time[self.second])
+        recording = Recording(
+            angle[recorded], torque[recorded], self.rate, start, channels=cut(channels)
+        )
+        return Simulation(recording, cut(truth), cut(pathways))

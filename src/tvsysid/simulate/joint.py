@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import attrs
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.polynomial import Polynomial
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.simulate.actuator import impose
-from tvsysid.simulate.conditions import BANDWIDTH, Conditions
+from tvsysid.simulate.actuator import BANDWIDTH, actuate
+from tvsysid.simulate.conditions import Conditions
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import (
     Profile,
@@ -23,15 +23,38 @@ from tvsysid.simulate.profiles import (
     number_or_profile,
     over_time,
 )
-from tvsysid.simulate.reflex import StretchReflex, is_reflex
+from tvsysid.simulate.reflex import StretchReflex
 from tvsysid.simulate.simulation import Seed, Simulation
-from tvsysid.validators import Validator, not_negative, optional, positive
+from tvsysid.validators import not_negative, positive
 
 Relation = Callable[[Array], Array]  # from values of a variable to one number for each
 
 EMG_LEAD_S = 0.010  # delay from EMG to force
+INTERVAL_S = 2.0  # after which the strength of a variable is drawn anew
 
-is_relation = Validator("a callable of the variable", callable)
+
+def impose(
+    conditions: Conditions,
+    truth: Mapping[str, Array],
+    noise_bandwidth: float,
+    reflex: StretchReflex | None = None,
+    gain: Array | float = 0.0,
+    channels: Callable[[Array], dict[str, Array]] = lambda velocity: {},
+) -> Simulation:
+    """Impose the perturbation on a joint whose impedance over time is the truth.
+
+    The ``channels`` are a function of the angle's velocity. The ``gain`` is that of the reflex.
+    """
+    angle, velocity, acceleration = actuate(conditions.drive(), conditions.rate)
+    torque = truth["inertia"] * acceleration + truth["viscosity"] * velocity
+    torque += truth["stiffness"] * angle
+    scale = conditions.angle_scale(angle)
+    pathways, velocity = {"intrinsic": scale * torque}, scale * velocity
+    if reflex is not None:
+        pathways["reflex"] = reflex.torque(velocity, gain, conditions.rate)
+    noise = conditions.noise(noise_bandwidth)
+    noise *= conditions.noise_scale(sum(pathways.values()), noise)
+    return conditions.simulation(scale * angle, noise, pathways, truth, channels(velocity))
 
 
 @attrs.frozen
@@ -107,9 +130,7 @@ class Joint:
             For a duration or rate that is not positive, or a profile that does not give one finite
             number for each time.
         """
-        return self._simulate(
-            Conditions(type(self).__name__, duration, perturbation, snr_db, seed, rate)
-        )
+        return self._simulate(Conditions(duration, perturbation, snr_db, seed, rate))
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         truth = self._impedance(conditions.time, conditions.rate)
@@ -161,17 +182,17 @@ class ReflexJoint(Joint):
     """
 
     reflex_gain: float | Profile = attrs.field(default=8.0, validator=number_or_profile)
-    reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
+    reflex: StretchReflex = attrs.field(factory=StretchReflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
-        rate, recorded = conditions.rate, conditions.recorded
-        gain = self._over_time("reflex_gain", conditions.whole_time, rate)
-        truth = self._impedance(conditions.time, rate) | {"reflex_gain": gain[recorded]}
+        time, rate = conditions.time, conditions.rate
+        gain = self._over_time("reflex_gain", time, rate)
+        truth = self._impedance(time, rate) | {"reflex_gain": gain}
 
         def emg(velocity: Array) -> dict[str, Array]:
             noise = conditions.generators[2].standard_normal(len(velocity))
             stretch = self.reflex.stretch(velocity, rate, EMG_LEAD_S)
-            return {"emg": np.abs(stretch * noise)[recorded] / math.sqrt(2 / math.pi)}
+            return {"emg": np.abs(stretch * noise) / math.sqrt(2 / math.pi)}
 
         return impose(conditions, truth, self.noise_bandwidth, self.reflex, gain, emg)
 
@@ -184,8 +205,8 @@ class ScheduledJoint(Joint):
               \qquad \rho(t) = (1 + \sigma\, g(t))\, k^{-1}(k_0(t))
 
     With σ = 0, the stiffness follows the profile k₀. Otherwise, the variable ρ is randomly stronger
-    or weaker. Its deviation g is Gaussian with unit variance, drawn anew after each ``interval``
-    and interpolated linearly. The factor 1 + σ g is never negative. All else is as for
+    or weaker. Its deviation g is Gaussian with unit variance, drawn anew every 2 s and
+    interpolated linearly. The factor 1 + σ g is never negative. All else is as for
     :class:`Joint`.
 
     Truth: ``stiffness``, ``viscosity``, ``inertia``, and ``reflex_gain`` if there is a reflex.
@@ -200,8 +221,6 @@ class ScheduledJoint(Joint):
         0 to 1 and reach all values of the profile there.
     variation
         Standard deviation σ of the factor.
-    interval
-        Seconds after which g is drawn anew.
     variable
         Name of the channel.
     schedule
@@ -230,16 +249,13 @@ class ScheduledJoint(Joint):
     stiffness: Profile = attrs.field(factory=SineWave, validator=is_profile)
     viscosity: float | Profile = attrs.field(default=2.2, validator=number_or_profile)
     inertia: float = attrs.field(default=0.02, validator=positive)
-    relation: Relation = attrs.field(
-        factory=lambda: Polynomial([20.0, 200.0]), validator=is_relation
-    )
+    relation: Relation = attrs.field(factory=lambda: Polynomial([20.0, 200.0]))
     variation: float = attrs.field(default=0.3, validator=not_negative)
-    interval: float = attrs.field(default=2.0, validator=positive)
     variable: str = "emg"
-    schedule: Profile | None = attrs.field(default=None, validator=optional(is_profile))
-    viscosity_relation: Relation | None = attrs.field(default=None, validator=optional(is_relation))
-    gain_relation: Relation | None = attrs.field(default=None, validator=optional(is_relation))
-    reflex: StretchReflex = attrs.field(factory=StretchReflex, validator=is_reflex)
+    schedule: Profile | None = None
+    viscosity_relation: Relation | None = None
+    gain_relation: Relation | None = None
+    reflex: StretchReflex = attrs.field(factory=StretchReflex)
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, rate = conditions.time, conditions.rate
@@ -248,7 +264,7 @@ class ScheduledJoint(Joint):
             variable = self._inverse_relation(truth["stiffness"])
         else:
             variable = self._over_time("schedule", time, rate)
-        variable = variable * self._strength(time, conditions.generators[2])
+        variable = variable * self._strength(conditions)
         truth["stiffness"] = self._related("relation", variable)
         if self.viscosity_relation is not None:
             truth["viscosity"] = self._related("viscosity_relation", variable)
@@ -258,8 +274,9 @@ class ScheduledJoint(Joint):
             truth["reflex_gain"] = self._related("gain_relation", variable)
             # The gain at the time of the stretch counts. Before the record, it is the first value.
             early = conditions.second + round(reflex.delay * rate)
-            whole = len(conditions.whole_time)
-            late = np.pad(truth["reflex_gain"], (early, 0), "edge")[:whole]
+            late = np.pad(truth["reflex_gain"][conditions.second :], (early, 0), "edge")[
+                : len(time)
+            ]
         channels = {self.variable: variable}
         return impose(conditions, truth, self.noise_bandwidth, reflex, late, lambda _: channels)
 
@@ -279,8 +296,9 @@ class ScheduledJoint(Joint):
             )
         return np.interp(stiffness, values, grid)
 
-    def _strength(self, time: Array, random: np.random.Generator) -> Array:
+    def _strength(self, conditions: Conditions) -> Array:
         """Return the factor of the variable over time. Its mean is 1."""
-        knots = np.arange(time[0], time[-1] + self.interval, self.interval)
-        factor = np.interp(time, knots, 1 + self.variation * random.standard_normal(len(knots)))
-        return np.maximum(factor, 0.0)
+        time = conditions.time
+        knots = np.arange(time[conditions.second], time[-1] + INTERVAL_S, INTERVAL_S)
+        random = conditions.generators[2].standard_normal(len(knots))
+        return np.maximum(np.interp(time, knots, 1 + self.variation * random), 0.0)

@@ -10,8 +10,8 @@ import scipy
 from numpy.typing import NDArray
 
 from tvsysid.signals import Array, Recording
-from tvsysid.simulate.actuator import actuate
-from tvsysid.simulate.conditions import BANDWIDTH, RMS_ANGLE
+from tvsysid.simulate.actuator import BANDWIDTH, actuate
+from tvsysid.simulate.conditions import RMS_ANGLE
 from tvsysid.simulate.perturbations import (
     PERTURBATIONS,
     PRBS,

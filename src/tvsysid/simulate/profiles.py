@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.validators import Validator, finite, is_number, positive
+from tvsysid.validators import Validator, is_number
 
 Profile = Callable[[Array], Array]  # of times in s, to one number for each
 
@@ -23,7 +23,7 @@ number_or_profile = Validator(
 class Constant:
     """Same value at all times, in N·m/rad for stiffness, N·m·s/rad for viscosity."""
 
-    value: float = attrs.field(default=100.0, validator=finite)
+    value: float = 100.0
 
     def __call__(self, time: Array) -> Array:
         """Return the value at each time."""
@@ -42,10 +42,10 @@ class SquareWave:
     array([ 50.,  50., 150., 150.,  50.,  50.])
     """
 
-    low: float = attrs.field(default=50.0, validator=finite)
-    high: float = attrs.field(default=150.0, validator=finite)
-    period: float = attrs.field(default=2.0, validator=positive)
-    offset: float = attrs.field(default=0.5, validator=finite)
+    low: float = 50.0
+    high: float = 150.0
+    period: float = 2.0
+    offset: float = 0.5
 
     def __call__(self, time: Array) -> Array:
         """Return the value at each time."""
@@ -61,10 +61,10 @@ class SineWave:
     At ``offset``, in s, it rises through its mean.
     """
 
-    mean: float = attrs.field(default=100.0, validator=finite)
-    amplitude: float = attrs.field(default=50.0, validator=finite)
-    period: float = attrs.field(default=2.0, validator=positive)
-    offset: float = attrs.field(default=0.0, validator=finite)
+    mean: float = 100.0
+    amplitude: float = 50.0
+    period: float = 2.0
+    offset: float = 0.0
 
     def __call__(self, time: Array) -> Array:
         """Return the value at each time."""

@@ -116,13 +116,3 @@ class Simulation:
             )
         index = np.array(recording.trial_starts)[trials, None] + within
         return {name: values[index] for name, values in self.truth.items()}
-
-
-def checked_simulation(made: object, system: str) -> Simulation:
-    """Return the result of a system after a check that it is a simulation."""
-    if not isinstance(made, Simulation):
-        raise InputError(
-            f"{system}: simulate must return a tvsysid.simulate.Simulation, got "
-            f"{type(made).__name__}"
-        )
-    return made

@@ -12,7 +12,6 @@ import numpy as np
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Simulation
-from tvsysid.simulate.simulation import checked_simulation
 from tvsysid.study.dataset import AXES, SIMULATIONS, complete, dataset_of
 from tvsysid.study.measure import Rows, Truth
 from tvsysid.study.scenarios import Scenario, Study
@@ -60,14 +59,14 @@ class Simulated(Case):
         """Simulate the recording of a trial."""
         system, perturbation = cloudpickle.loads(self.simulated)
         key = (*self.seed.spawn_key, trial)
-        made = system.simulate(
+        simulation: Simulation = system.simulate(
             self.scenario.duration_s,
             perturbation=perturbation,
             snr_db=self.scenario.snr_db,
             seed=np.random.SeedSequence(self.seed.entropy, spawn_key=key),
             rate=self.rate * max(1, -(-SIMULATED_HZ // self.rate)),
         )
-        return checked_simulation(made, type(system).__name__)
+        return simulation
 
     def cut(self, recording: Recording) -> Ensemble:
         """Return the realizations of the recording, as methods get them."""

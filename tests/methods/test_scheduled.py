@@ -1,7 +1,6 @@
 """Joints that follow a measured variable: what is found, and by what route."""
 
 import pickle
-import re
 import warnings
 
 import attrs
@@ -89,9 +88,7 @@ def test_a_reflex_that_is_left_out_is_taken_for_stiffness(noiseless):
 def test_muscles_that_answer_the_other_direction_are_found():
     reflex = tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0, direction=-1)
     model = tv.ScheduledImpedance().identify(simulated(30.0, 10.0, reflex=reflex))
-    details = model.diagnostics.details
-    assert details["direction"] == -1
-    assert details["vaf_folds"] > details["vaf_folds_other_direction"] + 1
+    assert model.diagnostics.details["direction"] == -1
 
 
 def slowly(ensemble, lags, delay, memory, filters, pole):
@@ -148,7 +145,6 @@ def test_folds_and_predictions_are_those_of_a_plain_version(noisy):
         left = y[fold] - x[fold] @ least_squares(x[others], y[others])
         held_out.append(100 * (1 - left.var() / y[fold].var()))
     assert model.diagnostics.details["vaf_folds"] == pytest.approx(np.mean(held_out), abs=1e-6)
-    assert model.diagnostics.details["vaf_worst_fold"] == pytest.approx(min(held_out), abs=1e-6)
     assert model.diagnostics.details["vaf"] == pytest.approx(
         100 * (1 - (y - x @ plain).var() / y.var()), abs=1e-6
     )
@@ -159,7 +155,7 @@ def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out
     follows = attrs.evolve(noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1))
     with pytest.warns(
         tv.DataQualityWarning,
-        match=r"standard errors\) if the torque at rest followed.*use rest_order=2",
+        match=r"outside its 95 % band, if the torque at rest followed.*use rest_order=2",
     ):
         misled = tv.ScheduledIRF().identify(follows).at(GRID)
     free, own = (tv.ScheduledIRF(rest_order=2).identify(each).at(GRID) for each in (follows, noisy))
@@ -222,33 +218,31 @@ def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(noisy, fou
 
 
 def test_beyond_the_range_that_was_seen_nothing_is_invented(noisy, found):
-    with pytest.warns(tv.DataQualityWarning, match="scheduling is beyond the -0.4 to 0.2"):
-        beyond = found.predict(changed(noisy, shift=0.1))
+    beyond = found.predict(changed(noisy, shift=0.1))
     assert np.isfinite(beyond[0, 40:]).all()
-    edge = found.at([found.schedule.limits[1], 5.0])["stiffness"].values
+    edge = found.at([found.design.limits[1], 5.0])["stiffness"].values
     assert edge[0] == edge[1]
 
 
 def test_values_of_the_variable_that_one_fold_alone_has_are_told():
     ramp = simulated(20.0, 20.0, schedule=Polynomial([-0.3, 0.01]))
-    told = r"scheduling is above -0.137 in the fifth of 5 parts of the record only, for 100 % of it"
     with (
-        pytest.warns(tv.DataQualityWarning, match=told),
-        pytest.warns(tv.DataQualityWarning, match="below -0.263 in the first"),
+        pytest.warns(
+            tv.DataQualityWarning, match=r"above -0.137 in part 5 of 5 of the record only"
+        ),
+        pytest.warns(tv.DataQualityWarning, match=r"below -0.263 in part 1"),
     ):
         tv.ScheduledImpedance(reflex=False).identify(ramp)
 
 
 def test_the_orders_are_chosen_by_what_folds_predict(noisy):
-    orders = {"order": 2, "reflex_order": 1}
-    choice = tv.ScheduledImpedance(order=0, reflex_order=0).tuned(noisy)
-    assert choice.evidence.settings == orders
-    assert choice.evidence.values[0] < 70 < choice.evidence.values.max()
-    assert choice.evidence.gain == pytest.approx(np.ptp(choice.evidence.values))
-    details = tv.ScheduledImpedance().identify(noisy).diagnostics.details
-    assert {name: details[name] for name in orders} == orders
-    assert details["vaf_folds"] == pytest.approx(choice.evidence.values.max())
-    given = tv.ScheduledImpedance(order=3).identify(noisy).diagnostics.details
+    def details_of(**orders):
+        return tv.ScheduledImpedance(**orders).identify(noisy).diagnostics.details
+
+    chosen = details_of()
+    assert (chosen["order"], chosen["reflex_order"]) == (2, 1)
+    assert details_of(order=0, reflex_order=0)["vaf_folds"] < 70 < chosen["vaf_folds"]
+    given = details_of(order=3)
     assert (given["order"], given["reflex_order"]) == (3, 1)
 
 
@@ -297,7 +291,6 @@ def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
         100.0,
         channels={"scheduling": noisy.channels["scheduling"][:, :120]},
     )
-    assert re.search("cut with more context", tv.ScheduledIRF().skip(short))
     with pytest.raises(tv.InputError, match="too few for 55 coefficients"):
         tv.ScheduledIRF(memory=0.4, order=2, reflex_order=2).identify(short)
 

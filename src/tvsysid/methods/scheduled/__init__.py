@@ -1,5 +1,5 @@
 """A joint that follows a measured variable.
 
-The methods are in scheduled.py, the columns of their regression in terms.py, its solution and the
-choice of orders in regression.py, and the model in model.py.
+The methods are in scheduled.py, the terms of the torque and the model in model.py, and the
+regression with the choice of its orders in regression.py.
 """

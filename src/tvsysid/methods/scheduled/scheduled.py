@@ -6,39 +6,37 @@ One estimates impulse responses, the other stiffness, viscosity and inertia.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from functools import partial
+from operator import itemgetter
 
 import attrs
 import numpy as np
 
 from tvsysid.methods import base
 from tvsysid.methods.cascade.columns import second_order_fit
-from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
-from tvsysid.methods.scheduled.fit_warnings import (
-    warnings_of_folds,
-    warnings_of_orders,
-    warnings_of_rest,
-)
-from tvsysid.methods.scheduled.model import GRID, ScheduledModel, curves_of
-from tvsysid.methods.scheduled.regression import FOLDS, Fit, details_of, fit_best_orders
-from tvsysid.methods.scheduled.terms import (
-    Reflex,
-    Schedule,
+from tvsysid.methods.cascade.pathways import DIRECTIONS
+from tvsysid.methods.scheduled.model import (
+    GRID,
+    Design,
+    ScheduledModel,
     Term,
-    acceleration,
-    angle_and_velocity,
-    at_rest,
+    derivatives,
+    filtered_stretch,
     lagged_angles,
+    rest,
 )
+from tvsysid.methods.scheduled.regression import FOLDS, Orders, Regression, held_out
 from tvsysid.methods.shared.residuals import independent_realizations
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import IMPEDANCE, Diagnostics
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate
 from tvsysid.numerics.laguerre import laguerre_filters
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 
-ORDERS = range(11)  # of the polynomials, that are tried
-MAX_MISSING = 0.5  # share of the samples that may have no past
+MAX_ORDER = 10  # of the polynomials that are tried
+TIME_CONSTANT_S = 0.03  # over which the Laguerre filters decay
+MIN_BEYOND = 0.05  # distance of a fold's values from those of the others, relative to the range
+TIED_VAF = 0.5  # points by which a free torque at rest may predict worse and still be as good
 
 
 @attrs.frozen
@@ -53,9 +51,12 @@ class Scheduled(base.Method):
     delay: float = attrs.field(default=0.05, validator=not_negative)
     memory: float = attrs.field(default=0.76, validator=positive)
     filters: int = attrs.field(default=9, validator=at_least(1))
-    time_constant: float = attrs.field(default=0.03, validator=positive)
-    threshold: float = attrs.field(default=0.0, validator=not_negative)
 
+    differs = (
+        "It follows the measured variable as a polynomial: what changes for another reason is "
+        "averaged over."
+    )
+    cites = ("sobhani2013", "sobhani2015")
     uses_recorded_angle = True
 
     @property
@@ -79,112 +80,134 @@ class Scheduled(base.Method):
         return ("intrinsic", "reflex") if self.reflex else ()
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return why the method skips an ensemble: a constant variable, or too little history."""
-        values = ensemble.signal(self.variable)[:, ensemble.core]
-        if np.ptp(values) <= 1e-9 * np.abs(values).max():
-            return (
-                f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow "
-                "what changes"
-            )
-        if not self.reflex:
+        """Return a reason to skip an ensemble in which the variable is constant."""
+        values = self._values(ensemble)
+        if np.ptp(values) > 1e-9 * np.abs(values).max():
             return None
-        before = sum(base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
-        past = history(ensemble, ensemble.angle, before)[:, : ensemble.samples]
-        if np.isnan(past).mean() > MAX_MISSING:
-            return (
-                f"less than half of the samples have {self.delay + self.memory:g} s recorded "
-                "before them, as long as the reflex's response; cut with more context (--context), "
-                "or shorten memory"
-            )
-        return None
+        return (
+            f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow what "
+            "changes"
+        )
 
     def fit(self, ensemble: Ensemble) -> ScheduledModel:
         """Return the model of an ensemble."""
-        fits = self._fits(ensemble)
-        fit = max(fits, key=lambda each: each.vaf)
-        terms, schedule = fit.rows.terms, fit.rows.schedule
+        orders, reflex_orders = (
+            range(MAX_ORDER + 1) if each is None else (each,)
+            for each in (self.order, self.reflex_order if self.reflex else 0)
+        )
+        fits = []
+        for direction in DIRECTIONS[: 1 + self.reflex]:
+            highest = self._regression(ensemble, (orders[-1], reflex_orders[-1]), direction)
+            best = highest.best_orders(orders, reflex_orders)
+            fit = self._regression(ensemble, best, direction)
+            fits.append((held_out(fit.moments).mean(), best, direction, fit))
+        vaf_folds, best, direction, fit = max(fits, key=itemgetter(0))
         # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
         parameters = np.count_nonzero(fit.coefficients)
         independent = independent_realizations(ensemble) / len(ensemble)
-        freedom = max(1.0, len(fit.rows.torque) * independent - parameters)
-        curves = curves_of(fit, fit.covariance(ensemble.sampling_rate, freedom), freedom)
-        variable = ensemble.signal(self.variable)[:, ensemble.core]
-        grid = np.linspace(*schedule.limits, GRID)
+        freedom = max(1.0, float(fit.values[-1].sum()) * independent - parameters)
+        curves = fit.curves(fit.covariance(ensemble.sampling_rate, freedom), freedom)
+        grid = np.linspace(*fit.design.limits, GRID)
         estimates = {}
         for name, curve in curves.items():
-            estimates[name] = curve.at(variable, ("realization", "time"))
+            estimates[name] = curve.at(self._values(ensemble), ("realization", "time"))
             estimates[f"scheduled_{name}"] = curve.at(grid, (self.variable,))
-        details = details_of(fit)
-        if not isinstance(terms[-1], Reflex):
-            del details["vaf_reflex"], details["reflex_order"]
-        else:
-            details["direction"] = float(terms[-1].drive.direction)
-            details["vaf_folds_other_direction"] = min(each.vaf for each in fits)
-        texts = (
-            *warnings_of_folds(fit.rows),
-            *warnings_of_orders(self.variable, details, {order for order, _ in fit.tried}),
-            *warnings_of_rest(fit, estimates["scheduled_stiffness"], grid, ensemble),
-        )
+        details = {
+            "vaf": fit.vaf("rest", "intrinsic", "reflex"),
+            "vaf_intrinsic": fit.vaf("intrinsic"),
+            "vaf_folds": float(vaf_folds),
+            "order": float(best[0]),
+        }
+        if self.reflex:
+            details |= {"vaf_reflex": fit.vaf("reflex"), "reflex_order": float(best[1])}
+            details["direction"] = float(direction)
+        warnings = [*self._warnings_of_folds(ensemble)]
+        if self.order is None and best[0] >= MAX_ORDER - 1:
+            warnings.append(
+                f"the orders tried end at {MAX_ORDER}, and {best[0]} predicts best: the joint may "
+                f"change faster with {self.variable} than polynomials follow, and the bands do not "
+                "count that"
+            )
+        if self.rest_order < max(best):
+            free = attrs.evolve(self, rest_order=max(best))._regression(ensemble, best, direction)
+            warnings += warnings_of_rest(fit, free, max(best), estimates["scheduled_stiffness"])
         return ScheduledModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=estimates,
             coordinates={self.variable: grid},
-            diagnostics=Diagnostics(float(parameters), warnings=texts, details=details),
-            schedule=schedule,
-            terms=terms,
+            diagnostics=Diagnostics(float(parameters), warnings=tuple(warnings), details=details),
+            design=fit.design,
             coefficients=fit.coefficients,
             curves=curves,
         )
 
-    def _fits(self, ensemble: Ensemble) -> list[Fit]:
-        """Return the fit of the best orders for each direction of stretch."""
-        schedule = Schedule.of(ensemble, self.variable)
-        rate, given = ensemble.sampling_rate, (self.order, self.reflex_order if self.reflex else 0)
-        orders, reflex_orders = (ORDERS if each is None else (each,) for each in given)
-        terms = Term("rest", at_rest, self.rest_order, {}), *self._intrinsic(ensemble, orders[-1])
-        delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
-        responses = laguerre_filters(self.filters, max(1, memory), self.time_constant * rate)
-        reflexes = [
-            Reflex(Stretch(self.threshold, each), delay, responses, reflex_orders[-1])
-            for each in DIRECTIONS
-        ]
-        return [
-            fit_best_orders((*terms, *each), schedule, ensemble, (orders, reflex_orders))
-            for each in ([(reflex,) for reflex in reflexes] if self.reflex else [()])
-        ]
+    def _values(self, ensemble: Ensemble) -> Array:
+        return ensemble.signal(self.variable)[:, ensemble.core]
+
+    def _regression(self, ensemble: Ensemble, orders: Orders, direction: int) -> Regression:
+        """Return the regression with these orders and this direction of stretch."""
+        terms = [Term("rest", self.rest_order, rest, {}), *self._intrinsic(ensemble, orders[0])]
+        if self.reflex:
+            delay, memory = (
+                base.whole_samples(each, ensemble) for each in (self.delay, self.memory)
+            )
+            decay = TIME_CONSTANT_S * ensemble.sampling_rate
+            responses = laguerre_filters(self.filters, memory, decay)
+            regressors = partial(filtered_stretch, direction, delay, responses)
+            quantities = {"reflex_gain": responses.sum(axis=1)}
+            terms.append(Term("reflex", orders[1], regressors, quantities))
+        values = self._values(ensemble)
+        limits = float(values.min()), float(values.max())
+        design = Design(self.variable, limits, tuple(terms))
+        return Regression.of(design, ensemble)
+
+    def _warnings_of_folds(self, ensemble: Ensemble) -> Iterator[str]:
+        """Yield a warning if one fold alone has some values of the variable."""
+        values = self._values(ensemble)[np.concatenate(ensemble.runs)]
+        folds = np.array_split(values.ravel(), FOLDS)
+        for side, sign in (("below", 1), ("above", -1)):
+            extremes = np.array([np.min(sign * fold) for fold in folds])
+            alone, following = np.argsort(extremes)[:2]
+            if extremes[following] - extremes[alone] > MIN_BEYOND * np.ptp(values):
+                yield (
+                    f"{self.variable} is {side} {sign * extremes[following]:.3g} in part "
+                    f"{alone + 1} of {FOLDS} of the record only: nothing else says how the joint "
+                    "is there"
+                )
 
     @abstractmethod
     def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
         """Return the terms of the intrinsic torque, with polynomials of an order."""
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """Compare orders by their prediction of folds of consecutive time."""
-        free = attrs.evolve(self, order=None, reflex_order=None)
-        # The two are equal if no order is given
-        fits = [
-            max(each._fits(ensemble), key=lambda fit: fit.vaf)
-            for each in dict.fromkeys((self, free))
-        ]
-        given, best = fits[0], fits[-1]
-        tried = {given.orders: given.held_out} | best.tried
-        reflex = "reflex of order {}" if self.reflex else ""
-        return Evidence(
-            criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
-            unit="%",
-            better="higher",
-            tried=tuple({"order": order, "reflex_order": reflexes} for order, reflexes in tried),
-            values=np.mean(list(tried.values()), axis=1),
-            chosen=list(tried).index(best.orders),
-            axis="order",
-            positions=np.array([float(order) for order, _ in tried]),
-            lines=tuple(reflex.format(reflexes) for _, reflexes in tried),
-        )
 
-
-def _mean_angle(ensemble: Ensemble) -> float:
+def mean_angle(ensemble: Ensemble) -> float:
+    """Return the mean angle in rad, without context."""
     return float(ensemble.angle[:, ensemble.core].mean())
+
+
+def warnings_of_rest(
+    fit: Regression, free: Regression, order: int, stiffness: Estimate
+) -> Iterator[str]:
+    """Yield a warning if ``stiffness`` over the variable is another with a free torque at rest.
+
+    In the regression ``free`` that torque is a polynomial of this ``order``.
+    """
+    name, grid = fit.design.variable, np.linspace(*fit.design.limits, GRID)
+    change = free.curves(free.inverse)["stiffness"].at(grid, (name,)).values - stiffness.values
+    _, upper = stiffness.limits()
+    beyond = np.abs(change) / (upper - stiffness.values)
+    place = int(np.argmax(beyond))
+    vaf, free_vaf = held_out(fit.moments).mean(), held_out(free.moments).mean()
+    if beyond[place] > 1 and free_vaf > vaf - TIED_VAF:
+        yield (
+            f"at {name} {grid[place]:.3g}, stiffness would be {abs(change[place]):.1f} N·m/rad "
+            f"{'higher' if change[place] > 0 else 'lower'}, outside its 95 % band, if the torque "
+            f"at rest followed the variable, which predicts folds as well ({free_vaf:.1f} against "
+            f"{vaf:.1f} %): use rest_order={order}, unless you know that the torque at rest is "
+            "constant"
+        )
 
 
 @attrs.frozen
@@ -220,10 +243,8 @@ class ScheduledIRF(Scheduled):
         torque does not help to estimate its gain. A warning says where that matters to stiffness.
     delay, memory
         Delay d of the reflex, and the duration of its response after the delay, in s.
-    filters, time_constant
-        Number of Laguerre filters, and the time in s over which they decay.
-    threshold
-        Velocity in rad/s above which stretch counts.
+    filters
+        Number of Laguerre filters. They decay over 0.03 s.
     max_lag
         Lags of the intrinsic response to either side in s.
 
@@ -262,18 +283,13 @@ class ScheduledIRF(Scheduled):
         "It does so as a polynomial.",
         "The intrinsic response ends before the reflex's delay does.",
     )
-    differs = (
-        "It follows the measured variable as a polynomial: what changes for another reason is "
-        "averaged over."
-    )
-    cites = ("sobhani2013", "sobhani2015")
 
     def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
         lags = base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
         fit = second_order_fit(np.arange(-lags, lags + 1) / ensemble.sampling_rate)
         weights = (np.ones(2 * lags + 1), *fit[1:])
-        signals = partial(lagged_angles, centre=_mean_angle(ensemble), lags=lags)
-        return (Term("intrinsic", signals, order, dict(zip(IMPEDANCE, weights, strict=True))),)
+        regressors = partial(lagged_angles, mean_angle(ensemble), lags)
+        return (Term("intrinsic", order, regressors, dict(zip(IMPEDANCE, weights, strict=True))),)
 
 
 @attrs.frozen
@@ -295,14 +311,12 @@ class ScheduledImpedance(Scheduled):
         "Stiffness, viscosity and reflex do so as polynomials; inertia is constant.",
         "The joint is of second order (inertia, viscosity, stiffness).",
     )
-    differs = (
-        "It follows the measured variable as a polynomial: what changes for another reason is "
-        "averaged over."
-    )
-    cites = ("sobhani2013", "sobhani2015")
 
     def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
-        signals = partial(angle_and_velocity, centre=_mean_angle(ensemble))
-        weights = {"stiffness": np.array([1.0, 0.0]), "viscosity": np.array([0.0, 1.0])}
-        inertia = Term("intrinsic", acceleration, 0, {"inertia": np.ones(1)})
-        return Term("intrinsic", signals, order, weights), inertia
+        regressors = partial(derivatives, mean_angle(ensemble))
+        weights = dict(zip(IMPEDANCE, np.eye(2), strict=False))
+        inertia = partial(regressors, slice(2, 3))
+        return (
+            Term("intrinsic", order, partial(regressors, slice(2)), weights),
+            Term("intrinsic", 0, inertia, {"inertia": np.ones(1)}),
+        )

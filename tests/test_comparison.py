@@ -46,12 +46,23 @@ def test_it_gives_the_same_as_each_method_by_itself():
         ([Level()], "needs the channel 'emg' .scheduling, V., the ensemble has no further channel"),
         ([Unused()], r"^Unused: ZeroDivisionError: by zero \(test_comparison.py, line"),
         ([Unused(), Unused()], "two methods have the name Unused"),
-        ([], "expected at least one method, got none"),
     ],
 )
 def test_methods_that_cannot_be_compared(methods, message):
     with pytest.raises(tv.InputError, match=message):
         tv.compare(ensemble_of(), methods)
+
+
+@pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
+def test_by_default_another_method_checks_adaptive():
+    assert list(tv.compare(ensemble_of(20.0)).models) == ["adaptive", "sds"]
+    assert list(tv.compare(ensemble_of(4.0, context=0.0)).models) == ["cascade"]
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.Constant(100.0), reflex_gain=8.0)
+    recording = joint.simulate(
+        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    ).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    assert list(tv.compare(ensemble).models) == ["adaptive", "cascade"]
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from scipy.io import loadmat, savemat
 from tests.cli.conftest import IDENTIFY, rows_of
 
 import tvsysid as tv
-from tvsysid.methods import DEFAULT_METHODS
+from tvsysid.methods import PAPER_METHODS
 
 
 @pytest.fixture
@@ -72,7 +72,9 @@ def test_by_default_the_answer_comes_first(identify):
     )
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
     assert switch.startswith("  switch at ")
-    assert tuple(written().method.unique()) == DEFAULT_METHODS
+    assert tuple(written().method.unique()) == ("adaptive", "sds")
+    assert identify("--method published")[0] == 0
+    assert tuple(written().method.unique()) == PAPER_METHODS
 
 
 @pytest.mark.slow

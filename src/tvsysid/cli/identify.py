@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from tvsysid.report import Account
     from tvsysid.signals import Recording
 
-DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]
 MAX_TESTED_CHANNELS = 8
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 NO_PERIOD = (
@@ -74,7 +73,7 @@ def identify(
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
     scheduling: str | None = None,
-    method: Methods = DEFAULT_METHODS,
+    method: Methods | None = None,
     align_channels: bool = True,
     remove_mains: bool = True,
     tune: Flag = False,
@@ -86,8 +85,10 @@ def identify(
     Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts
     the recording into realizations of one period, subtracts the mean over realizations, and
     identifies by each method: by default `adaptive`, which has no settings and is recommended, and
-    five for comparison. Where the data make every stiffness wrong, none is stated, and the first
-    lines say why and what to do.
+    another to check it (`sds`, or `cascade` where there is a reflex or few realizations). `--method
+    published` is the five of van de Ruit et al. (2021), `--method all` every one that applies.
+    Where the data make every stiffness wrong, none is stated, and the first lines say why and what
+    to do.
 
     A 95 % band covers measurement noise. It does not cover the error of a method that smooths too
     much. The band of `adaptive` also covers how fast stiffness may change, and when it may switch.
@@ -173,14 +174,15 @@ def identify(
         Folder for the results.
     """
     from tvsysid.comparison import compare, prepare_recording
-    from tvsysid.methods import centered_channels, parse
+    from tvsysid.methods import centered_channels, expand, parse
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_folder
 
     if scheduling is not None:
         channels = {**reading.channels, "scheduling": scheduling}
         reading = attrs.evolve(reading, channels=channels)
-        method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
+        method = method or SCHEDULED_METHODS
+    method = method or []
     with shown_warnings():
         recording = read_recording(file, reading)
         if scheduling is None and segmentation.period is None:
@@ -192,8 +194,8 @@ def identify(
         prepared = prepare_recording(
             recording,
             segmentation,
-            centered_channels(map(parse, method)),
-            method=method[0],
+            centered_channels(map(parse, expand(method))),
+            method=method[0] if method else "adaptive",
             align_channels=align_channels,
             remove_mains=remove_mains,
             jobs=-1,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
-from tvsysid.methods import DEFAULT_METHODS, Evidence, Method, Tuned, label_of, parse
+from tvsysid.methods import Evidence, Method, Tuned, expand, label_of, parse
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
@@ -17,7 +17,7 @@ from tvsysid.signals import Array, Ensemble
 
 def compare(
     ensemble: Ensemble,
-    methods: Iterable[str | Method] = DEFAULT_METHODS,
+    methods: Iterable[str | Method] = (),
     *,
     tune: bool = False,
     progress: Progress = no_progress,
@@ -32,8 +32,10 @@ def compare(
     ensemble
         Realizations, mean subtracted.
     methods
-        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with
-        ``identify``. The default is ``adaptive``, which is recommended, and the paper's five.
+        Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or methods.
+        ``"published"`` is the five of van de Ruit et al. (2021), ``"all"`` every method. By
+        default ``adaptive``, which is recommended, and another to check it: ``sds``, or
+        ``cascade`` where ``adaptive`` finds a reflex or cannot identify the ensemble.
     tune
         Whether each method's settings are chosen from the data first.
     progress
@@ -61,25 +63,24 @@ def compare(
     0    sds                 ...
     1   birf                 ...
     """
-    items = [methods] if isinstance(methods, str) else methods
     chosen: dict[str, Method] = {}
-    for item in items:
+    for item in expand([methods] if isinstance(methods, str) else methods):
         method, label = parse(item) if isinstance(item, str) else item, label_of(item)
         if chosen.setdefault(label, method) != method:
             raise InputError(
                 f"compare: two methods have the name {label}. Settings that are fields of the "
                 "class tell them apart"
             )
-    if not chosen:
-        raise InputError("compare: expected at least one method, got none")
+    queue = list(chosen.items())
     models: dict[str, Model] = {}
     predicted: dict[str, Array] = {}
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
     with single_thread():
-        for number, (label, method) in enumerate(chosen.copy().items()):
-            progress(number, len(chosen))
+        for number, (label, method) in enumerate(queue or _usual(models)):
+            progress(number, len(queue) or 2)
+            chosen[label] = method
             try:
                 if reason := reason_to_skip(method, ensemble):
                     skipped[label] = reason
@@ -96,6 +97,14 @@ def compare(
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
+
+
+def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
+    """Yield ``adaptive``, and then, by what it found, the method that checks it."""
+    yield "adaptive", parse("adaptive")
+    found = models.get("adaptive")
+    key = "cascade" if found is None or "reflex_gain" in found.estimates else "sds"
+    yield key, parse(key)
 
 
 def _warn_without_band(label: str, model: Model) -> None:

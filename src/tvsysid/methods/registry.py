@@ -53,7 +53,7 @@ METHODS: dict[str, type[Method]] = {
 }
 
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # compared by van de Ruit et al. 2021
-DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # of `identify`
+DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # that a recommendation speaks of
 STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study, by default
 CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds the reference
     "sds:reference=disturbance",
@@ -64,6 +64,16 @@ CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds t
 ENTRY_POINTS = {"method": "tvsysid.methods", "scenario": "tvsysid.scenarios"}
 # Attribute that an object of each kind must have.
 ATTRIBUTES = {"system": "simulate", "profile": "__call__", "perturbation": "generate"}
+
+
+def expand(methods: Iterable[str | Method]) -> list[str | Method]:
+    """Return methods, with those of a group in its place: ``"published"`` or ``"all"``."""
+    groups = {"published": PAPER_METHODS, "all": names()}
+    return [
+        method
+        for item in methods
+        for method in (groups.get(item, (item,)) if isinstance(item, str) else (item,))
+    ]
 
 
 def names() -> tuple[str, ...]:

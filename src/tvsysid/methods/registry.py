@@ -66,7 +66,7 @@ ENTRY_POINTS = {"method": "tvsysid.methods", "scenario": "tvsysid.scenarios"}
 ATTRIBUTES = {"system": "simulate", "profile": "__call__", "perturbation": "generate"}
 
 
-def expand(methods: Iterable[str | Method]) -> list[str | Method]:
+def expand(methods: Iterable[Any]) -> list[Any]:
     """Return methods, with those of a group in its place: ``"published"`` or ``"all"``."""
     groups = {"published": PAPER_METHODS, "all": names()}
     return [

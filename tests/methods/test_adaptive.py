@@ -35,14 +35,13 @@ def dense_posterior(estimate, covariance, candidate):
 
     No small matrix is used.
     """
-    axis, positions = estimate.axis, candidate.switches.positions
+    axis, positions = estimate.axis, candidate.positions
     features, count = prior.fourier_features(axis), len(positions)
     smooth = features * candidate.smooth.prior.variances @ features.T
     sharp, seen = axis.steps(positions), axis.steps(positions, recorded=True)
-    balance = np.eye(count) - candidate.size_prior.balanced * np.full(
-        (count, count), 1 / max(count, 1)
-    )
-    spread = candidate.size_prior.spread**2 * balance
+    is_balanced, size = divmod(candidate.size_prior, len(prior.SWITCH_SIZES))
+    balance = np.eye(count) - is_balanced * np.full((count, count), 1 / max(count, 1))
+    spread = prior.SWITCH_SIZES[size] ** 2 * balance
     total = covariance + smooth + seen @ spread @ seen.T
     density, noise = (
         stats.multivariate_normal.logpdf(estimate.values, cov=each) for each in (total, covariance)
@@ -55,25 +54,24 @@ def dense_posterior(estimate, covariance, candidate):
 @pytest.mark.parametrize("periodic", [True, False])
 def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, periodic):
     estimate, covariance = estimate_of(random, periodic)
-    priors = prior.size_priors(periodic)
     for each in [prior.smooth_priors(estimate.axis)[index] for index in (0, 3, -1)]:
         # A constant of less variance: with the usual one, rounding tells in the dense matrices.
         smooth = evidence.SmoothFit(
             estimate, each._replace(variances=np.r_[4.0, each.variances[1:]])
         )
         for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
-            switches = search.Switches(np.array(positions), smooth)
+            switches = search.Candidate(smooth, np.array(positions))
             log_prior = each.log_prior - len(positions) * np.log(40)
             for found in posterior.weighed([smooth], [switches]):
                 gain, mean, error = dense_posterior(estimate, covariance, found)
-                chance = log_prior - bool(positions) * np.log(len(priors))
+                chance = log_prior - bool(positions) * np.log(6 if periodic else 3)
                 assert found.evidence == pytest.approx(gain + chance, abs=1e-5)
-                over_time = found.over_time(switches.positions[None])
+                over_time = posterior.OverTime.of(found, switches.positions[None])
                 np.testing.assert_allclose(over_time.means[:, 0], mean, atol=1e-6)
                 np.testing.assert_allclose(over_time.variances[:, 0], error**2, atol=1e-6)
         own, last = smooth.steps(np.array(positions[:2])), smooth.steps(np.array(positions[2:]))
-        expected = own.joined(last).log_evidence(periodic).max()
-        assert own.log_evidence_with(last, estimate.axis).max() == pytest.approx(expected, abs=1e-8)
+        expected = smooth.scores_of(own.joined(last)).max()
+        assert smooth.scores_with(own, last).max() == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize("axis", [prior.Axis(200, True), prior.Axis(100, False)])
@@ -107,6 +105,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
     ensemble = ensemble_of(40.0, "square", "prbs")
     signals = Signals.of_second_order(ensemble)
     u, v, a, y = signals.columns
+    free = regression.FreeEstimates(ensemble, signals)
     design = np.stack([[*np.diag(u[r]), v[r], a[r]] for r in range(len(u))]).swapaxes(1, 2)
     for weights in (np.eye(200), np.linalg.inv(toeplitz(0.9 ** np.arange(200)))):
         expected = np.linalg.solve(
@@ -114,15 +113,10 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
             np.einsum("rti,ts,rs->i", design, weights, y, optimize=True),
         )
         filters = np.linalg.cholesky(weights).T
-        weighted = regression.Weighted.by(signals.columns, filters, low_band=False)
-        free = regression.FreeCoefficient.of(regression.U, weighted, weighted)
-        constants = regression.fit_constants(
-            weighted.constants - weighted.low @ free.solved,
-            np.diag(weighted.constants),
-            signals.prior_precision,
-        )
-        stiffness = free.values(constants.values)
-        np.testing.assert_allclose([*stiffness, *constants.values], expected, rtol=1e-8)
+        free.weights = (regression.Weighted.by(signals.columns, filters, low_band=False),) * 2
+        free._solve(np.zeros(200), signals.prior_precision)
+        found = [*free.coefficients[regression.U], *free.constants]
+        np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
 def test_noise_is_whitened_whatever_its_colour_and_where_it_is_louder(random):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
@@ -11,19 +10,9 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, smoothness_of, switches_of
-from tvsysid.methods.adaptive.posterior import (
-    Candidate,
-    Hypothesis,
-    Posterior,
-    average,
-    average_beside,
-)
-from tvsysid.methods.adaptive.regression import (
-    A,
-    FreeEstimates,
-    V,
-    pooling_reach,
-)
+from tvsysid.methods.adaptive.posterior import Hypothesis, Posterior, average, average_beside
+from tvsysid.methods.adaptive.regression import A, FreeEstimates, V, pooling_reach
+from tvsysid.methods.adaptive.search import Candidate
 from tvsysid.methods.adaptive.signals import MIN_REALIZATIONS, MIN_SAMPLES, Signals
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted
@@ -194,13 +183,12 @@ class AdaptiveRegression(base.Method):
                 known = known or {name: each.hypotheses for name, each in found.items()}
             beside = found["viscosity"].mixture if found else None
             stiffness = average(free.stiffness(beside), known.get("stiffness", ()))
+            found = {"stiffness": stiffness}
             if free.signals.reflex is not None:
-                found = {"stiffness": stiffness}
                 break
-            viscosity = average_beside(
-                free.viscosity(stiffness.mixture), stiffness, known.get("viscosity", ())
-            )
-            found = {"stiffness": stiffness, "viscosity": viscosity}
+            estimate = free.viscosity(stiffness.mixture)
+            viscosity = average_beside(estimate, stiffness, known.get("viscosity", ()))
+            found["viscosity"] = viscosity
             if viscosity.probability(Candidate.is_constant) > 0.5:
                 break
         return model_of(repr(self), free, found)
@@ -210,34 +198,28 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
     """Return the model with the posterior of stiffness, and of viscosity if no reflex is shown."""
     ensemble, signals, axis = free.ensemble, free.signals, free.axis
     rate, edges, reflex = ensemble.sampling_rate, signals.edges, signals.reflex
+    pooled = min(2 * pooling_reach(signals.independent, rate) + 1, axis.times)
     freedom, total_freedom = (
-        np.array(max(1.0, (signals.independent - 1) * min(each, axis.times) - 2))
-        for each in (2 * pooling_reach(signals.independent, rate) + 1, axis.times)
+        np.array((signals.independent - 1.0) * times - 2) for times in (pooled, axis.times)
     )
 
     def over_time(values: Array | float) -> Array:
         return base.padded(np.broadcast_to(values, axis.times), *edges)
 
     estimates = {} if reflex is None else dict(reflex.estimates)
+    details = {"periodic": float(axis.periodic), "reflex_shown": float(reflex is not None)}
     for quantity, posterior in found.items():
         mixture = posterior.mixture
         mixture = mixture.above_zero() if quantity == "viscosity" else mixture
-        error = over_time(np.sqrt(mixture.variance()))
-        estimates[quantity] = Estimate(
-            over_time(mixture.mean()),
-            UNITS[quantity],
-            error=MixtureError(error, freedom, posterior.arc(), mixture=mixture),
-        )
-    details = {
-        f"constant_{quantity}": posterior.probability(Candidate.is_constant)
-        for quantity, posterior in found.items()
-    }
-    details |= {"periodic": float(axis.periodic), "reflex_shown": float(reflex is not None)}
+        errors = over_time(np.sqrt(mixture.variance()))
+        error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
+        estimates[quantity] = Estimate(over_time(mixture.mean()), UNITS[quantity], error=error)
+        details[f"constant_{quantity}"] = posterior.probability(Candidate.is_constant)
     if reflex is None:
-        inertia = free.constants.values[A - V]
-        error = over_time(math.sqrt(max(free.constants.covariance[A - V, A - V], 0.0)))
+        constant = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
+        inertia, errors = map(over_time, constant)
         estimates["inertia"] = Estimate(
-            over_time(inertia), UNITS["inertia"], error=StandardError(error, total_freedom, 0.0)
+            inertia, UNITS["inertia"], error=StandardError(errors, total_freedom, 0.0)
         )
         details["second_order_agreement"] = shared.second_order_agreement(
             ensemble, ensemble, np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
@@ -267,7 +249,7 @@ def warnings_of(free: FreeEstimates, found: Mapping[str, Posterior]) -> Iterator
             f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
             f"realizations (got {len(free.ensemble)}): the stiffness holds what it adds"
         )
-    if not free.constants.identifiable:
+    if not free.identifiable:
         undetermined.append(
             "viscosity and inertia, which the angle does not tell from stiffness in these "
             "realizations"

@@ -29,7 +29,6 @@ from tvsysid.methods.adaptive.prior import (
     LEVEL,
     SWITCH_SIZES,
     Axis,
-    SizePrior,
     SmoothPrior,
     fourier_features,
     smooth_priors,
@@ -72,20 +71,6 @@ class Steps(NamedTuple):
         """Return the products of what is left with that of other steps, shape (step, other)."""
         return np.asarray(self.columns.T @ other.columns - self.explained.T @ other.explained)
 
-    def log_evidence(self, periodic: bool) -> Array:
-        """Return the log evidence for the steps together, shape (size prior,)."""
-        return log_evidence(self.products(self)[None], self.cross[None], periodic)[:, 0]
-
-    def log_evidence_with(self, further: Steps, axis: Axis) -> Array:
-        """Return the log evidence for the steps and each further one, shape (size prior, further).
-
-        It is -inf where a further step is too close.
-        """
-        more = further, self.products(further)
-        evidence = log_evidence(self.products(self)[None], self.cross[None], axis.periodic, more)
-        near = np.abs(axis.offset(self.positions[:, None], further.positions)) < MIN_DISTANCE
-        return np.where(near.any(axis=0), -np.inf, evidence)
-
 
 @attrs.frozen(eq=False)
 class FreeEstimate:
@@ -120,21 +105,16 @@ class FreeEstimate:
         The smooth part is the most probable one without switches.
         """
         smooths = (SmoothFit(self, prior) for prior in smooth_priors(self.axis))
-        misfit = max(smooths, key=attrgetter("score")).misfit
+        left = max(smooths, key=attrgetter("score")).posterior
+        misfit = left.residual / (left.number - left.effective)
         return attrs.evolve(self, whitener=self.whitener / math.sqrt(max(misfit, 1.0)))
 
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
         products = self.white.T @ columns
-        return Steps(
-            positions,
-            columns,
-            features=products[:-1],
-            explained=np.zeros((0, len(positions))),
-            power=np.einsum("tc,tc->c", columns, columns),
-            cross=products[-1],
-        )
+        none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)
+        return Steps(positions, columns, products[:-1], none, power, products[-1])
 
 
 class SmoothFit:
@@ -147,22 +127,15 @@ class SmoothFit:
 
     def __init__(self, estimate: FreeEstimate, prior: SmoothPrior) -> None:
         self.estimate, self.prior = estimate, prior
-        kept = np.flatnonzero(prior.variances)
-        self._posterior = solve(estimate.moments.take(kept), 1 / prior.variances[kept])
-        # The first harmonics are a slice, which copies nothing.
-        self._kept = slice(len(kept)) if kept[-1] < len(kept) else kept
+        self._kept = np.flatnonzero(prior.variances)
+        self.posterior = solve(estimate.moments.take(self._kept), 1 / prior.variances[self._kept])
         self.mean = self.whitened(estimate.moments.cross)
         explained = float(self.mean @ self.mean)
-        self.score = prior.log_prior + 0.5 * (explained - self._posterior.log_determinant)
-
-    @property
-    def misfit(self) -> float:
-        """Variance of what the smooth part leaves, relative to that of the estimate's error."""
-        return self._posterior.residual / (self._posterior.number - self._posterior.effective)
+        self.score = prior.log_prior + 0.5 * (explained - self.posterior.log_determinant)
 
     def whitened(self, products: Array) -> Array:
         """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""
-        return np.asarray(self._posterior.inverse_factor @ products[self._kept])
+        return np.asarray(self.posterior.inverse_factor @ products[self._kept])
 
     @cached_property
     def features(self) -> Array:
@@ -178,67 +151,84 @@ class SmoothFit:
         explained = self.whitened(steps.features)
         return steps._replace(
             explained=explained,
-            power=steps.power - np.einsum("kc,kc->c", explained, explained),
+            power=steps.power - np.sum(explained**2, axis=0),
             cross=steps.cross - self.mean @ explained,
         )
 
-    def score_of(self, switches: Steps) -> float:
-        """Return the score with switches, whose positions are equally likely beforehand."""
-        axis = self.estimate.axis
-        evidence = float(switches.log_evidence(axis.periodic).max())
-        return self.score + evidence - len(switches.positions) * math.log(axis.times)
+    def scores_of(self, switches: Steps) -> Array:
+        """Return the score with switches, whose positions are equally likely, (size prior,)."""
+        gram, cross = switches.products(switches)[None], switches.cross[None]
+        return self.score + log_evidence(self.estimate.axis, gram, cross)[:, 0]
+
+    def scores_with(self, switches: Steps, further: Steps) -> Array:
+        """Return the scores with switches and each further one, shape (size prior, further).
+
+        They are -inf where a further switch is too close.
+        """
+        axis, gram = self.estimate.axis, switches.products(switches)[None]
+        more = switches.products(further), further.power, further.cross
+        evidence = log_evidence(axis, gram, switches.cross[None], more)
+        distances = np.abs(axis.offset(switches.positions[:, None], further.positions))
+        return np.where((distances < MIN_DISTANCE).any(axis=0), -np.inf, self.score + evidence)
+
+
+def column_evidence(power: Array, cross: Array, variance: float | Array) -> Array:
+    """Return the log evidence for a column whose coefficient has a prior variance.
+
+    ``power`` is the square of what is left of the column, ``cross`` its product with the estimate.
+    """
+    ratio = 1 + variance * np.maximum(power, 0.0)
+    return np.asarray(0.5 * (variance * cross**2 / ratio - np.log(ratio)))
+
+
+def size_covariances(gram: Array) -> Array:
+    """Return the posterior covariance of the sizes of switches for each of their variances.
+
+    ``gram`` (..., switch, switch) are the products of the switches with each other. The result has
+    shape (variance, ..., switch, switch).
+    """
+    prior = np.multiply.outer(np.square(SWITCH_SIZES) ** -1.0, np.eye(gram.shape[-1]))
+    return np.linalg.inv(gram + np.expand_dims(prior, tuple(range(1, gram.ndim - 1))))
 
 
 def log_evidence(
-    gram: Array, cross: Array, periodic: bool, further: tuple[Steps, Array] | None = None
+    axis: Axis, gram: Array, cross: Array, further: tuple[Array, Array, Array] | None = None
 ) -> Array:
     r"""Return the log evidence for sets of switches, shape (size prior, set).
 
-    The priors are those of :func:`size_priors`. ``gram`` (set, switch, switch) are the products of
-    the switches with each other, ``cross`` (set, switch) those with the estimate. With A the
-    posterior precision of n switches' sizes, and b = ``cross``,
+    It includes the prior of their positions. The sizes have one of three variances
+    :math:`\tau^2`. On a periodic axis, these priors come twice: with free sizes, then with balanced
+    ones, which add up to zero. ``gram`` (set, switch, switch) are the products of the switches with
+    each other, ``cross`` (set, switch) those with the estimate. With A the posterior precision of n
+    switches' sizes, and b = ``cross``,
 
     .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
 
-    The eigenvalues of the Gram matrix G serve all priors. Balanced sizes have the condition that
-    their sum is zero, whose posterior mean is :math:`1^T A^{-1} b`, and variance :math:`1^T A^{-1}
-    1`. One switch more updates the formulas by a row and a column, so that there may be many
-    ``further`` ones, each beside a single set. Their products with that set are the second part.
+    Balanced sizes have the condition that their sum is zero, whose posterior mean is :math:`1^T
+    A^{-1} b`, and variance :math:`1^T A^{-1} 1`. One switch more updates the formulas by a row and
+    a column, so that there may be many ``further`` ones, each beside a single set: their products
+    with that set, their squares, and products with the estimate.
     """
     prior, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
-    values, vectors = np.linalg.eigh(gram)
-    precision = np.maximum(values, 0.0) + prior[:, :, None]
-    along, ones = (cross[:, None] @ vectors)[:, 0], vectors.sum(axis=1)
-    square, total, variance = (
-        np.sum(each / precision, axis=-1) for each in (along**2, along * ones, ones**2)
-    )
-    log_determinant = np.log(precision).sum(axis=-1)
+    covariance = size_covariances(gram)
+    mean, ones = (covariance @ cross[..., None])[..., 0], covariance.sum(axis=-1)
+    square, total, variance = np.sum(mean * cross, axis=-1), mean.sum(axis=-1), ones.sum(axis=-1)
+    log_determinant = -np.linalg.slogdet(covariance)[1]
     if further is not None:
-        steps, count = further[0], count + 1
-        mixed = vectors[0].T @ further[1]
-        left = np.maximum(steps.power - (1 / precision[:, 0]) @ mixed**2, 0.0) + prior
-        answer = steps.cross - (along / precision[:, 0]) @ mixed
-        one = 1 - (ones / precision[:, 0]) @ mixed
+        (mixed, power, own_cross), count = further, count + 1
+        left = np.maximum(power - np.sum(covariance[:, 0] @ mixed * mixed, axis=1), 0.0) + prior
+        answer, one = own_cross - mean[:, 0] @ mixed, 1 - ones[:, 0] @ mixed
         square, total = square + answer**2 / left, total + answer * one / left
         variance = variance + one**2 / left
         log_determinant = log_determinant + np.log(left)
-    free = np.asarray(0.5 * (square - log_determinant + count * np.log(prior)))
-    if not periodic:
-        return free
+    free = 0.5 * (square - log_determinant + count * np.log(prior)) - count * math.log(axis.times)
+    if not axis.periodic:
+        return np.asarray(free)
     if count < 2:  # one balanced switch is none
         return np.concatenate([free, np.full(free.shape, -np.inf)])
     condition = total**2 / variance + np.log(variance * prior / count)
     return np.concatenate([free, free - 0.5 * condition])
-
-
-def size_covariance(gram: Array, prior: SizePrior) -> Array:
-    """Return the posterior covariance (..., switch, switch) of the sizes of switches."""
-    inverse = np.linalg.inv(gram + np.eye(gram.shape[-1]) / prior.spread**2)
-    if prior.balanced:
-        ones = inverse.sum(axis=-1, keepdims=True)
-        inverse = inverse - ones @ ones.swapaxes(-1, -2) / ones.sum(axis=-2, keepdims=True)
-    return np.asarray(inverse)
 
 
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:
@@ -247,33 +237,32 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     The most evident one is added to a constant and steps at positions, again and again. Each has a
     standard deviation of its own, one of AMPLITUDES.
     """
-    count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    columns, values = np.hsplit(estimate.white, [-1])
-    both = np.hstack([columns[:, : count + 1], estimate.steps(positions).columns, values])
-    moments, sizes = Moments.of(both.T @ both, len(both)), np.square(AMPLITUDES)[:, None]
-    variances = np.r_[LEVEL**2, np.zeros(count), np.full(len(positions), STEP**2)]
+    features, values = np.hsplit(estimate.white, [-1])
+    count, known = 2 * min(MAX_HARMONIC, estimate.axis.harmonics), len(positions) + 1
+    steps = estimate.steps(positions).columns
+    columns = np.hstack([steps, features[:, : count + 1], values])
+    moments = Moments.of(columns.T @ columns, len(columns))
+    variances = np.r_[np.full(len(positions), STEP**2), LEVEL**2, np.zeros(count)]
+    waves, sizes = variances[known:], np.square(AMPLITUDES)[:, None]
     log_prior = math.log(WAVES_PROBABILITY)
     log_prior -= count / 2 * math.log1p(FIRST_ODDS * (2 + SECOND_ODDS))
-    waves = variances[1 : count + 1]
     for _ in range(min(MAX_WAVES, count)):
-        known = np.flatnonzero(variances)
-        fit, gram = solve(moments.take(known), 1 / variances[known]), moments.gram[:, 1 : count + 1]
-        explained = fit.inverse_factor @ gram[known]
-        power = np.diag(gram[1:]) - np.sum(explained**2, axis=0)
-        left = 1 + sizes * np.maximum(power, 0.0)
-        cross = moments.cross[1 : count + 1] - fit.mean @ gram[known]
+        own = np.flatnonzero(variances)
+        fit, mixed = solve(moments.take(own), 1 / variances[own]), moments.gram[own, known:]
+        explained = fit.inverse_factor @ mixed
+        power = moments.gram.diagonal()[known:] - np.sum(explained**2, axis=0)
+        cross = moments.cross[known:] - fit.mean @ mixed
         has_other = waves.reshape(-1, 2)[:, ::-1].ravel() > 0
-        odds = np.where(has_other, SECOND_ODDS, FIRST_ODDS) / len(sizes)
-        evidence = np.log(odds) + 0.5 * (sizes * cross**2 / left - np.log(left))
+        log_odds = np.log(np.where(has_other, SECOND_ODDS, FIRST_ODDS) / len(sizes))
+        evidence = log_odds + column_evidence(power, cross, sizes)
         evidence[:, waves > 0] = -np.inf
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
-        log_prior += math.log(odds[wave])
         waves[wave] = sizes[size, 0]
-        rest = np.zeros(columns.shape[1] - count - 1)
+        log_prior += float(log_odds[wave])
         yield SmoothPrior(
             "few harmonics",
             amplitude=math.sqrt(waves.sum() / 2),
             length=estimate.axis.period / (np.flatnonzero(waves)[-1] // 2 + 1),
             log_prior=log_prior,
-            variances=np.concatenate([variances[: count + 1], rest]),
+            variances=np.pad(variances[known - 1 :], (0, features.shape[1] - count - 1)),
         )

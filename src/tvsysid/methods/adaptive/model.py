@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -161,28 +160,21 @@ def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) 
     rows, counted = list[Switch](), posterior.candidates[: len(posterior.weights)]
     estimate = counted[0].smooth.estimate
     for rank, (candidate, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
-        for index, position in enumerate(candidate.switches.positions):
-            distances = (
-                estimate.axis.offset(each.switches.positions, position) for each in counted
-            )
+        for index, position in enumerate(candidate.positions):
+            distances = (estimate.axis.offset(each.positions, position) for each in counted)
             near = np.array([(np.abs(each) < CLOSE).any() for each in distances])
             probability = min(float(posterior.weights @ near), 1.0)  # rounding may exceed it
             if near[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
                 continue
-            window, probabilities = candidate.switches.places[index]
+            window, probabilities = candidate.places[index]
             late = estimate.axis.offset(window, position)
             ends = np.quantile(late, [0.025, 0.975], weights=probabilities, method="inverted_cdf")
-            time = float(position + missing)
-            row = Switch(
-                quantity,
-                time / rate,
-                earliest=(time + min(ends[0], 0.0)) / rate,
-                latest=(time + max(ends[1], 0.0)) / rate,
-                size=estimate.size * float(own.sizes[0, index]),
-                size_error=estimate.size * math.sqrt(own.covariance[0, index, index]),
-                probability=probability,
-            )
-            rows.append(row)
+            time = (position + missing) / rate
+            earliest, latest = time + np.clip(ends, [-np.inf, 0.0], [0.0, np.inf]) / rate
+            size = estimate.size * own.sizes[0, index]
+            size_error = estimate.size * np.sqrt(own.covariance[0, index, index])
+            numbers = map(float, (time, earliest, latest, size, size_error, probability))
+            rows.append(Switch(quantity, *numbers))
     return sorted(rows, key=attrgetter("time"))
 
 

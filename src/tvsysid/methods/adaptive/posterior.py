@@ -17,21 +17,20 @@ from tvsysid.methods.adaptive.evidence import (
     SmoothFit,
     few_harmonics,
     log_evidence,
-    size_covariance,
+    size_covariances,
 )
 from tvsysid.methods.adaptive.prior import (
     JITTERS,
+    SWITCH_SIZES,
     Axis,
-    SizePrior,
     SmoothPrior,
-    size_priors,
     smooth_priors,
 )
 from tvsysid.methods.adaptive.search import (
+    Candidate,
     Grid,
-    Switches,
     Windows,
-    first_proposal,
+    first_candidate,
     propose_switches,
 )
 from tvsysid.numerics import Array
@@ -43,8 +42,8 @@ MAX_POSITIONS = 24  # of a switch, in a model that has all the weight
 SAME = 0.26  # samples within which two sets of switches are the same
 MAX_SMEARED = 6  # switches up to which it is tried how steps are smeared
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
-BY_EVIDENCE = attrgetter("evidence")
 OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
+BY_EVIDENCE = attrgetter("evidence")
 
 
 class Mixture(NamedTuple):
@@ -63,10 +62,6 @@ class Mixture(NamedTuple):
         apart = self.means - self.mean()[:, None]
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
 
-    def times(self, scale: float) -> Mixture:
-        """Return the mixture times a scale."""
-        return Mixture(self.weights, scale * self.means, scale**2 * self.variances)
-
     def above_zero(self) -> Mixture:
         """Return the same distributions with no mean below zero."""
         return self._replace(means=np.maximum(self.means, 0.0))
@@ -78,65 +73,6 @@ class Hypothesis(NamedTuple):
     axis: Axis
     prior: SmoothPrior
     positions: Array
-
-
-class Candidate(NamedTuple):
-    """A smooth part, switches and the prior of their sizes.
-
-    ``evidence`` is the log evidence, including the prior.
-    """
-
-    smooth: SmoothFit
-    switches: Switches
-    size_prior: SizePrior
-    evidence: float
-
-    def is_constant(self) -> bool:
-        """Return whether nothing changes."""
-        return not len(self.switches.positions) and self.smooth.prior.kind == "none"
-
-    def over_time(self, positions: Array) -> OverTime:
-        """Return the posterior over time for sets of positions (set, switch) of the switches."""
-        smooth, sets = self.smooth, positions.shape
-        steps = smooth.steps(positions.ravel())
-        true_steps = smooth.estimate.axis.steps(positions.ravel())
-        columns, explained, shapes = (
-            each.reshape(len(each), *sets).swapaxes(0, 1)
-            for each in (
-                steps.columns,
-                steps.explained,
-                true_steps - smooth.features @ steps.explained,
-            )
-        )
-        gram = columns.swapaxes(1, 2) @ columns - explained.swapaxes(1, 2) @ explained
-        covariance = size_covariance(gram, self.size_prior)
-        sizes = covariance @ steps.cross.reshape(*sets, 1)
-        means = smooth.features @ smooth.mean + (shapes @ sizes)[..., 0]
-        variances = np.sum(smooth.features**2, axis=1) + np.einsum(
-            "stc,stc->st", shapes @ covariance, shapes
-        )
-        return OverTime(means.T, variances.T, sizes[..., 0], covariance, shapes)
-
-    def components(self, weight: float, best: OverTime) -> Array:
-        """Return weights, means and variances of the posterior, shape (3, time, component).
-
-        ``weight`` is that of the candidate. ``best`` has all switches at their most probable
-        positions. The switch nearest to a time takes all its positions, the others stay there.
-        """
-        axis, switches = self.smooth.estimate.axis, self.switches
-        if not len(switches.positions):
-            return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
-        apart = np.abs(axis.offset(np.arange(axis.times)[:, None], switches.positions))
-        nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_POSITIONS * weight))
-        out = np.empty((3, axis.times, count))
-        for index, place in enumerate(switches.places):
-            rows, positions = nearest == index, np.tile(switches.positions, (count, 1))
-            positions[:, index], shares = thinned(*place, count)
-            moved = self.over_time(positions)
-            out[0, rows] = weight * shares
-            out[1:, rows] = moved.means[rows], moved.variances[rows]
-        out[2] += axis.jitter_variance(switches.positions) @ best.sizes.T**2
-        return out
 
 
 class OverTime(NamedTuple):
@@ -151,6 +87,49 @@ class OverTime(NamedTuple):
     sizes: Array
     covariance: Array
     shapes: Array
+
+    @classmethod
+    def of(cls, candidate: Candidate, positions: Array) -> OverTime:
+        """Return the posterior over time for sets of positions (set, switch) of the switches."""
+        smooth, each, shape = candidate.smooth, positions.ravel(), positions.shape
+        steps, true_steps = smooth.steps(each), smooth.estimate.axis.steps(each)
+        shapes = true_steps - smooth.features @ steps.explained
+        shapes = shapes.reshape(len(shapes), *shape).swapaxes(0, 1)
+        gram = np.einsum("sisj->sij", steps.products(steps).reshape(2 * shape))
+        balanced, size = divmod(candidate.size_prior, len(SWITCH_SIZES))
+        covariance = size_covariances(gram)[size]
+        if balanced:
+            ones = covariance.sum(axis=-1, keepdims=True)
+            covariance = covariance - ones @ ones.swapaxes(1, 2) / ones.sum(axis=1, keepdims=True)
+        sizes = covariance @ steps.cross.reshape(*shape, 1)
+        means = smooth.features @ smooth.mean + (shapes @ sizes)[..., 0]
+        variances = np.sum(smooth.features**2, axis=1) + np.sum(
+            shapes @ covariance * shapes, axis=2
+        )
+        return cls(means.T, variances.T, sizes[..., 0], covariance, shapes)
+
+
+def components(candidate: Candidate, weight: float, best: OverTime) -> Array:
+    """Return weights, means and variances of the posterior, shape (3, time, component).
+
+    ``weight`` is that of the candidate. ``best`` has all switches at their most probable positions.
+    The switch nearest to a time takes all its positions, the others stay there.
+    """
+    axis, own = candidate.smooth.estimate.axis, candidate.positions
+    if not len(own):
+        return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
+    apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
+    nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_POSITIONS * weight))
+    out = np.empty((3, axis.times, count))
+    for index, place in enumerate(candidate.places):
+        rows, positions = nearest == index, np.tile(own, (count, 1))
+        positions[:, index], shares = thinned(*place, count)
+        moved = OverTime.of(candidate, positions)
+        out[0, rows] = weight * shares
+        out[1:, rows] = moved.means[rows], moved.variances[rows]
+    if axis.jitter:
+        out[2] += axis.jitter_variance(own) @ best.sizes.T**2
+    return out
 
 
 def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Array]:
@@ -183,12 +162,13 @@ class Posterior:
         weights = softmax([each.evidence for each in candidates[:MAX_MODELS]])
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
-        kept = candidates[: len(weights)]
-        over_time = [each.over_time(each.switches.positions[None]) for each in kept]
-        rows = zip(kept, weights, over_time, strict=True)
-        parts = np.concatenate([each.components(*row) for each, *row in rows], axis=2)
-        size = candidates[0].smooth.estimate.size
-        return cls(candidates, weights, over_time, Mixture(*parts).times(size))
+        kept, size = candidates[: len(weights)], candidates[0].smooth.estimate.size
+        over_time = [OverTime.of(each, each.positions[None]) for each in kept]
+        shares, means, variances = np.concatenate(
+            list(map(components, kept, weights, over_time)), axis=2
+        )
+        mixture = Mixture(shares, size * means, size**2 * variances)
+        return cls(candidates, weights, over_time, mixture)
 
     @property
     def probabilities(self) -> Array:
@@ -203,7 +183,7 @@ class Posterior:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that count, the most probable first."""
         return tuple(
-            Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.switches.positions)
+            Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.positions)
             for each in self.candidates[: len(self.weights)]
         )
 
@@ -220,7 +200,7 @@ class Posterior:
         """Return the best candidate's effective number of parameters, and of switch times."""
         (features, covariance), best = self._best(), self.candidates[0]
         white = best.smooth.estimate.whitener @ features
-        return float(np.sum(white @ covariance * white)) + len(best.switches.positions)
+        return float(np.sum(white @ covariance * white)) + len(best.positions)
 
     def _best(self) -> tuple[Array, Array]:
         """Return features of the best candidate, and the covariance of their coefficients."""
@@ -239,24 +219,23 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posteri
     data leave open is averaged.
     """
     if known:
-        estimate = attrs.evolve(estimate, axis=known[0].axis)
-        return Posterior.of(plausible(estimate, within=known, search=False))
+        return Posterior.of(plausible(attrs.evolve(estimate, axis=known[0].axis), known=known))
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
     best, usual = found.candidates[0], estimate.axis
-    without = found.probability(lambda each: not len(each.switches.positions))
-    if without > 0.5 or len(best.switches.positions) > MAX_SMEARED:
+    without = found.probability(lambda each: not len(each.positions))
+    if without > 0.5 or len(best.positions) > MAX_SMEARED:
         return found
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
     smeared = [attrs.evolve(estimate, axis=axis) for axis in (usual, *smears)]
     scores = []
     for each in smeared:
-        switches = best.switches._replace(smooth=SmoothFit(each, best.smooth.prior))
-        scores.append(switches.refined(Windows(each, SMEAR_SPACING)).total)
+        moved = best._replace(smooth=SmoothFit(each, best.smooth.prior))
+        scores.append(moved.refined(Windows(each, SMEAR_SPACING)).total)
     other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(smears))
     if scores[other] + log_prior < scores[0] - OPEN:
         return found
-    beside = plausible(smeared[other], within=found.hypotheses)
+    beside = plausible(smeared[other], [each.prior for each in found.hypotheses])
     beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
     return Posterior.of(candidates + beside)
 
@@ -272,55 +251,57 @@ def average_beside(
     best = other.candidates[0]
     estimate = attrs.evolve(estimate, axis=best.smooth.estimate.axis)
     # No position is to be found, so that none is penalised.
-    volume = len(best.switches.positions) * math.log(estimate.axis.times) + math.log(0.5)
-    tied = best.switches._replace(log_volume=volume)
-    return Posterior.of(plausible(estimate, tied, known, search=not known))
+    volume = len(best.positions) * math.log(estimate.axis.times) + math.log(0.5)
+    return Posterior.of(plausible(estimate, known=known, tied=best._replace(log_volume=volume)))
 
 
 def plausible(
     estimate: FreeEstimate,
-    tied: Switches | None = None,
-    within: Sequence[Hypothesis] = (),
-    search: bool = True,
+    priors: Sequence[SmoothPrior] = (),
+    known: Sequence[Hypothesis] = (),
+    tied: Candidate | None = None,
 ) -> list[Candidate]:
     """Return all plausible candidates, with steps smeared as the estimate's axis says.
 
-    ``tied`` are switches of another estimate. If there are hypotheses ``within`` which to stay,
-    only their smooth parts are used, and without a ``search`` only their switches.
+    Sets of switches are searched for, unless there are ``known`` hypotheses. By default, ``priors``
+    of the smooth part are all. ``tied`` are switches of another estimate.
     """
-    priors = [each.prior for each in within] or smooth_priors(estimate.axis)
-    fits = {each.variances.tobytes(): SmoothFit(estimate, each) for each in priors}
+    priors = priors or [each.prior for each in known]
+    fits = {
+        each.variances.tobytes(): SmoothFit(estimate, each)
+        for each in priors or smooth_priors(estimate.axis)
+    }
     smooths, others = list(fits.values()), [tied] if tied and len(tied.positions) else []
-    if search:
+    if known:  # of hypotheses with the same switches, the most probable counts
+        sets = {tuple(each.positions): each for each in reversed(known)}.values()
+        proposals = [
+            Candidate(fits[each.prior.variances.tobytes()], each.positions) for each in sets
+        ]
+    else:
         grid = Grid(estimate)
-        first = [first_proposal(smooth, grid) for smooth in smooths]
+        first = [first_candidate(smooth, grid) for smooth in smooths]
         if tied and not len(first[0].positions):
             evidence = [each.evidence for each in weighed(smooths, others)]
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
-                return weighed(smooths, [Switches(np.zeros(0), smooths[0])])
-        proposals = propose_switches(smooths, grid, first)
-    else:  # of hypotheses with the same switches, the most probable counts
-        sets = {tuple(each.positions): each for each in reversed(within)}.values()
-        proposals = [
-            Switches(each.positions, fits[each.prior.variances.tobytes()]) for each in sets
-        ]
-    windows, found = Windows(estimate), list[Switches]()
+                return weighed(smooths, first[:1])
+        proposals = propose_switches(first, grid)
+    windows, found = Windows(estimate), list[Candidate]()
     for each in proposals:
         refined = each.refined(windows)
         found += [refined, refined.without_doubles(windows)]
     candidates = sorted(weighed(smooths, distinct(found)), key=BY_EVIDENCE)
-    best_of = {id(each.switches): each for each in candidates}.values()
-    found = [each.switches._replace(smooth=each.smooth).refined(windows) for each in best_of]
-    if not within:  # beside the best set of switches, and beside none
-        for best in {not len(each.switches.positions): each for each in candidates}.values():
-            sums = few_harmonics(estimate, best.switches.positions)
+    best_of = {id(each.places): each for each in candidates}.values()
+    found = [each.refined(windows) for each in best_of]
+    if not priors:  # beside the best set of switches, and beside none
+        for best in {not len(each.positions): each for each in candidates}.values():
+            sums = few_harmonics(estimate, best.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
     return weighed(smooths, [*distinct(found), *others])
 
 
-def distinct(sets: Sequence[Switches]) -> list[Switches]:
+def distinct(sets: Sequence[Candidate]) -> list[Candidate]:
     """Return sets of switches without repetitions."""
-    out: list[Switches] = []
+    out: list[Candidate] = []
     for switches in sets:
         own = switches.positions
         alike = (each.positions for each in out if len(each.positions) == len(own))
@@ -330,22 +311,21 @@ def distinct(sets: Sequence[Switches]) -> list[Switches]:
     return out
 
 
-def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Switches]) -> list[Candidate]:
+def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Candidate]) -> list[Candidate]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
-    estimate, axis = smooths[0].estimate, smooths[0].estimate.axis
-    ends, out = np.cumsum([len(each.positions) for each in sets]), list[Candidate]()
+    estimate, out = smooths[0].estimate, list[Candidate]()
+    ends = np.cumsum([len(each.positions) for each in sets])
     steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
     beside = [smooth.beside(steps) for smooth in smooths]
     gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
     for switches, end in zip(sets, ends, strict=True):
-        count = len(switches.positions)
-        own = slice(end - count, end)
-        priors = size_priors(axis.periodic) if count else size_priors(False)[:1]
-        evidence = log_evidence(gram[:, own, own], cross[:, own], axis.periodic)
-        log_prior = switches.log_volume - count * math.log(axis.times) - math.log(len(priors))
-        for prior, values in zip(priors, evidence + log_prior, strict=False):
-            out += [
-                Candidate(smooth, switches, prior, smooth.score + float(value))
-                for smooth, value in zip(smooths, values, strict=True)
-            ]
+        own = slice(end - len(switches.positions), end)
+        evidence = log_evidence(estimate.axis, gram[:, own, own], cross[:, own])
+        evidence = evidence if len(switches.positions) else evidence[:1]
+        log_prior = switches.log_volume - math.log(len(evidence))
+        out += [
+            switches._replace(smooth=smooth, size_prior=size_prior, evidence=float(value))
+            for size_prior, row in enumerate(evidence + log_prior)
+            for smooth, value in zip(smooths, row + [each.score for each in smooths], strict=True)
+        ]
     return out

@@ -25,7 +25,7 @@ LENGTH_RATIO = 1.6  # from one length to the next
 MAX_LENGTH = 1 / 1.2  # periods; from half a period on, one harmonic is all that is left
 MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out
 MAX_HARMONICS = 160  # shorter lengths are left out of long realizations
-SWITCH_SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch
+SWITCH_SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, equally likely
 DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after decimation by 10
 LOW_PASS = 0.33  # standard deviation of the decimation filter's impulse response in samples
@@ -44,22 +44,6 @@ class SmoothPrior(NamedTuple):
     length: float
     log_prior: float
     variances: Array
-
-
-class SizePrior(NamedTuple):
-    """Prior of the sizes of switches, with their standard deviation.
-
-    If they are ``balanced``, the sizes within a period add up to zero.
-    """
-
-    spread: float
-    balanced: bool
-
-
-def size_priors(periodic: bool) -> list[SizePrior]:
-    """Return the priors of the sizes of switches, which are equally likely."""
-    kinds = range(1 + periodic)
-    return [SizePrior(spread, bool(balanced)) for balanced in kinds for spread in SWITCH_SIZES]
 
 
 class Axis(NamedTuple):
@@ -104,19 +88,15 @@ class Axis(NamedTuple):
         """
         late = self.offset(np.arange(self.times)[:, None], positions)
         if self.jitter:
-            smear = math.hypot(self.jitter, LOW_PASS * (self.taps > 0) * recorded)
-            steps = ndtr(late / smear)
+            steps = ndtr(late / math.hypot(self.jitter, LOW_PASS * recorded))
+        elif recorded and self.taps:
+            steps = np.interp(late, *_smeared_step(self.taps))
         else:
-            steps = np.asarray(late >= 0, dtype=np.float64)
-            if recorded and self.taps:
-                near = np.abs(late) < self.taps
-                steps[near] = np.interp(late[near], *_smeared_step(self.taps))
-        return np.asarray(steps - 0.5 - late / self.times if self.periodic else steps)
+            steps = late >= 0
+        return np.asarray(steps - 0.5 - late / self.times if self.periodic else steps, dtype=float)
 
     def jitter_variance(self, positions: Array) -> Array:
         """Return the variance of the mean of jittered unit steps, shape (time, position)."""
-        if not self.jitter:
-            return np.zeros((self.times, len(positions)))
         share = ndtr(self.offset(np.arange(self.times)[:, None], positions) / self.jitter)
         return np.asarray(share * (1 - share) / self.realizations)
 
@@ -126,9 +106,7 @@ def _smeared_step(taps: float) -> tuple[Array, Array]:
     """Return times and a unit step after a decimation filter, which is a Hamming-windowed sinc."""
     late = np.linspace(-taps, taps, 1201)
     response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / taps))
-    step = np.append(
-        0.0, np.cumsum(response[1:] + response[:-1])
-    )  # importing scipy.integrate is slow
+    step = np.append(0.0, np.cumsum(response[1:] + response[:-1]))
     return late, step / step[-1]
 
 
@@ -147,21 +125,21 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
     harmonic = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
     shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))
     count = math.ceil(math.log(axis.period * MAX_LENGTH / shortest, LENGTH_RATIO))
-    lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
-    smooth = [(x, np.exp(-((harmonic * x) ** 2) / 2)) for x in lengths]
-    with_corners = [(x, (1 + (harmonic * x) ** 2 / 3) ** -2.0) for x in lengths[2::2]]
+    all_lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
     # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
     # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
     # 40 s of PRBS.
     none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
     out = [SmoothPrior("none", 0.0, math.inf, math.log(0.5), none)]
-    for kind, processes, amplitudes in (
-        ("smooth", smooth, AMPLITUDES),
-        ("with corners", with_corners, AMPLITUDES[1:]),
+    for kind, lengths, amplitudes in (
+        ("smooth", all_lengths, AMPLITUDES),
+        ("with corners", all_lengths[2::2], AMPLITUDES[1:]),
     ):
-        log_prior = math.log(0.25 / max(1, len(processes) * len(amplitudes)))
-        for (length, spectrum), amplitude in product(processes, amplitudes):
-            kept = np.repeat(np.where(spectrum >= MIN_VARIANCE * spectrum[0], spectrum, 0.0), 2)
-            variances = np.append(LEVEL**2, amplitude**2 * kept / (kept.sum() / 2))
+        for length, amplitude in product(lengths, amplitudes):
+            square = (harmonic * length) ** 2
+            spectrum = np.exp(-square / 2) if kind == "smooth" else (1 + square / 3) ** -2.0
+            spectrum[spectrum < MIN_VARIANCE * spectrum[0]] = 0.0
+            variances = np.append(LEVEL**2, np.repeat(amplitude**2 * spectrum / spectrum.sum(), 2))
+            log_prior = math.log(0.25 / len(lengths) / len(amplitudes))
             out.append(SmoothPrior(kind, amplitude, length, log_prior, variances))
     return out

@@ -7,11 +7,11 @@ Realizations r are summed first, so that everything else is arrays over time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import solve_triangular, toeplitz
+from scipy.linalg import toeplitz
 from scipy.ndimage import convolve1d
 
 from tvsysid.methods.adaptive.evidence import FreeEstimate
@@ -41,11 +41,15 @@ class FreeEstimates:
     """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
 
     ``coefficients`` (regressor, time) are the latest ones, which give the noise. ``products``
-    (time, signal, signal) are sums over realizations.
+    (time, signal, signal) are sums over realizations. ``constants`` are viscosity, inertia and
+    further ones, with a ``covariance``. If they are not ``identifiable``, signals are collinear.
+    The constants are then 0 in the directions that the data do not determine.
     """
 
-    constants: Constants
     coefficients: Array
+    constants: Array
+    covariance: Array
+    identifiable: bool
     misfit: Array
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
@@ -61,54 +65,59 @@ class FreeEstimates:
         )
         white = Weighted.by(signals.columns, np.eye(len(at_times)), low_band=False)
         self.weights = white, white
-        self._solve(signals.prior_precision)
+        self._solve(np.zeros(len(at_times)), signals.prior_precision)
 
     def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
         """Estimate stiffness beside a viscosity, which is a constant if it is None."""
-        signals, columns = self.signals, self.signals.columns.copy()
-        known, variance = np.zeros((2, self.axis.times))
+        signals, times = self.signals, self.axis.times
+        known, variance = np.zeros((2, times))
         if viscosity is not None:
             self.coefficients[V] = known = viscosity.mean()
             variance = viscosity.variance()
-            columns[-1] -= known * columns[V]
-        precision = signals.prior_precision / self._weigh(columns)
-        precision[0] += (viscosity is not None) * UNKNOWN**2 * self.weights[0].constants[0, 0]
-        free, values = self._solve(precision), self.coefficients[U]
-        self.coefficients[V] += known
-        self.misfit = np.zeros((2, self.axis.times, self.axis.times))
+        precision = signals.prior_precision / self._weigh()
+        if viscosity is not None:  # no constant is added to it
+            precision[0] = UNKNOWN**2 * self.weights[0].constants[0, 0]
+        free = self._solve(known, precision)
+        self.misfit = np.zeros((2, times, times))
         if not self.whitens:
-            lags = np.arange(self.axis.times) / self.ensemble.sampling_rate
+            lags = np.arange(times) / self.ensemble.sampling_rate
             variances = misfit_variances(self.products, self.coefficients, signals.independent)
             self.misfit = np.multiply.outer(variances, toeplitz(np.exp(-lags / MISFIT_TIME)))
         other = signals.change_covariance + np.diag(variance) + self.misfit[0]
         return self._estimate(
-            U, values, free.error(self.constants.covariance, other, self.misfit[1])
+            U, self.coefficients[U], free.error(self.covariance, other, self.misfit[1])
         )
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
-        free, constants = FreeCoefficient.of(V, *self.weights), self.constants
-        known = self.coefficients[V] - constants.values[0]
-        values = known + free.values(constants.values[1:]) - free.moved @ stiffness.mean()
-        other = np.diag(stiffness.variance())
-        error = free.error(constants.covariance[1:, 1:], other, self.misfit[1])
-        return self._estimate(V, values, error)
+        free, other = FreeCoefficient.of(V, *self.weights), np.diag(stiffness.variance())
+        values = free.values(self.constants[1:], stiffness.mean())
+        return self._estimate(V, values, free.error(self.covariance[1:, 1:], other, self.misfit[1]))
 
-    def _solve(self, precision: Array) -> FreeCoefficient:
-        """Estimate the constants, and stiffness beside them. Return that of the angle."""
+    def _solve(self, known: Array, precision: Array) -> FreeCoefficient:
+        """Estimate the constants, and stiffness beside them and a known viscosity (time,).
+
+        ``precision`` (constant,) is the prior's. Return the coefficient of the angle.
+        """
         weighted, sandwich = self.weights
         free = FreeCoefficient.of(U, weighted, sandwich)
-        power, true_power = (np.diag(each.constants) for each in self.weights)
-        beside = weighted.constants - weighted.low @ free.solved
-        found = fit_constants(beside, power, precision)
-        stronger = np.sqrt(true_power / np.maximum(power, np.finfo(float).tiny))
-        covariance = found.covariance * np.outer(stronger, stronger)
-        self.constants = found._replace(covariance=covariance)
-        constants = np.repeat(found.values[:, None], self.axis.times, axis=1)
-        self.coefficients = np.vstack([free.values(found.values), constants])
+        beside = weighted.constants - weighted.low[U] @ free.solved
+        cross = beside[:, -1] - (weighted.low[V] - weighted.low[U] @ free.moved) @ known
+        gram = (beside[:, :-1] + beside[:, :-1].T) / 2 + np.diag(precision)
+        power, tiny = weighted.constants.diagonal(), np.finfo(float).tiny
+        size = np.sqrt(np.maximum(power + precision, tiny))
+        eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        kept = eigenvalues > STILL
+        root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
+        self.constants, self.identifiable = root @ (root.T @ cross), bool(kept.all())
+        stronger = np.sqrt(sandwich.constants.diagonal() / np.maximum(power, tiny))
+        self.covariance = root @ root.T * np.outer(stronger, stronger)
+        constants = np.repeat(self.constants[:, None], self.axis.times, axis=1)
+        self.coefficients = np.vstack([free.values(self.constants, known), constants])
+        self.coefficients[V] += known
         return free
 
-    def _weigh(self, columns: Array) -> float:
+    def _weigh(self) -> float:
         """Set the weights from the residual, and return the mean variance of the noise.
 
         The weights are products that give the estimates, and products that give their covariance,
@@ -116,9 +125,9 @@ class FreeEstimates:
         whitened, both are the same. Whitening would amplify misfit. So where the residual's
         products with velocity show misfit, they are weighted almost alike.
         """
-        signals, times = self.signals, self.axis.times
+        signals, times, columns = self.signals, self.axis.times, self.signals.columns
         residual = signals.residual(self.coefficients)
-        covariance = residual.T @ residual / max(signals.independent - 1, 1)
+        covariance = residual.T @ residual / (signals.independent - 1)
         torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
         noise = float(np.trace(covariance)) / times + MIN_NOISE * torque_power
 
@@ -142,45 +151,11 @@ class FreeEstimates:
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
         """Return the free estimate of a signal's coefficient, with its error.
 
-        Its size is the mean weighted by the signal's power, and never 0. Where the signal does not
-        move, the error is very large, however small the noise.
+        Its size is the mean weighted by the signal's power.
         """
-        own = self.products[:, signal, signal]
-        power = floored(own)
-        mean = float(values @ power / np.sum(power))
-        least = 1e-6 * float(np.sqrt(np.mean(self.products[:, -1, -1]) / np.mean(power)))
-        size, still = max(abs(mean), least), own < power
-        whitener = size * inverse_root(error + np.diag(still * (UNKNOWN * size) ** 2))
-        estimate = FreeEstimate(self.axis, np.where(still, mean, values) / size, whitener, size)
+        size = abs(float(np.average(values, weights=self.products[:, signal, signal])))
+        estimate = FreeEstimate(self.axis, values / size, size * inverse_root(error), size)
         return estimate if self.whitens else estimate.with_misfit()
-
-
-class Constants(NamedTuple):
-    """Constant coefficients beside stiffness: viscosity, inertia and further ones.
-
-    If they are not ``identifiable``, signals are collinear. The coefficients are then 0 in the
-    directions that the data do not determine.
-    """
-
-    values: Array
-    covariance: Array
-    identifiable: bool
-
-
-def fit_constants(products: Array, power: Array, precision: Array) -> Constants:
-    """Estimate the constants from products (constant, signal) of what stiffness leaves of them.
-
-    The last signal is the torque. ``power`` (constant,) is that of the signals as they are,
-    ``precision`` (constant,) the prior's, times the variance of the noise.
-    """
-    size = np.sqrt(np.maximum(power + precision, np.finfo(float).tiny))
-    gram, cross = products[:, :-1], products[:, -1]
-    gram = (gram + gram.T) / 2 + np.diag(precision)
-    eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = eigenvalues > STILL
-    root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
-    covariance = root @ root.T
-    return Constants(covariance @ cross, covariance, bool(kept.all()))
 
 
 def floored(power: Array) -> Array:
@@ -202,7 +177,7 @@ class Weighted(NamedTuple):
     :math:`W \circ \sum_r \theta_r \dot\theta_r^T`. ``free`` (2, signal, time) are products at each
     time of angle and velocity with every signal but the angle, such as :math:`\sum_r \theta_r \circ
     W \ddot\theta_r`. In the low band, ``constants`` (constant, signal) are products with every
-    signal but the angle, and ``low`` (constant, time) those with the angle at each time.
+    signal but the angle, ``low`` (2, constant, time) those with angle and velocity at each time.
     """
 
     squares: Array
@@ -211,7 +186,7 @@ class Weighted(NamedTuple):
     low: Array
 
     @classmethod
-    def by(cls, columns: Array, filters: Array, low_band: bool) -> Weighted:
+    def by(cls, columns: Array, filters: Array, low_band: bool) -> Self:
         """Return the products whose weights are those of filters (time, time), squared."""
         both, whole = columns[: V + 1], filters.T @ filters
         weighted = columns[V:] @ whole
@@ -222,30 +197,24 @@ class Weighted(NamedTuple):
         squares = both.swapaxes(1, 2)[:, None] @ both * whole
         for own in (squares[U, U], squares[V, V]):
             np.fill_diagonal(own, floored(np.diag(own)))
-        return cls(
-            squares,
-            np.einsum("frt,irt->fit", both, weighted),
-            np.tensordot(slow, columns[V:], ((1, 2), (1, 2))),
-            np.einsum("rt,irt->it", columns[U], slow),
-        )
+        free, at_times = (np.einsum("frt,irt->fit", both, each) for each in (weighted, slow))
+        return cls(squares, free, np.tensordot(slow, columns[V:], ((1, 2), (1, 2))), at_times)
 
 
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``solved`` (time, signal) is the coefficient that explains each further signal, the last of
-    which is the torque. ``of_inertia`` (time,) is its change for a unit of inertia, ``moved``
-    (time, time) that for the other free coefficient, and ``covariance`` (time, time) that from
-    noise.
+    ``solved`` (time, signal) is the coefficient that explains each signal but the angle, the last
+    of which is the torque. ``moved`` (time, time) is its change for the other free coefficient, and
+    ``covariance`` (time, time) that from noise.
     """
 
     solved: Array
-    of_inertia: Array
     moved: Array
     covariance: Array
 
     @classmethod
-    def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> FreeCoefficient:
+    def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> Self:
         """Return the coefficient of a signal, U or V.
 
         ``sandwich`` are products with the covariance of the noise.
@@ -254,13 +223,13 @@ class FreeCoefficient(NamedTuple):
         inverse = covariance = root.T @ root
         if sandwich is not weighted:
             covariance = inverse @ sandwich.squares[signal, signal] @ inverse
-        solved = inverse @ weighted.free[signal, signal:].T
         moved = inverse @ weighted.squares[signal, 1 - signal]
-        return cls(solved, solved[:, A - V - signal], moved, covariance)
+        return cls(inverse @ weighted.free[signal].T, moved, covariance)
 
-    def values(self, constants: Array) -> Array:
-        """Return the coefficient (time,) beside constants."""
-        return np.asarray(self.solved @ np.append(-constants, 1.0))
+    def values(self, constants: Array, other: Array) -> Array:
+        """Return the coefficient beside the last constants and the other free one (time,)."""
+        solved = self.solved[:, -1 - len(constants) :]
+        return np.asarray(solved @ np.append(-constants, 1.0) - self.moved @ other)
 
     def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.
@@ -268,9 +237,9 @@ class FreeCoefficient(NamedTuple):
         ``constants`` is the covariance of the constants, ``other`` (time, time) that of the other
         free coefficient, and ``inertia`` (time, time) that of misfit of the inertia.
         """
-        solved = self.solved[:, :-1]
+        solved, of_inertia = self.solved[:, -1 - len(constants) : -1], self.solved[:, A - V]
         error = self.covariance + solved @ constants @ solved.T + self.moved @ other @ self.moved.T
-        return np.asarray(error + inertia * np.outer(self.of_inertia, self.of_inertia))
+        return np.asarray(error + inertia * np.outer(of_inertia, of_inertia))
 
 
 def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
@@ -312,19 +281,18 @@ def pooling_reach(independent: int, rate: float) -> int:
 
     With few realizations, the strength at a single time is uncertain.
     """
-    return round(max(MISFIT_TIME, POOLED_TIME / max(independent - 1, 1)) * rate)
+    return round(max(MISFIT_TIME, POOLED_TIME / (independent - 1)) * rate)
 
 
 def whitening_filters(covariance: Array, independent: int, rate: float, periodic: bool) -> Array:
     """Return filters (time, time) that make noise of a covariance white, with unit variance.
 
     They predict the noise from the samples before, and divide the prediction error by its strength,
-    which is pooled over time. The Bayesian information criterion gives the number of samples.
+    which is pooled over time.
     """
     times = len(covariance)
-    filters = prediction_errors(
-        covariance, min(round(MAX_PREDICTION * rate), times // 4), independent
-    )
+    lags = min(round(MAX_PREDICTION * rate), times // 4)
+    filters = prediction_errors(covariance, lags, independent)
     reach = min(pooling_reach(independent, rate), (times - 1) // 2)
     window, mode = np.ones(2 * reach + 1), "wrap" if periodic else "constant"
     strength = convolve1d(np.sum(filters @ covariance * filters, axis=1), window, mode=mode)
@@ -335,19 +303,19 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
 def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
     """Return filters (time, time) that give the noise less its prediction, with unit variance.
 
-    The first samples are predicted from the few before them.
+    The Bayesian information criterion gives the number of samples that predict the next one. The
+    first samples are predicted from the few before them.
     """
-    times, size = len(covariance), lags + 1
-    mean = np.einsum("ttij->ij", sliding_window_view(covariance, (size, size)))
-    # The last sample comes first, which is predicted from those after it.
-    factor = np.linalg.cholesky(mean[::-1, ::-1])
-    first = solve_triangular(factor, np.eye(size)[0], lower=True)
-    variances, samples = 1 / np.cumsum(first**2), independent * (times - lags)
-    criterion = samples * np.log(variances) + np.arange(size) * np.log(samples)
-    out = np.zeros((times, times))
-    for order in range(int(np.argmin(criterion)) + 1):
-        own = factor[: order + 1, : order + 1]
-        weights = solve_triangular(own, first[: order + 1], lower=True, trans=1)[::-1]
-        for time in range(order, times):
-            out[time, time - order : time + 1] = weights * np.sqrt(variances[order])
+    times, counts = len(covariance), range(1, lags + 2)
+    mean = np.einsum("ttij->ij", sliding_window_view(covariance, (lags + 1, lags + 1)))
+    # The last column of the inverse gives the weights, and the prediction error's precision.
+    filters = [np.linalg.solve(mean[-each:, -each:], np.eye(each)[-1]) for each in counts]
+    samples = independent * (times - lags)
+    criterion = np.log(samples) * np.array(counts) - samples * np.log(
+        [each[-1] for each in filters]
+    )
+    best, out = int(np.argmin(criterion)), np.zeros((times, times))
+    for time in range(times):
+        own = filters[min(time, best)]
+        out[time, time + 1 - len(own) : time + 1] = own / np.sqrt(own[-1])
     return out

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from functools import cache
 from heapq import nlargest
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
 
-from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps
+from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps, column_evidence
 from tvsysid.numerics import Array
 
 # positions that are tried at most
@@ -32,8 +33,8 @@ MAX_SETS = 8  # that are kept
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
 CLOSE = 3.0  # samples within which one of two switches may represent both
-BY_SCORE = attrgetter("score")
 SWEEPS = 4  # of all switches, each placed beside the others, at most
+BY_SCORE = attrgetter("score")
 
 
 class Windows:
@@ -61,44 +62,45 @@ class Windows:
         self.spacing, self.around = spacing, beside
 
 
-class Switches(NamedTuple):
+class Candidate(NamedTuple):
     """Switches at ``positions`` beside a smooth part, and their ``score``.
 
     Each may also lie at other positions: ``places`` are these, and their probabilities.
-    ``log_volume`` is the log of the weight of all positions together, in samples. ``gain`` is what
-    the last step of the search added to the score.
+    ``log_volume`` is the log of the weight of all positions together, in samples. ``evidence`` is
+    the log evidence at any position, with a prior of the switches' sizes, including all priors.
     """
 
-    positions: Array
     smooth: SmoothFit
+    positions: Array
     score: float = -math.inf
-    gain: float = math.inf
     places: Sequence[tuple[Array, Array]] = ()
     log_volume: float = 0.0
+    size_prior: int = 0
+    evidence: float = -math.inf
 
     @property
     def total(self) -> float:
         """Score of the switches at any position."""
         return self.score + self.log_volume
 
-    def refined(self, windows: Windows) -> Switches:
+    def is_constant(self) -> bool:
+        """Return whether nothing changes."""
+        return not len(self.positions) and self.smooth.prior.kind == "none"
+
+    def refined(self, windows: Windows) -> Candidate:
         """Move switches to their most probable positions, each beside the others, in turn."""
         smooth, count = self.smooth, len(self.positions)
-        axis, own = smooth.estimate.axis, smooth.steps(self.positions)
-        prior = int(own.log_evidence(axis.periodic).argmax())
-        places = [(each, np.ones(1)) for each in own.positions[:, None]]
-        for _ in range(SWEEPS if count > 1 else count):
+        own, places = smooth.steps(self.positions), deque[tuple[Array, Array]](maxlen=count)
+        size_prior = int(smooth.scores_of(own).argmax())
+        for _ in range(SWEEPS if count > 1 else 1):
             before = own.positions
-            for _ in range(count):  # the first switch is moved, and becomes the last
+            for position in before:  # the first switch is moved, and becomes the last
                 others = own.take(slice(1, None))
-                window = windows.around(round(own.positions[0]), smooth)
-                value = others.log_evidence_with(window, axis)[prior]
-                best = int(np.argmax(value))
-                moved, place = own.take(slice(1)), places.pop(0)
-                if np.isfinite(value[best]):
-                    moved = window.take(slice(best, best + 1))
-                    place = window.positions, softmax(value)
-                own, places = others.joined(moved), [*places, place]
+                window = windows.around(round(position), smooth)
+                scores = smooth.scores_with(others, window)[size_prior]
+                best = int(np.argmax(scores))
+                own = others.joined(window.take(slice(best, best + 1)))
+                places.append((window.positions, softmax(scores)))
             if np.array_equal(own.positions, before):
                 break
         order = np.argsort(own.positions)
@@ -106,12 +108,12 @@ class Switches(NamedTuple):
         volumes = [windows.spacing / probabilities.max() for _, probabilities in places]
         return self._replace(
             positions=own.positions[order],
-            score=smooth.score_of(own),
+            score=float(smooth.scores_of(own).max()),
             places=[places[place] for place in order],
             log_volume=sum(map(math.log, volumes)),
         )
 
-    def without_doubles(self, windows: Windows) -> Switches:
+    def without_doubles(self, windows: Windows) -> Candidate:
         """Remove one of two close switches where that raises the evidence.
 
         On the grid of the search, two switches may represent one.
@@ -137,73 +139,56 @@ class Grid:
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
         count = len(self.steps.positions)
         every = -(-count // MAX_FIRST)
-        self.paired = slice(None, None, -(-count // (every * MAX_PAIRED)))
         self.first = self.steps.take(slice(None, None, every))
+        self.paired = slice(None, None, -(-count // (every * MAX_PAIRED)))
         pairs = self.first.take(self.paired)
         self.pair_gram = pairs.products(pairs)
-        self.log_positions = math.log(times)
         self.windows = Windows(estimate, SEARCHED, SEARCH_REACH * max(1.0, spacing))
 
 
-def first_proposal(smooth: SmoothFit, grid: Grid) -> Switches:
-    """Return the best of no switch, one switch and two opposite ones beside a smooth part."""
-    value, positions = max(one_or_two(smooth, grid), key=itemgetter(0))
-    # Searched only if a gain as large, and REACH more, would make it the best.
-    return Switches(positions, smooth, smooth.score + value, max(value, REACH) + REACH)
-
-
-def one_or_two(smooth: SmoothFit, grid: Grid) -> Iterator[tuple[float, Array]]:
-    """Yield the log evidence and positions of no switch, the best one, and the best opposite two.
+def first_candidate(smooth: SmoothFit, grid: Grid) -> Candidate:
+    """Return the best of no switch, one switch and two opposite ones beside a smooth part.
 
     The sizes of two opposite switches are those of one column, which is their difference.
     """
-    yield 0.0, np.zeros(0)
-    steps, variance = smooth.beside(grid.first), FIRST_SIZE**2
+    steps = smooth.beside(grid.first)
     pairs = steps.take(grid.paired)
     gram = grid.pair_gram - pairs.explained.T @ pairs.explained
-    power = (pairs.power[:, None] + pairs.power) / 2 - gram
-    cross = (pairs.cross[:, None] - pairs.cross) / math.sqrt(2)
-    for tried, powers, products in ((steps, steps.power, steps.cross), (pairs, power, cross)):
-        ratio = 1 + variance * np.maximum(powers, 0.0)
-        value = 0.5 * (variance * products**2 / ratio - np.log(ratio))
-        best = np.unravel_index(value.argmax(), value.shape)
-        yield value[best] - len(best) * grid.log_positions, tried.positions[np.sort(best)]
+    opposite = (
+        (pairs.power[:, None] + pairs.power) / 2 - gram,
+        (pairs.cross[:, None] - pairs.cross) / math.sqrt(2),
+    )
+    best = Candidate(smooth, np.zeros(0), smooth.score)
+    for tried, products in ((steps, (steps.power, steps.cross)), (pairs, opposite)):
+        evidence = column_evidence(*products, FIRST_SIZE**2)
+        places = np.sort(np.unravel_index(evidence.argmax(), evidence.shape))
+        score = smooth.score + evidence.max() - len(places) * math.log(smooth.estimate.axis.times)
+        best = max(best, Candidate(smooth, tried.positions[places], score), key=BY_SCORE)
+    return best
 
 
-def best_switch(switches: Switches, grid: Grid) -> Switches:
-    """Return the best set one step from a set of switches.
-
-    A step removes a switch, moves one, replaces two neighbours by one, or adds one.
-    """
-    smooth, count = switches.smooth, len(switches.positions)
-    own, steps = smooth.steps(switches.positions), smooth.beside(grid.steps)
-    removals = [[place] for place in range(count)]
-    removals += [[place, place + 1] for place in range(count - 1)]
-    removals += [[0, count - 1]] * (smooth.estimate.axis.periodic and count > 2)
-    removals += [[]] * (count < MAX_SWITCHES)
-    options = []
-    for removed in removals:
-        rest = own.take(np.delete(np.arange(count), np.array(removed, dtype=int)))
-        if len(removed) == 1:
-            options.append((smooth.score_of(rest), list(rest.positions)))
-        value = rest.log_evidence_with(steps, smooth.estimate.axis).max(axis=0)
-        best = int(np.argmax(value))
-        score = smooth.score + value[best] - (len(rest.positions) + 1) * grid.log_positions
-        options.append((score, [*rest.positions, steps.positions[best]]))
-    refined = switches._replace(positions=np.sort(max(options)[1])).refined(grid.windows)
-    return refined._replace(gain=refined.score - switches.score)
+def best_step(candidate: Candidate, grid: Grid) -> Candidate:
+    """Return the best candidate with one more switch, or with another one in place of one."""
+    smooth, count = candidate.smooth, len(candidate.positions)
+    own, steps, options = smooth.steps(candidate.positions), smooth.beside(grid.steps), []
+    rests = [np.delete(np.arange(count), place) for place in range(count)]
+    for kept in [*rests, np.arange(count)] if count < MAX_SWITCHES else rests:
+        rest = own.take(kept)
+        scores = smooth.scores_with(rest, steps).max(axis=0)
+        best = int(np.argmax(scores))
+        options.append((scores[best], [*rest.positions, steps.positions[best]]))
+    return candidate._replace(positions=np.sort(max(options)[1])).refined(grid.windows)
 
 
-def joint_update(estimate: FreeEstimate, positions: Array) -> Iterator[Array]:
+def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     """Yield the best set of each number of switches, as if the noise were white.
 
     Dynamic programming finds the levels between them (Bellman 1961). It finds several switches
     together, each of which alone has little evidence, so that steps of one switch would miss them.
-    On a periodic axis, the cycle is cut at the first of the ``positions``, with or without a switch
-    there.
+    On a periodic axis, the cycle is cut at the ``first`` position, with or without a switch there.
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
-    cut = round(positions[0]) % times if periodic and len(positions) else 0
+    cut = round(first[0]) % times if periodic and len(first) else 0
     precision = np.sum(estimate.whitener**2, axis=0)
     edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
@@ -221,51 +206,48 @@ def joint_update(estimate: FreeEstimate, positions: Array) -> Iterator[Array]:
             yield np.sort([*paths[-1], cut]).astype(np.float64)
 
 
-def propose_switches(
-    smooths: Sequence[SmoothFit], grid: Grid, first: Sequence[Switches]
-) -> list[Switches]:
-    """Return sets of switches near the best score, best first, and the empty one.
+def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
+    """Return sets of switches near the best score, and the empty one, which is last.
 
-    The search begins with one set for each smooth part. It always goes on beside the smooth part
-    that has the best score. It does not begin beside a smooth part with a set at which it ended
-    beside another.
+    The search begins with the ``first`` candidate of each smooth part. It always goes on beside the
+    smooth part that has the best score. It does not begin beside a smooth part with a set at which
+    it ended beside another.
     """
-    found, still_open = list(first), {each.smooth: each for each in first}
+    found, still_open = list(first), dict[SmoothFit, tuple[Candidate, float]]()
     begun, ended = set[SmoothFit](), set[tuple[float, ...]]()
+    for each in first:  # begun only if a gain as large, and REACH more, would make it the best
+        gain = max(each.score - each.smooth.score, REACH) + REACH
+        still_open[each.smooth] = each, gain
     for _ in range(MAX_STEPS):
         best = max(map(BY_SCORE, found))
         able = [
             each
-            for each in still_open.values()
-            if each.score + min(each.gain, MAX_GAIN) > best
+            for each, gain in still_open.values()
+            if each.score + min(gain, MAX_GAIN) > best
             and (each.smooth in begun or tuple(each.positions) not in ended)
         ]
         if not able:
             break
-        switches = max(able, key=BY_SCORE)
-        smooth = switches.smooth
-        if smooth not in begun:
-            begun.add(smooth)
-            switches = switches.refined(grid.windows)
-            found.append(switches)
-        after = best_switch(switches, grid)
+        before = max(able, key=BY_SCORE)
+        if before.smooth not in begun:
+            begun.add(before.smooth)
+            before = before.refined(grid.windows)
+            found.append(before)
+        after = best_step(before, grid)
         if after.score > best - SLACK:
             found.append(after)
-        still_open[smooth] = after
-        if after.gain <= MIN_GAIN:
-            ended.add(tuple(switches.positions))
-            del still_open[smooth]
-    best, none = max(map(BY_SCORE, found)), smooths[0]
+        still_open[before.smooth] = after, after.score - before.score
+        if after.score - before.score <= MIN_GAIN:
+            ended.add(tuple(before.positions))
+            del still_open[before.smooth]
+    best, none = max(map(BY_SCORE, found)), first[0].smooth
     joint = [
-        Switches(positions, none, none.score_of(none.steps(positions)))
+        Candidate(none, positions, float(none.scores_of(none.steps(positions)).max()))
         for positions in joint_update(none.estimate, first[0].positions)
     ]
     joint = [each.refined(grid.windows) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
     found += [each for each in joint if each.score > best - SLACK]
-    smoothest = max(smooths, key=BY_SCORE)
-    empty = Switches(np.zeros(0), smoothest, smoothest.score)
+    best = max(map(BY_SCORE, found))
     best_of = {tuple(each.positions): each for each in sorted(found, key=BY_SCORE)}
-    sets = [each for each in best_of.values() if len(each.positions)]
-    best = max(map(BY_SCORE, [empty, *sets]))
-    sets = nlargest(MAX_SETS, [each for each in sets if each.score > best - REACH], key=BY_SCORE)
-    return [*sets, empty]
+    sets = [each for at, each in best_of.items() if at and each.score > best - REACH]
+    return [*nlargest(MAX_SETS, sets, key=BY_SCORE), Candidate(none, np.zeros(0))]

@@ -29,8 +29,8 @@ def refused(match):
     return pytest.raises(tv.InputError, match=match)
 
 
-def write_mat(file, angle, torque):
-    savemat(file, {"pos": angle[:, None], "tq": torque[None, :], "fs": 200.0})
+def write_mat(file, angle, torque, **settings):
+    savemat(file, {"pos": angle[:, None], "tq": torque[None, :], "fs": 200.0}, **settings)
 
 
 def write_mat_73(file, angle, torque):

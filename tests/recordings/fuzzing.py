@@ -10,11 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
-import h5py
 import numpy as np
-import pandas as pd
-from scipy.io import savemat
-from scipy.sparse import csc_array
 from tests.recordings import files, mutations
 
 from tvsysid import Ensemble, InputError, Recording
@@ -32,36 +28,8 @@ MAX_SECONDS = 90  # on a machine that has other work
 LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
 
 
-def write_mat_5(file, angle, torque, **settings):
-    """Every kind of variable that SciPy writes."""
-    others = {"note": "ankle", "flag": torque > 0, "coarse": (1000 * angle).astype("i2")}
-    others |= {"cell": files.cells("a", "b"), "sparse": csc_array(np.eye(3)), "complex": angle * 1j}
-    run = {"pos": angle[:, None], "tq": torque}
-    savemat(file, {"pos": angle, "run": run, "tq": torque} | others, **settings)
-
-
 def write_object(file, angle, torque, age):
     files.write_object(file, files.nldat([angle, torque]), age)
-
-
-def write_hdf5(file, angle, torque):
-    """Every kind of link, type and filter; headers with checksums."""
-    with h5py.File(file, "w", track_order=True) as root:
-        for name, kind in {"pos": "gzip", "tq": "lzf", "scaled": None}.items():
-            filters = {"compression": kind, "shuffle": bool(kind), "fletcher32": not kind}
-            root.create_dataset(name, data=torque, chunks=(16,), **filters).attrs["units"] = "N m"
-        root["run/pos"], root["text"] = angle, ["ankle", "knee"]
-        root["records"] = np.array([(1, 2.0)], dtype=[("first", "i4"), ("second", "f8")])
-        root["none"] = h5py.Empty("f8")
-        root["soft"], root["out"] = h5py.SoftLink("/run/pos"), h5py.ExternalLink("other.h5", "pos")
-
-
-def write_parquet(file, angle, torque):
-    """Every kind of column."""
-    sides, gaps = pd.Categorical(["left", "right"] * 30), pd.array([1, None] * 30, dtype="Int16")
-    columns = {"pos": angle, "tq": torque, "side": sides, "gaps": gaps, "list": [[1.0]] * 60}
-    columns |= {"day": pd.Timestamp("2026-01-01"), "note": "ankle"}
-    pd.DataFrame(columns).to_parquet(file, compression="zstd")
 
 
 def write_own(file, angle, torque):
@@ -79,22 +47,16 @@ def write_segdat(file, angle, torque):
 
 OWN = ("recording.nc", "ensemble.nc", "recording.mat", "ensemble.mat")
 SEEDS = {
-    "version5.mat": write_mat_5,
-    "version7.mat": partial(write_mat_5, do_compression=True),
+    "version7.mat": partial(files.write_mat, do_compression=True),
     "old-object.mat": partial(write_object, age="old"),
     "object.mat": partial(write_object, age="v7"),
     "object73.mat": partial(write_object, age="v7.3"),
-    "every.h5": write_hdf5,
-    "every.parquet": write_parquet,
     "gait.c3d": files.write_gait,
     "segments.mat": write_segdat,
 }
-SEEDS |= {name: write for name, write in files.WRITERS.items() if name != "v5.mat"}
-SEEDS |= dict.fromkeys(OWN, write_own)
+SEEDS |= files.WRITERS | dict.fromkeys(OWN, write_own)
 MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
 COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat")
-INSIDE = dict.fromkeys(COMPRESSED, mutations.inside_mat)
-INSIDE |= dict.fromkeys(("ankle.h5", "every.h5"), mutations.inside_chunk)
 
 
 def sound_files(folder):
@@ -113,7 +75,8 @@ def mutant(sound, seed, number):
     """Name of the sound file, and the content of what became of it."""
     random = np.random.default_rng([seed, number])
     name = list(sound)[number % len(sound)]
-    change = INSIDE[name] if name in INSIDE and random.random() < 0.7 else mutations.damaged
+    inside = name in COMPRESSED and random.random() < 0.7
+    change = mutations.inside_mat if inside else mutations.damaged
     return name, change(random, sound[name])
 
 

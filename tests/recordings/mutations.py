@@ -1,10 +1,7 @@
 """Damage to files: each mutation takes a random generator and bytes, and returns other bytes."""
 
-import io
 import struct
 import zlib
-
-import h5py
 
 EXTREMES = (0, 1, 8, *(2**bits - sign for bits in (7, 8, 15, 16, 31, 32, 63) for sign in (0, 1)))
 
@@ -61,16 +58,3 @@ def inside_mat(random, content):
     data = zlib.compress(damaged(random, zlib.decompress(elements[chosen][8:])))
     elements[chosen] = struct.pack("<II", 15, len(data)) + data
     return content[:128] + b"".join(elements)
-
-
-def inside_chunk(random, content):
-    """One compressed chunk of an HDF5 file, shorter, longer or other than it should be."""
-    stream = io.BytesIO(content)
-    with h5py.File(stream, "r+") as root:
-        data = root["pos"].id
-        place = data.get_chunk_info(0).chunk_offset
-        mask, values = data.read_direct_chunk(place)
-        data.write_direct_chunk(
-            place, zlib.compress(damaged(random, zlib.decompress(values))), mask
-        )
-    return stream.getvalue()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -18,7 +17,7 @@ from tvsysid.errors import InputError, printable
 RATE_NAMES = {
     "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs"
 }  # fmt: skip
-NO_UNITS = ("", "defaultunits", "unknown", "none", "na")
+NO_UNITS = ("default units", "unknown", "none", "n/a")
 MAX_JITTER = 0.1  # of a time step: computer clocks stay below it, a lost sample does not
 
 Values = Any  # an array, an object with shape and dtype that becomes one, or a function
@@ -32,8 +31,8 @@ def stated_unit(unit: object) -> str:
     >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
     ('rad', 'N m', '')
     """
-    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", printable(_text(unit)).strip()).strip()
-    return "" if re.sub(r"[\W_]", "", text.lower()) in NO_UNITS and text not in "%°" else text
+    text = printable(_text(unit)).strip(" ()[]")
+    return "" if text.lower() in NO_UNITS else text
 
 
 def _text(value: object) -> str:
@@ -76,11 +75,6 @@ class Channel:
     sampling_rate: float | None = attrs.field(default=None, converter=stated_rate)
     trial_starts: tuple[int, ...] = ()
     values: Values = attrs.field(default=None, repr=False, eq=False)
-
-    @property
-    def size(self) -> int:
-        """Bytes of its values as float64."""
-        return 8 * math.prod(self.shape)
 
     @property
     def described(self) -> str:
@@ -126,8 +120,7 @@ def channel_of(
         shape, dtype = values.shape or (), values.dtype
     if dtype.kind in "biufc":
         return Channel(shape, str(dtype), unit, sampling_rate, values=values)
-    kind = {"V": "records", "O": "text or cells"}.get(dtype.kind, "text or dates")
-    return Channel(shape, kind, unit, sampling_rate)
+    return Channel(shape, "text, cells or records", unit, sampling_rate)
 
 
 def stated(*attributes: Mapping[Any, object]) -> tuple[object, object]:

@@ -18,7 +18,6 @@ from tvsysid.recordings.write import checked, whole_file, write_table
 from tvsysid.signals import Recording
 
 if TYPE_CHECKING:
-    import h5py
     import pandas as pd
 
 NWB_VERSION, BIDS_VERSION = "2.7.0", "1.10.0"
@@ -30,11 +29,6 @@ GROUPS = (
     "stimulus/presentation",
     "stimulus/templates",
 )
-DESCRIPTIONS = {
-    "time_s": "Time within a realization",
-    "method": "Method of tvsysid, with its settings",
-    "time_varying_vaf": "Variance of the torque that is accounted for",
-}
 COLUMN_UNITS = {**UNITS, "time_s": "s", "time_varying_vaf": "%"}
 DATASET = {
     "Name": "Joint impedance identified by tvsysid",
@@ -91,6 +85,9 @@ def write_nwb(
     """
     import h5py  # noqa: PLC0415  # heavy
 
+    def typed(kind: str) -> dict[str, str]:
+        return {"namespace": "core", "neurodata_type": kind, "object_id": str(uuid.uuid4())}
+
     file = checked(path, ".nwb")
     if len(recording.trials) > 1:
         raise InputError(f"{file}: NWB has one axis of time; write each trial to a file of its own")
@@ -105,20 +102,14 @@ def write_nwb(
         root["identifier"], root["session_description"] = file.stem, description
         root["session_start_time"] = root["timestamps_reference_time"] = began
         root.create_dataset("file_create_date", data=[began], maxshape=(None,))
-        _set_type(root, "NWBFile")
-        root.attrs["nwb_version"] = NWB_VERSION
+        root.attrs.update(typed("NWBFile") | {"nwb_version": NWB_VERSION})
         for name, values in signals.items():
             series = root.create_group(f"acquisition/{name}")
-            _set_type(series, "TimeSeries")
+            series.attrs.update(typed("TimeSeries"))
             data = series.create_dataset("data", data=values, compression="gzip", shuffle=True)
             data.attrs["unit"] = units.get(name, "unknown")
             start = series.create_dataset("starting_time", data=float(recording.start))
             start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
-
-
-def _set_type(group: h5py.Group, kind: str) -> None:
-    identifier = str(uuid.uuid4())
-    group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier})
 
 
 def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
@@ -178,13 +169,10 @@ def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> P
 
 def _meaning(column: str) -> dict[str, str]:
     """Return the description and the unit of a column."""
-    if column.endswith(("_lower", "_upper")):
-        quantity, _, limit = column.rpartition("_")
-        about = _meaning(quantity)
-        return about | {"Description": f"{about['Description']}, {limit} limit of its 95 % band"}
-    text = DESCRIPTIONS.get(column, column.replace("_", " ").capitalize())
-    unit = {"Units": COLUMN_UNITS[column]} if column in COLUMN_UNITS else {}
-    return {"Description": text, **unit}
+    quantity = column.removesuffix("_lower").removesuffix("_upper")
+    limit = "" if quantity == column else f", {column[-5:]} limit of its 95 % band"
+    unit = {"Units": COLUMN_UNITS[quantity]} if quantity in COLUMN_UNITS else {}
+    return {"Description": f"{quantity.replace('_', ' ').capitalize()}{limit}", **unit}
 
 
 def _write_json(file: Path, content: Mapping[str, object]) -> None:

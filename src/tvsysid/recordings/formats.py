@@ -6,6 +6,7 @@ add a format, write one in a module of its own, and name it in ``READERS``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -54,7 +55,7 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
     """
     file = Path(path).absolute()
     with explained(str(path)):
-        return _call(read_channels, file, _reader_of(file), 0)
+        return _call(read_channels, file, _reader_of(file))
 
 
 def read_channels(file: Path, reader: str) -> dict[str, Channel]:
@@ -64,17 +65,18 @@ def read_channels(file: Path, reader: str) -> dict[str, Channel]:
     for name, channel in _read(file, reader):
         if name in channels:
             raise InputError(f"two channels are called {name!r}; give each a name of its own")
-        if name[len(_group(name)) :].lower() in RATE_NAMES and channel.size == 8:
-            rates[_group(name)] = None if channel.values is None else channel.read(name)
-        if channel.values is not None and not isinstance(channel.values, np.ndarray):
-            later = partial(_call, read_values, file, reader, channel.size, name)
-            channel = attrs.evolve(channel, values=later)  # noqa: PLW2901
-        channels[name] = channel
-    for name, channel in channels.items():
-        if channel.sampling_rate is None and channel.size > 8:
-            rate = rates.get(_group(name), rates.get(""))
-            channels[name] = attrs.evolve(channel, sampling_rate=rate)
-    return channels
+        values, group = channel.values, _group(name)
+        if name[len(group) :].lower() in RATE_NAMES and math.prod(channel.shape) == 1:
+            rates[group] = None if values is None else channel.read(name)
+        if not (values is None or isinstance(values, np.ndarray)):
+            values = partial(_call, read_values, file, reader, name)
+        channels[name] = attrs.evolve(channel, values=values)
+    return {
+        name: channel
+        if channel.sampling_rate
+        else attrs.evolve(channel, sampling_rate=rates.get(_group(name), rates.get("")))
+        for name, channel in channels.items()
+    }
 
 
 def read_values(file: Path, reader: str, wanted: str) -> Any:
@@ -87,12 +89,10 @@ def _read(file: Path, reader: str) -> Iterator[tuple[str, Channel]]:
         yield from resolve_name(f"{__package__}.{reader}")(file)
 
 
-def _call(
-    function: Callable[..., Result], file: Path, reader: str, size: int, *arguments: object
-) -> Result:
+def _call(function: Callable[..., Result], file: Path, reader: str, *arguments: object) -> Result:
     """Call a function that reads a file, in another process if the reader's library may crash."""
     if reader.startswith(ISOLATED):
-        return run_isolated(file.stat().st_size + size, function, file, reader, *arguments)
+        return run_isolated(function, file, reader, *arguments)
     return function(file, reader, *arguments)
 
 

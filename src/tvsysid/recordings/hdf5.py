@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import posixpath
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -25,16 +24,16 @@ def items_of(root: h5py.File) -> dict[str, Any]:
     """
     links: dict[str, Any] = {}
     root.visititems_links(links.__setitem__)
-    items = {path: root[path] for path, link in links.items() if isinstance(link, h5py.HardLink)}
+    items: dict[str, Any] = {}
     for path, link in links.items():
-        if path not in items:
-            target = posixpath.join("/", posixpath.dirname(path), link.path)
-            linked = items.get(posixpath.normpath(target)[1:])
-            is_inside = isinstance(link, h5py.SoftLink) and isinstance(linked, h5py.Dataset)
-            items[path] = linked if is_inside else "a link, which is not followed"
-    for path, item in items.items():
-        if isinstance(item, h5py.Dataset) and (item.is_virtual or item.external):
+        item = None if isinstance(link, h5py.ExternalLink) else root.get(path)
+        # A link within the file may end at one that leads out.
+        if item is None or item.file.filename != root.filename:
+            items[path] = "a link, which is not followed"
+        elif isinstance(item, h5py.Dataset) and (item.is_virtual or item.external):
             items[path] = "values in another file, which are not followed"
+        elif isinstance(link, h5py.HardLink) or isinstance(item, h5py.Dataset):
+            items[path] = item
     return items
 
 

@@ -84,21 +84,20 @@ def _cut(channel: Channel, fields: Mapping[str, Any], number: int, count: int) -
     """Return the segments of a channel of a ``segdat``, which may have gaps between them."""
     try:
         table = np.stack([np.atleast_2d(_property(fields, name)) for name in SEGMENTS])
-        # Some versions of the toolbox keep a column for each channel. Segments begin at different
-        # samples. So a row that fits is one of channels only if all of its onsets are the same.
-        if table.shape[2] == count and (table.shape[1] > 1 or np.ptp(table[0]) == 0):
+        # Some versions of the toolbox keep a column for each channel.
+        if table.shape[1] > 1 and table.shape[2] == count:
             table = table[:, :, number]
-        onsets, lengths = table.reshape(2, -1).astype(int).tolist()
+        onsets, lengths = table.reshape(2, -1)
+        if onsets.min() < 1:
+            raise IndexError
         parts = [
-            channel.values[on - 1 : on - 1 + length]
-            for on, length in zip(onsets, lengths, strict=True)
+            channel.values[np.arange(first - 1, first - 1 + length).astype(int)]
+            for first, length in zip(onsets, lengths, strict=True)
         ]
-        if (table < 1).any() or (table % 1 != 0).any() or [*map(len, parts)] != lengths:
-            raise ValueError
     except Exception:  # whatever the object holds, the other variables can be read
         return attrs.evolve(channel, values=None, dtype=NO_SEGMENTS)
     values = np.concatenate(parts)
-    starts = tuple(np.cumsum([0, *lengths[:-1]]).tolist()) if len(parts) > 1 else ()
+    starts = tuple(np.cumsum([0, *map(len, parts[:-1])]).tolist()) if len(parts) > 1 else ()
     return attrs.evolve(channel, shape=values.shape, values=values, trial_starts=starts)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,10 +89,10 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
     file, reading = Path(path), reading or Reading(**settings)
-    channels, signals, trial_starts = _read_signals(file, reading)
     with explained(file.name):
+        channels, signals, trial_starts = _read_signals(file, reading)
         recording = _recording(reading, signals, trial_starts)
-    _warn(file.name, _doubts(channels, recording, reading))
+    _warn(file.name, channels, recording, reading)
     return recording
 
 
@@ -122,15 +122,16 @@ def read_usable_trials(
             name = label if len(starts) == 1 else f"{label}, trial {number}"
             try:
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
+                if recording.duration < shortest:
+                    raise InputError(
+                        f"it lasts {recording.duration:g} s, which is less than the {shortest:g} s "
+                        "of a realization and the ends that are cut off"
+                    )
             except InputError as error:
                 refused[name] = str(error)
                 continue
-            if recording.duration < shortest:
-                refused[name] = f"it lasts {recording.duration:g} s, which is less than the "
-                refused[name] += f"{shortest:g} s of a realization and the ends that are cut off"
-                continue
             usable[name] = recording
-            _warn(name, _doubts(channels, recording, reading))
+            _warn(name, channels, recording, reading)
     joined = join_trials([*usable.values()]) if usable else None
     return UsableTrials(joined, tuple(usable), refused)
 
@@ -179,23 +180,22 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
             f"{', '.join(map(str, sorted(kinds))) or 'none'}; read them alike, or decimate to one "
             "rate before"
         )
-    starts, length = [], 0
+    first, starts, length = recordings[0], [], 0
     for item in recordings:
         starts += [length + start for start in item.trial_starts]
         length += len(item)
-    first = recordings[0]
-    recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
 
     def joined(name: str) -> Array:
         return np.concatenate([item.signal(name) for item in recordings])
 
+    recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
     return attrs.evolve(
         first,
         angle=joined("angle"),
         torque=joined("torque"),
         channels={name: joined(name) for name in first.channels},
         trial_starts=tuple(starts),
-        recorded_angle=np.concatenate(recorded) if len(recorded) == len(recordings) else None,
+        recorded_angle=np.concatenate(recorded) if recorded else None,
     )
 
 
@@ -203,30 +203,27 @@ def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
     """Return channels and values of the signals of a recording, and where its trials start."""
-    found = describe_file(file)
-    with explained(file.name):
-        names = reading.names
-        if missing := [name for name in names.values() if name not in found]:
-            raise InputError(f"no channel {missing[0]!r}; it holds {_listed(found) or 'nothing'}")
-        channels = {own: found[name] for own, name in names.items()}
-        matrices = {own: _as_matrix(name, found[name]) for own, name in names.items()}
-        layouts = {(matrices[own].shape, channels[own].trial_starts) for own in names}
-        if len(layouts) > 1:
-            raise InputError(
-                "the channels have different lengths or trials: "
-                f"{_listed({name: found[name] for name in names.values()})}; name channels that "
-                "were sampled together, or cut or resample them to one rate before"
-            )
-        (((length, columns), segments),) = layouts
-        if reading.columns == "trials":
-            starts = segments or tuple(range(0, length * columns, length))
-        elif segments:
-            raise InputError(
-                f"the channels are {len(segments)} segments with gaps between them; read each as a "
-                "trial (--columns trials)"
-            )
-        else:
-            starts = (0,)
+    found, names = describe_file(file), reading.names
+    if missing := [name for name in names.values() if name not in found]:
+        raise InputError(f"no channel {missing[0]!r}; it holds {_listed(found) or 'nothing'}")
+    channels = {own: found[name] for own, name in names.items()}
+    matrices = {own: _as_matrix(name, found[name]) for own, name in names.items()}
+    layouts = {(matrices[own].shape, channels[own].trial_starts) for own in names}
+    if len(layouts) > 1:
+        raise InputError(
+            "the channels have different lengths or trials: "
+            f"{_listed({name: found[name] for name in names.values()})}; name channels that were "
+            "sampled together, or cut or resample them to one rate before"
+        )
+    (((length, columns), segments),) = layouts
+    starts: tuple[int, ...] = (0,)
+    if reading.columns == "trials":
+        starts = segments or tuple(range(0, length * columns, length))
+    elif segments:
+        raise InputError(
+            f"the channels are {len(segments)} segments with gaps between them; read each as a "
+            "trial (--columns trials)"
+        )
     return channels, {own: each.ravel(order="F") for own, each in matrices.items()}, starts
 
 
@@ -269,13 +266,10 @@ def _doubts(
     ``channels`` are those that were read, by their names in the recording.
     """
     given, names = recording.sampling_rate, reading.names
-    for rate in sorted({each.sampling_rate for each in channels.values() if each.sampling_rate}):
+    rates = sorted({each.sampling_rate or given for each in channels.values()})
+    for rate in rates:
         if abs(rate - given) > RATE_TOLERANCE * given:
-            stating = [names[own] for own in names if channels[own].sampling_rate == rate]
-            yield (
-                f"the file states {rate:g} Hz for {', '.join(stating)}, you gave {given:g} Hz; "
-                "check the rate"
-            )
+            yield f"the file states {rate:g} Hz, you gave {given:g} Hz; check the rate"
     for own, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
         stated = channels[own].unit
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
@@ -292,6 +286,8 @@ def _doubts(
         )
 
 
-def _warn(name: str, texts: Iterable[str]) -> None:
-    for text in texts:
+def _warn(
+    name: str, channels: Mapping[str, Channel], recording: Recording, reading: Reading
+) -> None:
+    for text in _doubts(channels, recording, reading):
         warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=3)

@@ -5,14 +5,13 @@ The command line imports this module for its options, and must start quickly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import attrs
-from attrs.validators import optional
 
 from tvsysid.errors import InputError
-from tvsysid.validators import Validator, finite, not_negative, one_of, positive
+from tvsysid.validators import finite, not_negative, one_of, optional, positive
 
 AngleUnit = Literal["rad", "deg"]
 TorqueUnit = Literal["Nm", "Nmm"]
@@ -39,21 +38,9 @@ def named_channels(channels: Iterable[str]) -> dict[str, str]:
                 "each name once"
             )
         channels = dict(pairs)
-    if taken := [name for name in ("angle", "torque") if name in channels]:
-        raise InputError(
-            f"channels: {taken[0]!r} is the name of a signal already; give the channel another one"
-        )
+    if channels.keys() & {"angle", "torque"}:
+        raise InputError("channels: angle and torque are names of signals; give other names")
     return dict(channels)
-
-
-def _named(validator: Validator) -> Callable[[object, attrs.Attribute[Any], object], None]:
-    """Return a validator whose error begins with the option on the command line."""
-
-    def check(_: object, field: attrs.Attribute[Any], value: object) -> None:
-        option = OPTION_NAMES.get(field.name, field.name).replace("_", "-")
-        validator.check(f"--{option}", field.name, value)
-
-    return check
 
 
 @attrs.frozen(kw_only=True)
@@ -102,13 +89,13 @@ class Reading:
 
     angle: str | None = None
     torque: str | None = attrs.field(default=None)
-    sampling_rate: float | None = attrs.field(default=None, validator=optional(_named(positive)))
+    sampling_rate: float | None = attrs.field(default=None, validator=optional(positive))
     channels: Mapping[str, str] = attrs.field(factory=dict, converter=named_channels, hash=False)
-    columns: Columns = attrs.field(default="contiguous", validator=_named(one_of(Columns)))
-    torque_sign: TorqueSign = attrs.field(default=1, validator=_named(one_of(TorqueSign)))
-    angle_unit: AngleUnit = attrs.field(default="rad", validator=_named(one_of(AngleUnit)))
-    torque_unit: TorqueUnit = attrs.field(default="Nm", validator=_named(one_of(TorqueUnit)))
-    start: float = attrs.field(default=0.0, validator=_named(finite))
+    columns: Columns = attrs.field(default="contiguous", validator=one_of(Columns))
+    torque_sign: TorqueSign = attrs.field(default=1, validator=one_of(TorqueSign))
+    angle_unit: AngleUnit = attrs.field(default="rad", validator=one_of(AngleUnit))
+    torque_unit: TorqueUnit = attrs.field(default="Nm", validator=one_of(TorqueUnit))
+    start: float = attrs.field(default=0.0, validator=finite)
 
     @torque.validator
     def _is_another_channel(self, _: object, torque: str | None) -> None:
@@ -152,6 +139,6 @@ class Segmentation:
         ends.
     """
 
-    period: float | None = attrs.field(default=None, validator=optional(_named(positive)))
-    decimate: float | None = attrs.field(default=None, validator=optional(_named(positive)))
-    context: float = attrs.field(default=0.5, validator=_named(not_negative))
+    period: float | None = attrs.field(default=None, validator=optional(positive))
+    decimate: float | None = attrs.field(default=None, validator=optional(positive))
+    context: float = attrs.field(default=0.5, validator=not_negative)

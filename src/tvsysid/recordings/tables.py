@@ -40,8 +40,7 @@ def _read_table(file: Path) -> tuple[list[str], list[Any]]:
         separator, decimal = ";", "," if "," in head else "."
     (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
     first = [cell.strip() for cell in row]
-    counted = [[str(start + place) for place in range(len(first))] for start in (0, 1)]
-    has_names = first in counted or not _are_numbers(first)  # pandas counts columns without names
+    has_names = not _are_numbers(first)
     import pandas as pd  # noqa: PLC0415  # heavy
 
     with warnings.catch_warnings():

@@ -19,23 +19,20 @@ from typing import TypeVar
 from tvsysid.errors import InputError
 
 WAIT_S, WAIT_S_PER_BYTE = 15.0, 1e-5  # some hundred times what an intact file takes
-MEMORY_BYTES, MEMORY_PER_BYTE = 2**30, 20  # values of a compressed file, and their copies
+MEMORY_BYTES = 8 * 2**30
 
 Result = TypeVar("Result")
 
 
-def run_isolated(size: int, function: Callable[..., Result], *arguments: object) -> Result:
-    """Call a function of a module in another process, with limits for memory and time.
+def run_isolated(function: Callable[..., Result], file: Path, *arguments: object) -> Result:
+    """Call a function of a file in another process, with limits for memory and time.
 
-    ``size`` is that of the file and of the values that are read, in bytes. An InputError is raised
-    if the process crashes or takes too long; the function's own errors are raised as well.
+    An InputError is raised if the process crashes or takes too long; the function's own errors are
+    raised as well.
     """
-    if multiprocessing.current_process().daemon:  # which cannot start processes
-        return function(*arguments)
-    seconds, executor = WAIT_S + WAIT_S_PER_BYTE * size, _executor(os.getpid())
-    memory = MEMORY_BYTES + MEMORY_PER_BYTE * size
+    seconds, executor = WAIT_S + WAIT_S_PER_BYTE * file.stat().st_size, _executor(os.getpid())
     try:
-        return executor.submit(_limited, memory, function, *arguments).result(seconds)
+        return executor.submit(function, file, *arguments).result(seconds)
     except (BrokenProcessPool, TimeoutError, KeyboardInterrupt) as error:
         _executor.cache_clear()
         for process in (executor._processes or {}).values():
@@ -65,25 +62,18 @@ def _executor(process: int) -> ProcessPoolExecutor:
 
 
 def _initialize() -> None:
-    """Silence the process, leave Ctrl-C to its parent, and end it with its parent."""
+    """Silence and limit the process, leave Ctrl-C to its parent, and end it with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     faulthandler.disable()
     for stream in (1, 2):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    if sys.platform == "linux":  # other systems do not limit memory
+        import resource  # noqa: PLC0415  # not on Windows
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
     multiprocessing.parent_process().join()  # type: ignore[union-attr]  # it has one
     os._exit(1)
-
-
-def _limited(memory: int, function: Callable[..., Result], *arguments: object) -> Result:
-    if sys.platform == "linux":  # others do not limit memory, or do not tell what is used
-        import resource  # noqa: PLC0415  # not on Windows
-
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        limit = min(used + memory, hard if hard > 0 else sys.maxsize)
-        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
-    return function(*arguments)

@@ -10,7 +10,7 @@ from tvsysid.methods.cascade import alternating
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import at_least, not_negative, one_of, optional, positive, text
+from tvsysid.validators import at_least, one_of, optional, positive, text
 
 
 @attrs.frozen
@@ -23,27 +23,24 @@ class BasisCascade(alternating.AlternatingCascade):
 
     The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``) from the torque less
     the reflex's, the reflex with the same basis and prior from the torque less the intrinsic one,
-    and so on until the torque explained grows by less than 0.001 points. f is a static function of
-    the velocity, or EMG.
+    and so on until the torque explained grows by less than 0.001 points. f is the velocity of
+    stretch, rectified, or EMG.
 
     Parameters
     ----------
     max_lag
-        Lags of the intrinsic response to either side in s; no more than the reflex's delay.
-    delay, memory
-        First and last lag of the reflex's response in s.
+        Lags of the intrinsic response to either side in s, no more than the reflex's delay. The
+        reflex's response begins there; with EMG, it begins at 0.
+    memory
+        Last lag of the reflex's response in s.
     basis
         Basis functions of normalised time; see :class:`BasisIRF`.
     prior
         On the coefficients of either pathway: ``"ridge"``, one precision for all, chosen by
         evidence, as the authors have it; ``"ard"``, one for each, which takes some seconds;
         ``"none"``.
-    nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5 and
-        the same at all times, as the authors have it, which costs accuracy with little data.
     emg
-        Channel, rectified, that drives the reflex instead of the velocity; the delay is then 0
-        unless given.
+        Channel, rectified, that drives the reflex instead of the velocity.
     slow_order
         Order of the polynomial in each realization that takes slow voluntary torque out, in turn
         with the pathways; the authors have 3 with the velocity and 6 with EMG. None takes out
@@ -51,10 +48,9 @@ class BasisCascade(alternating.AlternatingCascade):
 
     Notes
     -----
-    The direction of stretch is the one that explains more of the torque. f is scaled to a mean
-    slope of 1 for stretch. ``reflex_gain`` is the area under the reflex's response at a time, in
-    N·m·s/rad (with EMG, torque by the unit of EMG). It belongs to the time of the torque, which
-    follows the stretch by the mean lag of the muscle.
+    The direction of stretch is the one that explains more of the torque. ``reflex_gain`` is the
+    area under the reflex's response at a time, in N·m·s/rad (with EMG, torque by the unit of EMG).
+    It belongs to the time of the torque, which follows the stretch by the mean lag of the muscle.
 
     Slow torque is not part of the prediction. With it, the fit explains ``vaf_with_slow`` per cent
     in the diagnostics. The table shows the total error of stiffness in N·m/rad and, behind it, the
@@ -84,15 +80,11 @@ class BasisCascade(alternating.AlternatingCascade):
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
-    delay: float | None = attrs.field(default=None, validator=optional(not_negative))
-    memory: float = attrs.field(default=0.5, validator=[positive, alternating.after_delay])
+    memory: float = attrs.field(default=0.5, validator=positive)
     basis: Basis = attrs.field(
         factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
     )
     prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
-    nonlinearity: alternating.Nonlinearity = attrs.field(
-        default="rectifier", validator=one_of(alternating.Nonlinearity)
-    )
     emg: str | None = attrs.field(default=None, validator=optional(text))
     slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
@@ -102,7 +94,7 @@ class BasisCascade(alternating.AlternatingCascade):
         "Behaviour is the same in all realizations.",
         "Both pathways change as sums of the basis functions chosen; faster changes are missed.",
         "The intrinsic response ends before the reflex's delay does.",
-        "The reflex answers a static function of the velocity, or EMG.",
+        "The reflex answers the velocity of stretch, or EMG.",
     )
     differs = (
         "It changes as its basis functions can; the pathways are identified in turn, so that each "

@@ -11,10 +11,10 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import alternating
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.numerics.moments import sliding_sum, time_chunks
+from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import not_negative, one_of, positive
+from tvsysid.validators import not_negative, positive
 
 ENOUGH = 500  # realizations that the literature asks for, at the least
 
@@ -29,26 +29,24 @@ class EnsembleCascade(alternating.AlternatingCascade):
     The intrinsic pathway is identified by :class:`ShortDataSegments` (:class:`EnsembleIRF` without
     a window) from the torque less the reflex's, the reflex by the same truncated pseudo-inverse
     from the torque less the intrinsic one, and so on until the torque explained grows by less than
-    0.001 points. f is a static function of the velocity.
+    0.001 points. f is the velocity of stretch, rectified.
 
     Parameters
     ----------
     max_lag
-        Lags of the intrinsic response to either side in s; no more than the reflex's delay.
-    delay, memory
-        First and last lag of the reflex's response in s.
+        Lags of the intrinsic response to either side in s, no more than the reflex's delay.
+        The reflex's response begins there.
+    memory
+        Last lag of the reflex's response in s.
     window
         Time in s over which the joint is taken as constant, as in :class:`ShortDataSegments`. 0, as
         the paper has it, takes each time by itself, and needs 500 to 800 realizations.
-    nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5.
 
     Notes
     -----
-    The direction of stretch, the scale of f and ``reflex_gain`` are those of
-    :class:`BasisCascade`. The paper has a different static function at each time. Here the
-    polynomial is the same at all times, because one for each time has more coefficients than the
-    usual number of realizations determines.
+    The direction of stretch and ``reflex_gain`` are those of :class:`BasisCascade`. The paper has a
+    different static function at each time, with more coefficients than the usual number of
+    realizations determines.
 
     Realizations that do not have the memory recorded before them are left out. No bands are stated.
 
@@ -58,12 +56,8 @@ class EnsembleCascade(alternating.AlternatingCascade):
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
-    delay: float = attrs.field(default=0.04, validator=not_negative)
-    memory: float = attrs.field(default=0.5, validator=[positive, alternating.after_delay])
+    memory: float = attrs.field(default=0.5, validator=positive)
     window: float = attrs.field(default=0.10, validator=not_negative)
-    nonlinearity: alternating.Nonlinearity = attrs.field(
-        default="rectifier", validator=one_of(alternating.Nonlinearity)
-    )
 
     key = "tvpc"
     title = "Ensemble parallel cascade"
@@ -85,23 +79,11 @@ class EnsembleCascade(alternating.AlternatingCascade):
         return EnsembleIRF(self.max_lag)
 
     def _response(self, drive: Array, output: Array, ensemble: Ensemble) -> Array:
-        half = base.whole_samples(self.window / 2, ensemble)
-        phi, cross = alternating.response_moments(drive, output)
-        times, lags = cross.shape
-        count = sliding_sum(np.ones(times), half, half)
-        power = sliding_sum(np.mean(output * output, axis=0), half, half) / count
-        cross = sliding_sum(cross, half, half) / count[:, None]
-        weights = np.empty_like(cross)
-        for chunk in time_chunks(times, lags):
-            begin, end = max(0, chunk.start - half), min(times, chunk.stop + half)
-            summed = sliding_sum(phi[begin:end], half, half)[
-                chunk.start - begin : chunk.stop - begin
-            ]
-            mean = summed / count[chunk, None, None]
-            weights[chunk] = truncated(
-                mean, cross[chunk], power[chunk], count[chunk] * len(drive)
-            ).weights
-        return weights
+        half, count = base.whole_samples(self.window / 2, ensemble), np.ones(len(output.T))
+        moments = *alternating.response_moments(drive, output), np.mean(output * output, axis=0)
+        count, *sums = (sliding_sum(each, half, half) for each in (count, *moments))
+        phi, cross, power = (np.swapaxes(each.T / count, 0, -1) for each in sums)
+        return truncated(phi, cross, power, count * len(drive)).weights
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import attrs
 import numpy as np
 
@@ -13,11 +11,8 @@ from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Ensemble
-from tvsysid.validators import one_of, positive
+from tvsysid.validators import positive
 
-Nonlinearity = Literal["rectifier", "sls"]
-
-DEGREE = 8  # of the polynomials
 MIN_SAMPLES_PER_LAG = 5  # of the reflex's response
 
 
@@ -26,7 +21,8 @@ class ParallelCascade(base.Method):
     r"""Identify intrinsic and reflex pathway of a joint that does not change, in turn.
 
     .. math:: y(t) = \Delta t \sum_{j=-n}^{n} h_j\, \theta(t - j)
-              + \Delta t \sum_{i=0}^{m} p_i\, f(\dot\theta(t - i))
+              + \Delta t \sum_{i=0}^{m} p_i\, f(t - i), \qquad
+              f = s \max(s\, \dot\theta, 0)
 
     The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the
     torque less the intrinsic one, and so on until the torque explained grows by less than 0.05
@@ -40,16 +36,11 @@ class ParallelCascade(base.Method):
     memory
         Lags of the reflex's response in s. The authors' 1 s needs as much context, or realizations
         that follow each other.
-    nonlinearity
-        f: ``"rectifier"``, the velocity of stretch, rectified; ``"sls"``, a polynomial of degree 8
-        by separable least squares.
 
     Notes
     -----
-    The direction of stretch is the one that explains more of the torque. f is scaled to a mean
-    slope of 1 for stretch (of a least-squares fit with one slope for either direction).
-    ``reflex_gain``, the area under the reflex's response, is therefore slope times area, in
-    N·m·s/rad. Polynomials are 0 where the velocity is 0.
+    The direction s of stretch is the one that explains more of the torque. ``reflex_gain`` is the
+    area under the reflex's response, in N·m·s/rad.
 
     Both responses are truncated by description length, the directions that explain most first.
     The model is constant. Where the joint changes, it is an average. The velocity is that of the
@@ -58,8 +49,7 @@ class ParallelCascade(base.Method):
     all that it can explain. Stiffness is therefore 2 to 3 % too high if the reflex is strong. No
     bands are stated; :func:`tvsysid.uncertainty.bootstrap` gives them.
 
-    The authors' code has a third way, the iteration of Hunter & Korenberg (1986). It minimises
-    nothing, so that its stiffness depends on when it stops, by up to 13 % on real ankles.
+    The authors' code can also fit a polynomial of the velocity, as :class:`SubspaceCascade` does.
 
     References
     ----------
@@ -68,7 +58,6 @@ class ParallelCascade(base.Method):
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
     memory: float = attrs.field(default=0.5, validator=positive)
-    nonlinearity: Nonlinearity = attrs.field(default="rectifier", validator=one_of(Nonlinearity))
 
     key = "pc"
     title = "Parallel cascade"
@@ -76,7 +65,7 @@ class ParallelCascade(base.Method):
         "The joint does not change in time.",
         "The intrinsic response ends before the reflex's delay does; nothing else is assumed of "
         "either's dynamics.",
-        "The reflex answers a static function of the velocity.",
+        "The reflex answers the velocity of stretch.",
     )
     differs = (
         "It is one constant, some mean where the joint changes; the pathways are identified in "
@@ -105,23 +94,17 @@ class ParallelCascade(base.Method):
         """Return the model of an ensemble."""
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
-        degree = DEGREE if self.nonlinearity == "sls" else 0
-        drive, turn = constant_cascade(ensemble, lags, before, degree)
-        intrinsic, moments, rank = turn.details
-        gram, cross, _, number = moments
-        readout, fitted = second_order_readout(
-            gram[None] / number,
-            cross[None] / number,
-            intrinsic.inverse[None],
-            ensemble.sampling_rate,
-        )
+        drive, turn = constant_cascade(ensemble, lags, before)
+        (gram, cross, _, number), rate = turn.details.moments, ensemble.sampling_rate
+        gram, cross, found = gram / number, cross / number, turn.details.first
+        readout, fitted = second_order_readout(gram[None], cross[None], found.inverse[None], rate)
         # Of so many samples, chance explains nothing.
-        agrees = agreement(fitted, intrinsic.explained - fitted, np.zeros(1))
-        details = {"second_order_agreement": agrees, "turns": float(turn.number)}
+        agrees = agreement(fitted, found.explained - fitted, np.zeros(1))
         times = ensemble.samples - 2 * base.missing_edge(lags, ensemble)
-        constants = intrinsic.weights, readout[0] @ cross / number
-        weights, impedance = (np.tile(each, (times, 1)) for each in constants)
-        diagnostics = Diagnostics(float(rank + max(0, degree - 1)))
+        weights, impedance = (
+            np.tile(each, (times, 1)) for each in (found.weights, readout[0] @ cross)
+        )
+        diagnostics = Diagnostics(float(turn.details.rank))
         plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})
-        turn = turn._replace(reflex=np.tile(turn.reflex, (ensemble.samples, 1)))
-        return two_pathways(ensemble, plain, drive, turn, 0, details)
+        reflex = np.tile(turn.second, (ensemble.samples, 1))
+        return two_pathways(ensemble, plain, drive, reflex, 0, {"second_order_agreement": agrees})

@@ -15,7 +15,7 @@ from tvsysid.methods.cascade.search import Search
 from tvsysid.models import Model
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Ensemble
-from tvsysid.validators import Validator, boolean, is_whole, optional, positive, text
+from tvsysid.validators import Validator, is_whole, optional, positive, text
 
 _three_counts = Validator(
     "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
@@ -48,17 +48,14 @@ class JointCascade(base.Method):
 
     Stiffness is the sum of h. The intrinsic torque is a weighted sum of the angle, its velocity,
     its acceleration and its differences of higher order. The coefficients of the first two and the
-    gain G are Fourier series of the period. The other coefficients are constant.
+    gain G are Fourier series of the realization. The other coefficients are constant.
 
     Parameters
     ----------
-    period
-        Period of the behaviour in s; None takes the duration of a realization.
     harmonics
-        Number of harmonics of stiffness, viscosity and reflex gain over a period.
-    constant
-        Whether stiffness, viscosity and reflex gain are constant. None lets them change if the
-        changes predict held-out realizations better (p < 0.05).
+        Number of harmonics of stiffness, viscosity and reflex gain over a realization. Stiffness,
+        viscosity and gain change if the changes predict held-out realizations better (p < 0.05).
+        (0, 0, 0) takes them as constant.
     delay
         d in s; ``"fit"`` estimates it between 35 and 75 ms. Below the lags of the intrinsic
         response, the reflex would explain the torque of inertia. None is 40 ms, or 10 ms from EMG
@@ -66,8 +63,6 @@ class JointCascade(base.Method):
     emg
         Channel that drives the muscle instead of the velocity, such as the envelope of the EMG.
         There is no threshold then.
-    max_lag
-        Lags of the intrinsic response to either side, in s.
 
     Notes
     -----
@@ -123,12 +118,9 @@ class JointCascade(base.Method):
     'fit'
     """
 
-    period: float | None = attrs.field(default=None, validator=optional(positive))
     harmonics: tuple[int, int, int] = attrs.field(default=(25, 25, 10), validator=_three_counts)
-    constant: bool | None = attrs.field(default=None, validator=optional(boolean))
     delay: float | Literal["fit"] | None = attrs.field(default=None, validator=_positive_or_fit)
     emg: str | None = attrs.field(default=None, validator=[optional(text), _has_known_delay])
-    max_lag: float = attrs.field(default=0.04, validator=positive)
 
     key = "cascade"
     title = "Joint fit of intrinsic and reflex pathways"
@@ -136,8 +128,7 @@ class JointCascade(base.Method):
         "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
         "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second "
         "order.",
-        "Behaviour is the same in all realizations, and periodic; without a period, that of a "
-        "realization.",
+        "Behaviour is the same in all realizations, and periodic.",
     )
     differs = (
         "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
@@ -151,7 +142,7 @@ class JointCascade(base.Method):
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
         """Return whether the settings take the joint as constant."""
-        return self.constant is True or not any(self.harmonics[:2])
+        return not any(self.harmonics[:2])
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
@@ -172,8 +163,7 @@ class JointCascade(base.Method):
 
     def search(self, ensemble: Ensemble) -> Search:
         """Return the reflexes that may explain the torque of an ensemble."""
-        settings = attrs.asdict(self, recurse=False)
-        return Search(ensemble, **settings | {"period": self.period or ensemble.duration})
+        return Search(ensemble, **attrs.asdict(self))
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]

@@ -1,14 +1,13 @@
-"""Compute the regressors: lagged angles, and a rectified velocity behind delay and muscle."""
+"""Compute the regressors: filtered angles, and a drive behind delay and muscle."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from functools import reduce
+from typing import NamedTuple
 
-import attrs
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.numerics import Array
@@ -16,12 +15,14 @@ from tvsysid.numerics.decimation import TAPS
 from tvsysid.numerics.differentiation import derivative_weights
 from tvsysid.numerics.stretch import decimated
 
-# share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+# Share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
 FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic response
-NEGLIGIBLE = 40.0  # time constants after which a response is over
+NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
+MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
+MAX_FEW = 2  # realizations up to which products of columns are not sums over these first
 
 
 def intrinsic_filters(lags: int, rate: float) -> Array:
@@ -36,14 +37,13 @@ def intrinsic_filters(lags: int, rate: float) -> Array:
     filters[1] *= -rate / (filters[1] @ offsets)
     filters[2] *= 2 * rate**2 / (filters[2] @ offsets**2)
     step = max(1, lags // 4)
-    second, odd = np.zeros(2 * step + 1), np.zeros(2 * step + 1)
-    second[::step], odd[::step] = (1, -2, 1), (0.5, 0, -0.5)
-    rows = list(filters)
-    for order in range(3, HIGHEST_DIFFERENCE + 1):
-        taps = reduce(np.convolve, [second] * (order // 2), odd if order % 2 else np.ones(1))
-        if len(taps) <= len(offsets):
-            rows.append(np.pad(taps, (len(offsets) - len(taps)) // 2))
-    return np.stack(rows)
+    first, second = np.zeros((2, 2 * step + 1))
+    first[::step], second[::step] = (0.5, 0, -0.5), (1, -2, 1)
+    impulse = np.eye(1, 2 * lags + 1, lags)[0]
+    differences = [np.convolve(impulse, each, "same") for each in (first, second)]
+    while len(differences) < min(HIGHEST_DIFFERENCE, 2 * lags):
+        differences.append(np.convolve(differences[-2], second, "same"))
+    return np.stack([*filters, *differences[2:]])
 
 
 def second_order_fit(lags: Array) -> Array:
@@ -111,23 +111,20 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
-    r"""Return the impulse response of delay and muscle at lags from 0 on. Its samples sum to 1.
+    r"""Return the impulse response of delay and muscle at lags from 0 on, at most ``samples``.
 
-    It ends after so many ``samples``, or where it is over.
-
-    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. A reflex's ``shape`` holds
-    log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. The samples of the whole
+    response sum to 1. A reflex's ``shape`` holds log frequency (rad/s), log damping, threshold
+    (rad/s) and delay (s).
     """
-    (frequency, damping), delay = np.exp(shape[:2]), float(shape[3]) * rate
+    (frequency, damping), delay = np.exp(shape[:2]), float(shape[3])
     # Poles of critical damping would be the same. They are taken apart.
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
-    poles = frequency / rate * (np.array([[root], [-root]]) - damping)
-    first = math.floor(delay + 1e-9)
-    last = first + int(NEGLIGIBLE / -poles.real.max())
-    rest, lags = max(0.0, delay - first), np.arange(min(samples, last)) - first
-    waves = np.where(lags > 0, np.exp(poles * np.maximum(lags - rest, 0.0)), 0.0)
-    sums = np.exp(poles * (1 - rest)) / (1 - np.exp(poles))
-    return np.asarray(((waves[0] - waves[1]) / (sums[0] - sums[1])).real)
+    poles = frequency * (np.array([[root], [-root]]) - damping)
+    last = int((delay - NEGLIGIBLE / poles.real.max()) * rate)
+    late = np.maximum(np.arange(last) / rate - delay, 0.0)
+    response = (np.subtract(*np.exp(poles * late)) / root).real
+    return np.asarray((response / response.sum())[:samples])
 
 
 def convolved(values: Array, response: Array) -> Array:
@@ -137,84 +134,99 @@ def convolved(values: Array, response: Array) -> Array:
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 
-Windows = Sequence[tuple[slice, Array]]  # stretches of time, and the weights of their samples
+class Columns(NamedTuple):
+    """Columns of a regression: signals times functions of time, perhaps behind a muscle.
 
-
-@attrs.frozen(eq=False)
-class Modulated:
-    """Columns that are a signal times functions of time, perhaps behind a muscle.
-
-    The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
-    column). The ``muscle`` is the matrix (time, history + time) of its impulse response. Many
-    realizations are summed first: one matrix (time, time) serves all functions.
+    The ``signals`` have shape (signal, realization, history + time), the ``functions`` (history +
+    time, function). The ``muscle`` is the matrix (time, history + time) of its impulse response.
+    There are several signals, or several functions.
     """
 
-    signal: Array
+    signals: Array
     functions: Array
     muscle: Array | None = None
 
-    def __len__(self) -> int:
-        return int(self.functions.shape[1])
+    @classmethod
+    def explicit(cls, values: Array) -> Columns:
+        """Return columns from their values (column, realization, time)."""
+        return cls(values, np.ones((values.shape[-1], 1)))
 
-    def of(self, rows: slice, window: slice = slice(None)) -> Modulated:
+    @classmethod
+    def behind(cls, response: Array, signal: Array, functions: Array, times: int) -> Columns:
+        """Return a signal (realization, history + time) times functions, behind a response.
+
+        The values of few columns, or of few realizations, are computed.
+        """
+        if functions.shape[1] == 1 or len(signal) <= MAX_FEW:
+            values = convolved(signal * functions.T[:, None], response)
+            return cls.explicit(values[..., -times:])
+        history, longest = len(functions) - times, min(times, MAX_WINDOW)
+        response = np.pad(response, (0, history + longest))
+        later = response[history : history + longest]
+        matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
+        return cls(signal[None], functions, matrix)
+
+    def within(self, rows: slice, window: slice) -> Columns:
         """Return the columns of some realizations in a window of time."""
-        muscle, times = self.muscle, window
-        if muscle is not None and window.stop is not None:
-            samples = window.stop - window.start
-            later = samples + muscle.shape[1] - muscle.shape[0]
-            muscle, times = muscle[:samples, :later], slice(window.start, window.start + later)
-        return Modulated(self.signal[rows, times], self.functions[times], muscle)
+        signals, functions, muscle = self
+        if muscle is not None:
+            size = window.stop - window.start
+            late = muscle.shape[1] - muscle.shape[0]
+            muscle, window = muscle[:size, : size + late], slice(window.start, window.stop + late)
+        return Columns(signals[:, rows, window], functions[window], muscle)
 
-    def times(self, weighted: Array, windows: Windows) -> Array:
-        """Return products of weighted columns (column, realization, time) with these."""
-        out = np.zeros((len(weighted), len(self)))
-        for window, _ in windows:
-            inside, part = self.of(slice(None), window), weighted[..., window]
-            part = part if inside.muscle is None else part @ inside.muscle
-            out += np.einsum("krt,rt->kt", part, inside.signal) @ inside.functions
-        return out
+    @property
+    def are_explicit(self) -> bool:
+        """Return whether the columns are the signals."""
+        return len(self.functions.T) == 1
 
-    def summed(self, other: Modulated, windows: Windows) -> Array:
-        """Return weighted products with others."""
-        out = np.zeros((len(self), len(other)))
-        for window, weights in windows:
-            left, right = (each.of(slice(None), window) for each in (self, other))
-            weighted = weights if left.muscle is None else left.muscle.T @ weights
-            weighted = weighted if right.muscle is None else weighted @ right.muscle
-            sums = left.signal.T @ right.signal * weighted
-            out += left.functions.T @ sums @ right.functions
-        return out
+    def times(self, weighted: Array) -> Array:
+        """Return products of these with weighted columns (column, realization, time)."""
+        if self.are_explicit:
+            return np.asarray(np.tensordot(self.signals, weighted, ((1, 2), (1, 2))))
+        weighted = weighted if self.muscle is None else weighted @ self.muscle
+        return np.asarray(self.functions.T @ np.einsum("rt,krt->tk", self.signals[0], weighted))
 
-
-# Columns of the regression: their values (column, realization, time), or a signal times functions
-Columns = Array | Modulated
+    def summed(self, other: Columns, weights: Array) -> Array:
+        """Return weighted products with others. Many realizations are summed first."""
+        weights = weights if self.muscle is None else self.muscle.T @ weights
+        weights = weights if other.muscle is None else weights @ other.muscle
+        sums = self.signals[0].T @ other.signals[0] * weights
+        return np.asarray(self.functions.T @ sums @ other.functions)
 
 
-def products(
-    parts: Sequence[Columns], windows: Windows, known: Array, rows: slice = slice(None)
+Windows = Sequence[tuple[slice, Array]]  # stretches of time, and the weights of their samples
+
+
+def extended(
+    known: Array,
+    columns: Sequence[Columns],
+    further: Columns,
+    windows: Windows,
+    rows: slice = slice(None),
 ) -> Array:
-    """Return weighted products of all columns, of which those of the first ones are ``known``."""
-    parts = [each.of(rows) if isinstance(each, Modulated) else each[:, rows] for each in parts]
-    ends = np.cumsum([0, *map(len, parts)])
-    out = np.zeros((ends[-1], ends[-1]))
-    out[: len(known), : len(known)] = known
-    weighted: dict[int, Array] = {}  # by the number of the part
+    """Return weighted products of columns and further ones. Those of the first are ``known``."""
+    sums = np.zeros(())
+    for window, weights in windows:
+        every = [each.within(rows, window) for each in (*columns, further)]
+        last = every[-1]
+        if last.are_explicit:
+            weighted = last.signals @ weights
+            parts = [each.times(weighted) for each in every]
+        else:
+            parts = [
+                last.times(each.signals @ weights).T
+                if each.are_explicit
+                else each.summed(last, weights)
+                for each in every
+            ]
+        sums = sums + np.concatenate(parts)
+    return np.block([[known, sums[: len(known)]], [sums.T]])
 
-    def product(place: int, other: int) -> Array:
-        left, right = parts[place], parts[other]
-        if isinstance(left, Modulated):
-            if isinstance(right, Modulated):
-                return left.summed(right, windows)
-            return product(other, place).T
-        if place not in weighted:
-            flat = left.reshape(-1, left.shape[-1])
-            stretches = [flat[:, window] @ weights for window, weights in windows]
-            weighted[place] = np.concatenate(stretches, axis=1).reshape(left.shape)
-        if isinstance(right, Modulated):
-            return right.times(weighted[place], windows)
-        return weighted[place].reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
-    for place in range(int(np.searchsorted(ends, len(known))), len(parts)):
-        row = np.concatenate([product(place, other) for other in range(place + 1)], axis=1)
-        out[ends[place] : ends[place + 1], : row.shape[1]] = row
-    return np.tril(out) + np.tril(out, -1).T
+def products(columns: Sequence[Columns], windows: Windows, rows: slice = slice(None)) -> Array:
+    """Return weighted products of all columns."""
+    out = np.zeros((0, 0))
+    for place, further in enumerate(columns):
+        out = extended(out, columns[:place], further, windows, rows)
+    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import attrs
@@ -13,8 +13,8 @@ from scipy.linalg import toeplitz
 from tvsysid.errors import InputError
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.columns import (
+    MAX_WINDOW,
     Columns,
-    Modulated,
     Windows,
     deviations,
     intrinsic_signals,
@@ -28,8 +28,6 @@ from tvsysid.signals import Ensemble
 
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
-MAX_FEW = 2  # realizations up to which products of columns are not sums over these first
-MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 
 
 @attrs.frozen(eq=False)
@@ -55,40 +53,32 @@ class Data:
     noise: Array = attrs.field(factory=lambda: np.ones(1))
 
     @classmethod
-    def of(
-        cls, ensemble: Ensemble, period: float, harmonics: tuple[int, int, int], lags: int
-    ) -> Data:
-        """Return the times that are fitted in half as many realizations as at the best time.
-
-        They are those of the realizations that are fitted at all of these times.
-        """
+    def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int], lags: int) -> Data:
+        """Return the realizations with most recorded past, from where it is long enough."""
         rate = ensemble.sampling_rate
         signals = intrinsic_signals(ensemble.angle, lags, rate)
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
         edge = missing_edge(lags, ensemble)
+        last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
-        fitted = np.isfinite(past[:, : ensemble.samples])
-        fitted[:, [*range(edge), *range(-edge, 0)]] = False
-        if not fitted.any():
+        missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
+        first = int(missing.min())
+        if first >= last:
             raise InputError(
                 f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
                 f"sample; realizations have {ensemble.duration:g} s with "
                 f"{ensemble.context / rate:g} s of context; give longer ones"
             )
-        often = fitted.sum(axis=0)
-        inside = np.flatnonzero(2 * often >= often.max())
-        times = slice(int(inside[0]), int(inside[-1]) + 1)
-        rows = np.flatnonzero(fitted[:, times].all(axis=1))
-        counts = [min(count, ensemble.samples // 4) for count in harmonics[:2]]
-        counts += [0] * (len(signals) - 2)
-        bases = [FourierSeries(count)(ensemble.time / period) for count in counts]
+        times, rows = slice(max(first, edge), last), np.flatnonzero(missing <= max(first, edge))
+        counts = [*harmonics[:2], *[0] * (len(signals) - 2)]
+        phase = ensemble.time / ensemble.duration
         return cls(
             torque=deviations(ensemble.torque[:, ensemble.core][rows, times]),
             signals=deviations(signals[..., ensemble.core][:, rows, times]),
-            functions=np.concatenate(bases, axis=1),
+            functions=np.concatenate([FourierSeries(count)(phase) for count in counts], axis=1),
             starts=np.cumsum([0, *(2 * count + 1 for count in counts[:-1])]).tolist(),
             gain=FourierSeries(harmonics[2] if any(counts) else 0),
-            period=period,
+            period=ensemble.duration,
             rate=rate,
             rows=rows,
             times=times,
@@ -129,15 +119,16 @@ class Data:
         """
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
-        inverses = {}
-        for size in {stop - start for start, stop in pairwise(edges)}:
-            inverse = np.asarray(np.linalg.inv(_matrix(self.noise, size)), dtype=np.float64)
+
+        @cache
+        def weights(size: int) -> Array:
+            inverse = np.linalg.inv(_matrix(self.noise, size))
             if rows == 1:  # its mean is not known
                 weight = inverse.sum(axis=0)
-                inverse -= np.outer(weight, weight) / weight.sum()
-            middle = inverse if true is None else inverse @ _matrix(true, size) @ inverse
-            inverses[size] = middle
-        return [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
+                inverse = inverse - np.outer(weight, weight) / weight.sum()
+            return np.asarray(inverse if true is None else inverse @ _matrix(true, size) @ inverse)
+
+        return [(slice(start, stop), weights(stop - start)) for start, stop in pairwise(edges)]
 
     @cached_property
     def windows(self) -> Windows:
@@ -145,26 +136,17 @@ class Data:
         return self.weights()
 
     @property
-    def are_few(self) -> bool:
-        """Return whether realizations are too few to sum them first."""
-        return len(self.torque) <= MAX_FEW
-
-    @cached_property
     def columns(self) -> list[Columns]:
         """Return the torque and the intrinsic columns. Those after velocity are constant."""
         *changing, _ = np.split(self.functions[self.times], self.starts[1:3], axis=1)
-        parts: list[Columns] = [self.torque[None]]
-        for signal, functions in zip(self.signals, changing, strict=False):
-            is_explicit = self.are_few or functions.shape[1] == 1
-            values = signal * functions.T[:, None] if is_explicit else Modulated(signal, functions)
-            parts.append(values)
-        return [*parts, self.signals[2:]]
+        parts = zip(self.signals[:2, None], changing, strict=True)
+        explicit = map(Columns.explicit, (self.torque[None], self.signals[2:]))
+        return [next(explicit), *(Columns(*part) for part in parts), *explicit]
 
     @cached_property
     def fold_products(self) -> list[Array]:
         """Return the products of torque and intrinsic columns in each fold."""
-        none = np.zeros((0, 0))
-        return [products(self.columns, self.windows, none, rows) for rows in self.folds]
+        return [products(self.columns, self.windows, rows) for rows in self.folds]
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""
@@ -176,7 +158,7 @@ class Data:
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""
-        parts = [(values[:, times] @ weights * values[:, times]) for times, weights in self.windows]
+        parts = [values[:, times] @ weights * values[:, times] for times, weights in self.windows]
         return np.asarray(np.concatenate(parts, axis=1).sum(axis=1))
 
 

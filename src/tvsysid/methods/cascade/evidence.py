@@ -18,7 +18,8 @@ FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relat
 DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
 # Families are stiffness, viscosity, inertia, differences and reflex gain. The parameters are the
 # sizes of their constants and harmonics, and the decays of the latter.
-IS_DECAY = np.repeat([False, False, True], FLAT_FAMILIES + 2)
+FAMILIES = FLAT_FAMILIES + 2
+IS_DECAY = np.repeat([False, False, True], FAMILIES)
 BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
 USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
@@ -75,25 +76,24 @@ class Prior(NamedTuple):
 
     @staticmethod
     @lru_cache(maxsize=4)
-    def of(sizes: tuple[int, ...], gain: int) -> Prior:
-        """Return the prior of the coefficients of signals, and of a reflex's gain.
+    def of(sizes: tuple[int, ...]) -> Prior:
+        """Return the prior of the coefficients of signals, and of a reflex's gain, which is last.
 
-        There are ``sizes`` of the signals and ``gain`` of the gain: a constant, and two for each
-        harmonic. Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond
-        the acceleration share one size.
+        There are so many of each: a constant, and two for each harmonic. Constants of stiffness,
+        viscosity and inertia have a flat prior. Signals beyond the acceleration share one size.
         """
-        all_sizes, flat = [*sizes, gain], FLAT_FAMILIES
-        order = np.concatenate([np.arange(1, size + 1) // 2 for size in all_sizes])
-        family = np.repeat([*np.arange(len(sizes)).clip(max=flat), flat + 1], all_sizes)
-        weights = (order == 0) & (family >= flat), order > 0, -np.log(order.clip(1))
-        is_own = np.eye(flat + 2)[family]
+        order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
+        family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
+        is_own = np.eye(FAMILIES)[np.repeat(family, sizes)]
+        is_flat = is_own[:, :FLAT_FAMILIES].any(axis=1) & (order == 0)
+        weights = (order == 0) & ~is_flat, order > 0, -np.log(order.clip(1))
         design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
         first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        return Prior(np.where(design.any(axis=1), 0.0, FLAT_LOG_SIZE), design, first)
+        return Prior(FLAT_LOG_SIZE * is_flat, design, first)
 
     def spread(self, moments: Moments, parameters: Array) -> Array:
         """Return the standard deviations of the coefficients relative to the noise."""
-        power = np.maximum(np.diag(moments.gram), 0.0)[self.first] / moments.number
+        power = np.diag(moments.gram)[self.first] / moments.number
         scale = np.sqrt(np.where(power > 0, power, 1.0))
         return np.asarray(np.exp(self.offset + self.design @ parameters) / scale)
 

@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property
 
 import attrs
 import numpy as np
-from scipy.linalg import toeplitz
 
-from tvsysid.methods.cascade.columns import (
-    Columns,
-    Modulated,
-    convolved,
-    deviations,
-    muscle,
-    products,
-)
-from tvsysid.methods.cascade.data import MAX_WINDOW, Data
+from tvsysid.methods.cascade.columns import Columns, convolved, deviations, extended, muscle
+from tvsysid.methods.cascade.columns import products as products_of
+from tvsysid.methods.cascade.data import Data
 from tvsysid.methods.cascade.evidence import (
     USUAL_PARAMETERS,
     Prior,
@@ -27,15 +19,9 @@ from tvsysid.methods.cascade.evidence import (
     log_evidence,
     ridge,
 )
-from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.numerics import Array
-from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
-
-CACHED_DELAYS = 4  # of the basis of the gain
-
-DEFAULT: Any = attrs.NOTHING  # a field with this value is computed anew
 
 # A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
 NUMBERS = ("frequency", "damping", "threshold", "delay")
@@ -55,119 +41,135 @@ SMALLEST_STEP = 0.02  # in standard deviations of the prior
 
 
 @attrs.frozen(eq=False)
-class Fit:
-    """Posterior of the coefficients for a shape of the reflex and hyperparameters.
+class Regression:
+    """Columns of both pathways for a ``shape`` of the reflex.
 
-    Parameters
-    ----------
-    data
-        Torque and intrinsic signals.
-    drive
-        Rows (realization, history + time) that drive the reflex for a threshold, as deviations
-        from their mean over realizations; 0 where nothing was recorded. None without a reflex.
-    free
-        Numbers of the shape that are estimated.
-    shape
-        Shape of the reflex.
-    positive
-        The products of the coefficients with each row are not negative, shape (row, column).
-    products
-        Products of the torque, which is first, and all columns.
-    parameters
-        Hyperparameters; by default those of greatest evidence.
+    ``drive`` returns the rows (realization, history + time) that drive the reflex for a threshold,
+    as deviations from their mean over realizations; 0 where nothing was recorded. It is None
+    without a reflex.
     """
 
     data: Data
     drive: Callable[[float], Array] | None
-    free: list[int]
     shape: Array
-    positive: Array | None = None
-    products: Array = attrs.field()
-    parameters: Array = attrs.field()
-    posterior: Posterior = attrs.field(init=False)
 
-    @products.default
-    def _all_products(self) -> Array:
-        known = np.sum(self.data.fold_products, axis=0)
-        return products(self._columns(), self.data.windows, known)
+    @cached_property
+    def _reflex(self) -> tuple[Array, Array, Array]:
+        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
+        assert self.drive is not None
+        data, drive = self.data, self.drive(float(self.shape[THRESHOLD]))
+        steps = np.arange(-drive.shape[1], 0) + data.times.stop
+        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
+        return drive, gain, muscle(self.shape, len(steps), data.rate)
 
-    @parameters.default
-    def _tuned_parameters(self) -> Array:
-        return self.prior.tuned(self.moments, USUAL_PARAMETERS)
+    def reflex(self, coefficients: Array) -> Array:
+        """Return the reflex torque (realization, time). The gain is that at the time of arrival."""
+        drive, gain, response = self._reflex
+        return convolved(drive * (gain @ coefficients), response)[:, -self.data.torque.shape[1] :]
 
-    @posterior.default
-    def _posterior(self) -> Posterior:
-        spread = self.prior.spread(self.moments, self.parameters)
-        return ridge(self.moments, spread, self.positive)
+    def torques(self, coefficients: Array) -> tuple[Array, Array]:
+        """Return intrinsic and reflex torque (realization, time), less their means."""
+        data, (own, gain) = self.data, np.split(coefficients, [self.data.own])
+        torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
+        reflex = self.reflex(gain) if len(gain) else np.zeros_like(torque)
+        return deviations(torque), deviations(reflex)
+
+    def residual(self, coefficients: Array) -> Array:
+        """Return the residual torque (realization, time)."""
+        return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
+
+    @cached_property
+    def columns(self) -> list[Columns]:
+        """Return the torque and all columns."""
+        if self.drive is None:
+            return self.data.columns
+        drive, gain, response = self._reflex
+        times = self.data.torque.shape[1]
+        return [*self.data.columns, Columns.behind(response, drive, gain, times)]
+
+    def products(self, rows: slice = slice(None)) -> Array:
+        """Return the products of torque and columns of some realizations, by default of all."""
+        data, folds = self.data, self.data.fold_products
+        known = np.sum(folds, axis=0) if rows == slice(None) else folds[data.folds.index(rows)]
+        if self.drive is None:
+            return np.asarray(known)
+        *own, reflex = self.columns
+        return extended(known, own, reflex, data.windows, rows)
+
+    @cached_property
+    def all_products(self) -> Array:
+        """Return the products of torque and columns of all realizations."""
+        return self.products()
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Return the moments of all columns."""
+        return moments_of(self.all_products, self.data.number)
 
     @property
     def prior(self) -> Prior:
         """Return the prior of the coefficients."""
-        sizes = np.diff([*self.data.starts, self.data.own]).tolist()
-        return Prior.of(tuple(sizes), 0 if self.drive is None else self._units)
+        sizes = np.diff([*self.data.starts, self.data.own, len(self.moments.cross)])
+        return Prior.of(tuple(sizes.tolist()))
+
+
+@attrs.frozen(eq=False)
+class Fit:
+    """Posterior of the coefficients for a regression and hyperparameters.
+
+    Parameters
+    ----------
+    regression
+        Columns of both pathways.
+    free
+        Numbers of the reflex's shape that are estimated.
+    parameters
+        Hyperparameters; by default those of greatest evidence.
+    positive
+        The products of the coefficients with each row are not negative, shape (row, column).
+    """
+
+    regression: Regression
+    free: list[int]
+    parameters: Array = attrs.field()
+    positive: Array | None = None
+
+    @parameters.default
+    def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
+        return self.regression.prior.tuned(self.regression.moments, start)
 
     @property
-    def moments(self) -> Moments:
-        """Return the moments of all columns."""
-        return _moments(self.products, self.data.number)
+    def data(self) -> Data:
+        """Return torque and intrinsic signals."""
+        return self.regression.data
 
     @property
+    def shape(self) -> Array:
+        """Return the shape of the reflex."""
+        return self.regression.shape
+
+    @cached_property
+    def spread(self) -> Array:
+        """Return the prior standard deviations of the coefficients relative to the noise."""
+        return self.regression.prior.spread(self.regression.moments, self.parameters)
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """Return the posterior of the coefficients."""
+        return ridge(self.regression.moments, self.spread, self.positive)
+
+    @cached_property
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = ((self.shape - MEAN) / SPREAD)[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        return log_evidence(self.posterior, self.moments.square) - 0.5 * float(squares)
+        square = self.regression.moments.square
+        return log_evidence(self.posterior, square) - 0.5 * float(squares)
 
     @property
-    def _units(self) -> int:
-        return 2 * self.data.gain.harmonics + 1
-
-    def _driven(self, shape: Array) -> tuple[Array, Array, Array]:
-        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
-        assert self.drive is not None
-        data, drive = self.data, self.drive(float(shape[THRESHOLD]))
-        times = data.times.stop - drive.shape[1], data.times.stop
-        gain = _arriving(data.gain, *times, data.rate, float(shape[DELAY]), data.period)
-        return drive, gain, muscle(shape, drive.shape[1], data.rate)
-
-    def reflex(self, shape: Array, coefficients: Array) -> Array:
-        """Return the reflex torque (realization, time) as a deviation from its mean.
-
-        The gain is that at the time of arrival.
-        """
-        drive, gain, response = self._driven(shape)
-        torque = convolved(drive * (gain @ coefficients), response)
-        torque = torque[:, -self.data.torque.shape[1] :]
-        return deviations(torque) if len(torque) == 1 else torque
-
-    def _columns(self) -> list[Columns]:
-        """Return the torque and all columns."""
-        if self.drive is None:
-            return self.data.columns
-        if self._units == 1 or self.data.are_few:
-            return [*self.data.columns, self.reflex_columns()]
-        drive, gain, response = self._driven(self.shape)
-        times = self.data.torque.shape[1]
-        history, longest = drive.shape[1] - times, min(times, MAX_WINDOW)
-        response = np.pad(response, (0, history + longest))
-        later = response[history : history + longest]
-        matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
-        return [*self.data.columns, Modulated(drive, gain, matrix)]
-
-    def torques(self, coefficients: Array | None = None) -> tuple[Array, Array]:
-        """Return intrinsic and reflex torque (realization, time), less their means."""
-        data = self.data
-        coefficients = self.posterior.mean if coefficients is None else coefficients
-        own, gain = np.split(coefficients, [data.own])
-        torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
-        intrinsic = deviations(torque) if len(torque) == 1 else torque
-        reflex = np.zeros_like(torque) if self.drive is None else self.reflex(self.shape, gain)
-        return intrinsic, reflex
-
-    @property
-    def left(self) -> Array:
+    def residual(self) -> Array:
         """Return the residual torque (realization, time)."""
-        return np.asarray(self.data.torque - np.sum(self.torques(), axis=0))
+        return self.regression.residual(self.posterior.mean)
 
     @cached_property
     def held_out(self) -> Array:
@@ -176,43 +178,36 @@ class Fit:
         NaN if there is a single fold.
         """
         data, left = self.data, np.full_like(self.data.torque, np.nan)
-        spread = self.prior.spread(self.moments, self.parameters)
-        for known, rows in zip(data.fold_products, data.folds, strict=True):
-            if len(data.folds) > 1:
-                own = products(self._columns(), data.windows, known, rows)
-                share = 1 - len(data.torque[rows]) / len(data.torque)
-                others = _moments(self.products - own, share * data.number)
-                torques = self.torques(ridge(others, spread, self.positive).mean)
-                left[rows] = (data.torque - np.sum(torques, axis=0))[rows]
+        for rows in data.folds[: len(data.folds) * (len(data.folds) > 1)]:
+            share = 1 - len(left[rows]) / len(left)
+            others = self.regression.all_products - self.regression.products(rows)
+            found = ridge(moments_of(others, share * data.number), self.spread, self.positive)
+            left[rows] = self.regression.residual(found.mean)[rows]
         return left
 
     def share(self) -> float:
         """Return the share of the held-out torque's square that the fit predicts."""
         return 1 - float(np.sum(self.held_out**2) / np.sum(self.data.torque**2))
 
-    def better_than(self, other: Fit) -> float:
-        """Return the probability that this fit predicts so much better by chance."""
-        squares = self.data.squares
-        return predicts_better(squares(self.held_out), squares(other.held_out))
-
-    def _moved(self, numbers: list[int], values: Array) -> Array:
-        """Return the shape with other numbers, kept within their bounds."""
+    def with_shape(self, values: Array) -> Fit:
+        """Return the fit with other free numbers of the shape, kept within their bounds."""
         shape = self.shape.copy()
-        shape[numbers] = np.clip(values, LOWEST[numbers], HIGHEST[numbers])
-        return shape
+        shape[self.free] = np.clip(values, LOWEST[self.free], HIGHEST[self.free])
+        return attrs.evolve(self, regression=attrs.evolve(self.regression, shape=shape))
 
     def reflex_columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
-        return np.stack([self.reflex(self.shape, unit) for unit in np.eye(self._units)])
+        units = np.eye(len(self.posterior.mean) - self.data.own)
+        return np.stack([self.regression.reflex(unit) for unit in units])
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
         coefficients, slopes = self.posterior.mean[self.data.own :], []
-        for number in self.free:
-            steps = self.shape[number] + STEP[number] * np.array([-1, 1])
-            ends = [self._moved([number], step) for step in steps]
-            earlier, later = (self.reflex(end, coefficients) for end in ends)
-            slopes.append((later - earlier) / (ends[1] - ends[0])[number])
+        numbers = self.shape[self.free]
+        for step in np.diag(STEP[self.free]):
+            ends = [self.with_shape(numbers + each).regression for each in (-step, step)]
+            change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
+            slopes.append(change / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
     def moments_with_slopes(self, true: Array | None = None) -> Moments:
@@ -220,10 +215,12 @@ class Fit:
 
         With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
         """
-        known = self.products if true is None else np.zeros((0, 0))
-        windows = self.data.windows if true is None else self.data.weights(true)
-        parts = self._columns() + [self.slopes()] * bool(self.free)
-        return _moments(products(parts, windows, known), self.data.number)
+        columns, slopes = self.regression.columns, Columns.explicit(self.slopes())
+        if true is None:
+            found = extended(self.regression.all_products, columns, slopes, self.data.windows)
+        else:
+            found = products_of([*columns, slopes], self.data.weights(true))
+        return moments_of(found, self.data.number)
 
     @property
     def freedom(self) -> float:
@@ -241,7 +238,7 @@ class Fit:
         weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
         from the residual.
         """
-        left, precision = self.left, self.precision()
+        left, precision = self.residual, self.precision()
         inverse = solve(self.moments_with_slopes(), precision).covariance
         coloured = self.moments_with_slopes(autocorrelation(left, 0.0)).gram
         variance = float(np.sum(left**2)) / self.freedom
@@ -260,16 +257,14 @@ class Fit:
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            moments = fit.moments_with_slopes()
+            moments, numbers = fit.moments_with_slopes(), fit.shape[free]
             away = np.zeros(len(moments.cross))
-            away[-len(free) :] = (MEAN - fit.shape)[free]
+            away[-len(free) :] = MEAN[free] - numbers
             shifted = moments._replace(cross=moments.cross - moments.gram @ away)
             step = (solve(shifted, fit.precision()).mean + away)[-len(free) :]
             if np.max(np.abs(step) / SPREAD[free]) < SMALLEST_STEP:
                 break
-            numbers = fit.shape[free]
-            shapes = (fit._moved(free, numbers + step / 2**n) for n in range(MAX_HALVINGS))
-            tried = (attrs.evolve(fit, shape=shape, products=DEFAULT) for shape in shapes)
+            tried = (fit.with_shape(numbers + step / 2**n) for n in range(MAX_HALVINGS))
             better = next((each for each in tried if each.objective > fit.objective), None)
             if better is None:
                 break
@@ -277,22 +272,14 @@ class Fit:
         return fit
 
     def refined(self) -> Fit:
-        """Return the fit with hyperparameters and shape improved in turn."""
+        """Return the fit with shape and hyperparameters improved in turn."""
         fit = self
-        for _ in range(ROUNDS if self.free else 0):
+        for _ in range(ROUNDS):
             fit = fit.improved()
-            fit = attrs.evolve(fit, parameters=fit.prior.tuned(fit.moments, fit.parameters))
+            fit = attrs.evolve(fit, parameters=fit._tuned(fit.parameters))
         return fit
 
 
-@lru_cache(CACHED_DELAYS)
-def _arriving(
-    gain: FourierSeries, start: int, stop: int, rate: float, delay: float, period: float
-) -> Array:
-    """Return the functions of the gain at the times of arrival."""
-    return gain((np.arange(start, stop) / rate + delay) / period)
-
-
-def _moments(products: Array, number: float) -> Moments:
+def moments_of(products: Array, number: float) -> Moments:
     """Return the moments of columns that follow the torque."""
-    return Moments(products[1:, 1:], products[1:, 0], float(products[0, 0]), number)
+    return Moments.of(np.roll(products, -1, axis=(0, 1)), number)

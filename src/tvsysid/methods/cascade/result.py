@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import attrs
 import numpy as np
@@ -71,23 +71,24 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
     The gain is stated in both.
     """
     search, fits, name, shown, fit = selection
-    ensemble, lags, emg = search.ensemble, search.lags, search.emg
-    used, data = fit if shown else fits["none"], fit.data
-    rate, gain = data.rate, data.gain(ensemble.time / data.period)
-    stiffness = np.eye(1, len(data.starts))[0]
-    features = [used.data.features(each) for each in (stiffness, *readout(lags, rate)[1:])]
-    signs = float(np.sign(used.posterior.mean[0])), 1.0, None
+    ensemble, lags, rate = search.ensemble, search.lags, search.ensemble.sampling_rate
+    used = fit if shown else fits["none"]
+    data, mean = used.data, used.posterior.mean
+    weights = np.eye(1, len(data.starts)), readout(lags, rate)[1:]
+    features = [data.features(each) for each in np.concatenate(weights)]
+    signs = float(np.sign(mean[0])), 1.0, None
     estimates = {
-        quantity: _estimate(used, UNITS[quantity], each, sign, 0)
+        quantity: _estimate(used, UNITS[quantity], each, sign)
         for quantity, each, sign in zip(IMPEDANCE, features, signs, strict=True)
     }
-    unit = "N m/V" if emg else UNITS["reflex_gain"]
+    gain = data.gain(ensemble.time / data.period)
+    unit = "N m/V" if search.emg else UNITS["reflex_gain"]
     estimates["reflex_gain"] = _estimate(fit, unit, gain, _gain_sign(fit), data.own)
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
-    over_time = used.data.over_time(used.posterior.mean[: used.data.own])
-    details = _details(selection, used)
-    details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
+    over_time = data.over_time(mean[: data.own])
+    fitted = float((over_time @ readout(lags, rate)[0]).mean())
+    details = {**_details(selection, used), "stiffness_fitted": fitted}
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
@@ -99,34 +100,31 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
         reflex_lags=reflex_lags,
         drive=search.drive(name, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
-        hyperparameters=Hyperparameters(
-            name, used.data.varies, used.data.noise, fit.shape, fit.parameters
-        ),
+        hyperparameters=Hyperparameters(name, data.varies, data.noise, fit.shape, fit.parameters),
         diagnostics=Diagnostics(
             used.posterior.effective,
-            warnings=tuple(_warnings(selection, details, estimates)),
+            warnings=tuple(_warnings(selection, float(over_time[data.times, 0].mean()), fitted)),
             details=details,
         ),
     )
 
 
-def _estimate(fit: Fit, unit: str, features: Array, sign: float | None, start: int) -> Estimate:
+def _estimate(fit: Fit, unit: str, features: Array, sign: float | None, start: int = 0) -> Estimate:
     """Return weighted sums of the coefficients from ``start`` on, where samples are fitted.
 
-    ``features`` (time, coefficient) are the weights.
+    ``features`` (time, coefficient) are the weights. Values of the other sign are rounding.
     """
     columns = slice(start, start + features.shape[1])
     known = np.full(len(features), np.nan)
     known[fit.data.times] = 1.0
     values, covariance = features @ fit.posterior.mean[columns], fit.covariance[columns, columns]
-    if sign is not None:  # values of the other sign are rounding
-        values = sign * np.maximum(sign * values, 0.0)
     variance = np.einsum("tj,tj->t", features @ covariance, features)
     error = (StandardError if sign is None else OneSignError)(
         np.sqrt(np.maximum(variance, 0.0)) * known,
         np.array(fit.freedom),
         arc_length(features, covariance),
     )
+    values = values if sign is None else sign * np.maximum(sign * values, 0.0)
     return Estimate(values * known, unit, error=error)
 
 
@@ -159,72 +157,54 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 
 def _details(selection: Selection, used: Fit) -> dict[str, float]:
     _, fits, name, shown, fit = selection
-    details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
+    details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
     details |= dict(zip(NUMBERS, values.tolist(), strict=True))
     details |= {f"{NUMBERS[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
     if name in DIRECTIONS:
         details["direction"] = float(DIRECTIONS[name])
     else:
         del details["threshold"]
-    details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, used.torques(), strict=True)))
+    torques = used.regression.torques(used.posterior.mean)
+    details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
     if fits:  # else it is a part of the realizations that is fitted again
         details["vaf_held_out"] = 100 * used.share()
     evidence = {**fits, name: fit} if shown else fits
     return details | {f"evidence_{each}": float(evidence[each].objective) for each in evidence}
 
 
-def _warnings(
-    selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
-) -> Iterator[str]:
-    fit = selection.fit
+def _warnings(selection: Selection, mean: float, fitted: float) -> Iterator[str]:
+    """Yield reasons to doubt the reflex, or a ``mean`` stiffness, by a second-order fit too."""
+    fit, number = selection.fit, len(selection.fit.posterior.mean)
     if not selection.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
-    bounds = (fit.shape == LOWEST) | (fit.shape == HIGHEST)
-    if DELAY in fit.free and bounds[DELAY]:
+    if DELAY in fit.free and fit.shape[DELAY] in (LOWEST[DELAY], HIGHEST[DELAY]):
         yield (
             f"the delay ran into its bound of {1e3 * fit.shape[DELAY]:.3g} ms: it is not "
             "identified; fix it (delay=0.04)"
         )
-    threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
+    threshold, errors = fit.shape[THRESHOLD], np.sqrt(np.diag(fit.covariance)[number:])
+    error = float(errors[fit.free.index(THRESHOLD)]) if THRESHOLD in fit.free else 0.0
     if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
         yield (
             f"the threshold is hardly identified ({threshold:.2g} ± {error:.2g} rad/s), as where "
             "all movements are equally fast: the reflex's gain rises and falls with it"
         )
-    mean = float(np.nanmean(estimates["stiffness"].values))
-    yield from not_of_second_order(mean, details["stiffness_fitted"])
-    unlimited = attrs.evolve(fit, positive=None).posterior
-    yield from contradicted((fit.posterior.left - unlimited.left) / fit.products[0, 0])
-    yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
-
-
-def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
-    """Warn if the band of the reflex gain is wider than its change over time."""
-    known = gain.values[np.isfinite(gain.values)]
-    error = gain.standard_error
-    assert error is not None
-    if not constant and 1.96 * np.nanmax(error.values) > np.ptp(known):
-        yield (
-            "the reflex gain's change over time is not identified: its band is wider than its "
-            "range; only its mean is"
-        )
-
-
-def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
-    """Warn if the mean stiffness of the response differs from that of a second-order fit."""
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the intrinsic response is not that of a second-order joint: its sum gives a mean "
             f"stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; "
             "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
         )
+    unlimited = attrs.evolve(fit, positive=None).posterior
+    square = fit.regression.moments.square
+    yield from contradicted((fit.posterior.left - unlimited.left) / square)
 
 
 def contradicted(lost: float) -> Iterator[str]:

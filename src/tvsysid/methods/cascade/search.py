@@ -18,21 +18,20 @@ from tvsysid.methods.base import fitting_lags
 from tvsysid.methods.cascade.columns import deviations, readout
 from tvsysid.methods.cascade.data import Data
 from tvsysid.methods.cascade.evidence import USUAL_PARAMETERS
-from tvsysid.methods.cascade.fit import (
-    DAMPING,
-    DEFAULT,
-    DELAY,
-    FREQUENCY,
-    THRESHOLD,
-    Fit,
-)
+from tvsysid.methods.cascade.fit import DAMPING, DELAY, FREQUENCY, THRESHOLD, Fit, Regression
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
-from tvsysid.methods.cascade.reflex_test import MAX_P_VALUE, MIN_TESTED_REALIZATIONS, reflex_test_of
+from tvsysid.methods.cascade.reflex_test import (
+    MAX_P_VALUE,
+    MIN_TESTED_REALIZATIONS,
+    predicts_better,
+    reflex_test_of,
+)
 from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.numerics.stretch import stretch
 from tvsysid.signals import Ensemble
 
+MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
 # Initial shapes of a reflex, in rad/s and s
@@ -78,22 +77,19 @@ class Search:
     """
 
     ensemble: Ensemble
-    period: float
     harmonics: tuple[int, int, int]
-    constant: bool | None
     delay: float | Literal["fit"] | None
     emg: str | None
-    max_lag: float
 
     @cached_property
     def lags(self) -> int:
         """Return the number of lags of the intrinsic response to either side, in samples."""
-        return fitting_lags("JointCascade", self.max_lag, self.ensemble)
+        return fitting_lags("JointCascade", MAX_LAG_S, self.ensemble)
 
     @cached_property
     def data(self) -> Data:
         """Return torque and intrinsic signals."""
-        return Data.of(self.ensemble, self.period, self.harmonics, self.lags)
+        return Data.of(self.ensemble, self.harmonics, self.lags)
 
     def drive(self, name: str, threshold: float) -> Drive:
         """Return the drive of the named reflex."""
@@ -122,29 +118,32 @@ class Search:
 
         return past
 
-    def fit(self, name: str, data: Data, shape: Array, parameters: Array = DEFAULT) -> Fit:
-        """Return the fit with the named reflex. Hyperparameters that are not given are tuned."""
-        if name == "none":
-            return Fit(data, None, [], shape, parameters=parameters)
-        free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
-        free += [DELAY] * (self.delay == "fit")
-        return Fit(data, partial(self._past, name), free, shape, parameters=parameters)
+    def regression(self, name: str, data: Data, shape: Array) -> Regression:
+        """Return the regression with the named reflex."""
+        return Regression(data, None if name == "none" else partial(self._past, name), shape)
+
+    def free(self, name: str) -> list[int]:
+        """Return the numbers of the named reflex's shape that are estimated."""
+        numbers = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
+        return [] if name == "none" else numbers + [DELAY] * (self.delay == "fit")
 
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
         delays = DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
-        fits = [
-            self.fit(name, self.data.constant, _shape(*each), USUAL_PARAMETERS)
+        regressions = (
+            self.regression(name, self.data.constant, _shape(*each))
             for each in product(delays, FREQUENCIES, thresholds)
-        ]
-        return _best(fits).improved()
+        )
+        return _best(
+            Fit(each, self.free(name), USUAL_PARAMETERS) for each in regressions
+        ).improved()
 
     def fits(self, names: Iterable[str]) -> dict[str, Fit]:
         """Return the fit with each named reflex.
 
-        Unless ``constant`` is set, the data choose whether the coefficients change over time.
+        The data choose whether the coefficients change over time.
         """
         begun = {name: self._started(name) for name in names}
         likely = max(
@@ -152,13 +151,15 @@ class Search:
         )
 
         def solved(data: Data) -> dict[str, Fit]:
-            return {name: self.fit(name, data, each.shape) for name, each in begun.items()}
+            return {
+                name: Fit(self.regression(name, data, each.shape), each.free)
+                for name, each in begun.items()
+            }
 
-        data = self.data.constant if self.constant else self.data
-        left = self.fit(likely, data, begun[likely].shape).left
-        data = attrs.evolve(data, noise=autocorrelation(left))
+        left = Fit(self.regression(likely, self.data, begun[likely].shape), []).residual
+        data = attrs.evolve(self.data, noise=autocorrelation(left))
         fits = solved(data)
-        if data.varies and self.constant is None:
+        if data.varies:
             unchanging = solved(data.constant)
             if not _is_better(
                 _best(fits.values()), _best(unchanging.values()), MIN_CHANGE_EVIDENCE
@@ -168,7 +169,7 @@ class Search:
         if len(data.torque) < MIN_TESTED_REALIZATIONS:
             return fits
         data = attrs.evolve(data, noise=autocorrelation(left, WHITE_FLOOR))
-        white = attrs.evolve(best, data=data, products=DEFAULT).share()
+        white = attrs.evolve(best, regression=attrs.evolve(best.regression, data=data)).share()
         is_misfit = white - best.share() > MAX_MISFIT * (1 - white)
         return solved(data) if is_misfit else fits
 
@@ -181,19 +182,17 @@ class Search:
         fits = self.fits((shown,) if shown else ("none", *compared))
         name, is_shown = (shown, True) if shown else self._shown(fits)
         if is_shown:
-            return Selection(self, fits, name, True, self.limited(self._refined(fits[name])))
+            return Selection(self, fits, name, True, self.limited(_refined(fits[name])))
         fits["none"] = self.limited(fits["none"])
-        unshown = self.fit(name, fits[name].data, _shape(fits[name].shape[DELAY]))
-        unshown = self.limited(attrs.evolve(unshown, free=[]))
-        return Selection(self, fits, name, False, unshown)
+        unshown = self.regression(name, fits[name].data, _shape(fits[name].shape[DELAY]))
+        return Selection(self, fits, name, False, self.limited(Fit(unshown, [])))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is shown."""
         data = self.data if known.varies else self.data.constant
         data = attrs.evolve(data, noise=known.noise)
-        fit = self.fit(known.reflex, data, known.shape, known.parameters)
-        fit = self.limited(attrs.evolve(fit, free=[]))
-        return Selection(self, {}, known.reflex, True, fit)
+        fit = Fit(self.regression(known.reflex, data, known.shape), [], known.parameters)
+        return Selection(self, {}, known.reflex, True, self.limited(fit))
 
     def _shown(self, fits: Mapping[str, Fit]) -> tuple[str, bool]:
         """Return the name of the most likely reflex, and whether the data show one.
@@ -203,7 +202,7 @@ class Search:
         """
         if len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
             if self.emg is not None:
-                return "emg", fits["emg"].better_than(fits["none"]) < MAX_P_VALUE
+                return "emg", _p_value(fits["emg"], fits["none"]) < MAX_P_VALUE
             with suppress(InputError):  # realizations are too short for it
                 test = reflex_test_of(self.ensemble)
                 return {1: "positive", -1: "negative"}[test.direction], test.shown
@@ -212,35 +211,35 @@ class Search:
         others = [each for name, each in evidence.items() if name != best]
         return best, evidence[best] - max(others) > MIN_EVIDENCE_GAIN
 
-    def _refined(self, fit: Fit) -> Fit:
-        """Return the best fit with a reflex, with a threshold if it predicts better so.
-
-        The threshold stays among the free numbers: bands count that it is not known.
-        """
-        best = fit.refined()
-        if best.shape[THRESHOLD] == 0:
-            return best
-        others = [number for number in best.free if number != THRESHOLD]
-        shape = np.where(np.arange(4) == THRESHOLD, 0.0, best.shape)
-        simple = attrs.evolve(best, free=others, shape=shape, products=DEFAULT, parameters=DEFAULT)
-        simple = attrs.evolve(simple.refined(), free=best.free)
-        return best if _is_better(best, simple) else simple
-
     def limited(self, fit: Fit) -> Fit:
         """Return the fit with the same hyperparameters, without negative viscosity and gain.
 
         Stiffness, and the gain of EMG, are of either sign, but the same at all times.
         """
-        data, time = fit.data, self.ensemble.time
-        repeated = math.ceil(self.period * data.rate)
-        some = slice(0, repeated, max(1, repeated // MAX_LIMITED_TIMES))
-        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
+        data, mean = fit.data, fit.posterior.mean
+        some = slice(0, None, max(1, self.ensemble.samples // MAX_LIMITED_TIMES))
+        stiffness = np.sign(mean[0]) * np.eye(1, len(data.starts))[0]
         weights = stiffness, readout(self.lags, data.rate)[1]
         rows = np.concatenate([data.features(each)[some] for each in weights])
-        if fit.drive is not None:
-            sign = np.sign(fit.posterior.mean[data.own]) if self.emg else 1.0
-            rows = block_diag(rows, sign * data.gain(time[some] / self.period))
+        if len(mean) > data.own:
+            sign = np.sign(mean[data.own]) if self.emg else 1.0
+            rows = block_diag(rows, sign * data.gain(self.ensemble.time[some] / data.period))
         return attrs.evolve(fit, positive=rows)
+
+
+def _refined(fit: Fit) -> Fit:
+    """Return the best fit with a reflex, with a threshold if it predicts better so.
+
+    The threshold stays among the free numbers: bands count that it is not known.
+    """
+    best = fit.refined()
+    if best.shape[THRESHOLD] == 0:
+        return best
+    others = [number for number in best.free if number != THRESHOLD]
+    shape = np.where(np.arange(4) == THRESHOLD, 0.0, best.shape)
+    simple = Fit(attrs.evolve(best.regression, shape=shape), others).refined()
+    simple = attrs.evolve(simple, free=best.free)
+    return best if _is_better(best, simple) else simple
 
 
 def _shape(delay: float, frequency: float = 16.0, threshold: float = 0.0) -> Array:
@@ -256,4 +255,10 @@ def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:
     """Return whether a fit predicts better; of few realizations, has so much more evidence."""
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective + least
-    return best.better_than(rest) < MAX_CHANGE_P_VALUE
+    return _p_value(best, rest) < MAX_CHANGE_P_VALUE
+
+
+def _p_value(fit: Fit, other: Fit) -> float:
+    """Return the probability that a fit predicts so much better than another by chance."""
+    squares = fit.data.squares
+    return predicts_better(squares(fit.held_out), squares(other.held_out))

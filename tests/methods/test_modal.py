@@ -72,7 +72,7 @@ def test_an_inertia_that_is_known_scales_the_impedance(ringing):
         (
             PERTURBATIONS["noise"],
             {},
-            r"the torque is no impulses with rests between them: its peaks take \d+ % of",
+            r"the torque is no impulses with rests between them: 85 % of its power take \d+ % of",
         ),
         (PERTURBATIONS["pulses"], {}, r"the torque is no impulses with rests between them"),
         (

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
 
 import attrs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
@@ -20,8 +19,8 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import optional, positive
 
 MIN_PEAK = 0.25  # height of an impulse, relative to the largest torque
-IMPULSE_REACH_S = 0.06  # about its peak
-MIN_POWER, MAX_SHARE = 0.85, 0.3  # impulses' shares of the torque's power, and of time
+MIN_DISTANCE_S = 0.12  # between impulses
+IMPULSIVE_POWER, MAX_TIME = 0.85, 0.1  # shares of the torque's power, and of the time it may take
 MAX_DAMPING = 0.35  # damping ratio up to which a joint rings for long enough
 CLEAR = 3.5  # standard deviations of the window between an impulse and the first time used
 MAX_RINGING_S = 0.25  # used after each impulse
@@ -92,21 +91,17 @@ class ModalDecomposition(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if there are no torque impulses, or too much damping."""
-        runs = [ensemble.torque[run, ensemble.core].ravel() for run in ensemble.runs]
-        torque = np.concatenate(runs)
-        near = np.concatenate([_is_near_impulse(each, ensemble.sampling_rate) for each in runs])
-        power, time = float(np.sum(torque[near] ** 2) / np.sum(torque**2)), float(near.mean())
-        if power < MIN_POWER or time > MAX_SHARE:
+        power = np.sort(ensemble.torque[:, ensemble.core].ravel() ** 2)[::-1]
+        time = float(np.mean(np.cumsum(power) < IMPULSIVE_POWER * power.sum()))
+        if time > MAX_TIME:
             return (
-                "the torque is no impulses with rests between them: its peaks take "
-                f"{100 * time:.0f} % of the time (at most {100 * MAX_SHARE:g} %) and "
-                f"{100 * power:.0f} % of the power (at least {100 * MIN_POWER:g} %); the joint "
-                "must ring freely after impulses of torque"
+                "the torque is no impulses with rests between them: "
+                f"{100 * IMPULSIVE_POWER:g} % of its power take {100 * time:.0f} % of the time (at "
+                f"most {100 * MAX_TIME:g} %); the joint must ring freely after impulses of torque"
             )
-        stiffness, viscosity, inertia, _ = _mean_impedance(ensemble)
-        rings = stiffness > 0 < inertia
-        damping = viscosity / (2 * math.sqrt(stiffness * inertia)) if rings else math.nan
-        if not damping <= MAX_DAMPING:
+        stiffness, viscosity, inertia, _ = mean_impedance(ensemble)
+        damping = viscosity / (2 * np.emath.sqrt(stiffness * inertia))
+        if not (np.isreal(damping) and damping <= MAX_DAMPING):
             return (
                 f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} "
                 f"N·m/rad, {viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MAX_DAMPING:g} or "
@@ -117,7 +112,7 @@ class ModalDecomposition(base.Method):
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         samples, rate = ensemble.samples, ensemble.sampling_rate
-        _, viscosity, inertia, inertia_error = _mean_impedance(ensemble)
+        _, viscosity, inertia, inertia_error = mean_impedance(ensemble)
         decay = viscosity / (2 * inertia)
         if self.inertia is not None:
             inertia, inertia_error = self.inertia, 0.0
@@ -125,29 +120,30 @@ class ModalDecomposition(base.Method):
         for run in ensemble.runs:
             recorded = ensemble.angle_as_recorded[run, ensemble.core]
             angle = recorded.reshape(len(run) * samples, -1).mean(axis=1)
-            peaks = _impulses(ensemble.torque[run, ensemble.core].ravel(), rate)
-            for times in _ringing_times(peaks, len(angle), self.window, rate):
+            peaks = impulses(ensemble.torque[run, ensemble.core].ravel(), rate)
+            for times in ringing_times(peaks, len(angle), self.window, rate):
                 tracks.append(np.full((samples, 2), np.nan))
                 tracks[-1][times % samples] = track(angle, times, self.window, rate, inertia, decay)
         count = np.isfinite(tracks).sum(axis=0)
         mean, spread = mean_and_spread(np.stack(tracks))
-        error = np.where(count >= MIN_IMPULSES, spread, np.nan) / np.sqrt(np.maximum(count, 1))
-        constant = np.where(np.isnan(mean[:, :1]), np.nan, inertia)
-        errors = np.hypot(error, inertia_error * mean)
-        errors = np.column_stack([errors, np.full(samples, np.nan)])
-        freedom = np.maximum(count[:, :1] - 1.0, 1.0)
+        spread[count < MIN_IMPULSES] = np.nan
+        errors = np.hypot(spread / np.sqrt(np.maximum(count, 1)), inertia_error * mean)
+        everywhere = 0 * mean[:, :1]  # NaN where nothing rings
         return Model(
             sampling_rate=rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(
-                np.column_stack([mean, constant]), shared.standard_errors(errors, freedom)
+                np.hstack([mean, inertia + everywhere]),
+                shared.standard_errors(
+                    np.hstack([errors, np.nan * everywhere]), np.maximum(count[:, :1] - 1.0, 1.0)
+                ),
             ),
             method=repr(self),
             diagnostics=Diagnostics(2.0, details={"impulses": len(tracks) - 1.0}),
         )
 
 
-def _mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
+def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
     """Return mean stiffness, viscosity and inertia, and the relative error of inertia.
 
     They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
@@ -156,48 +152,42 @@ def _mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
     """
     rate, width = ensemble.sampling_rate, SMOOTHING_S * ensemble.sampling_rate
     reach = math.ceil(REACH * width)
-    inner = slice(reach, ensemble.angle.shape[1] - reach)
-
-    def smooth(values: Array, order: int = 0) -> Array:
-        """Return a derivative of the smoothed values."""
-        found = gaussian_filter1d(values, width, order=order, radius=reach)
-        return np.asarray(rate**order * found[:, inner])
-
-    features = evaluate(FourierSeries(HARMONICS), ensemble.samples)
-    features = features[(np.arange(inner.start, inner.stop) - ensemble.context) % ensemble.samples]
-    angle, velocity, acceleration = (smooth(ensemble.angle, order)[..., None] for order in range(3))
-    columns = np.concatenate([angle * features, velocity * features, acceleration], axis=2)
-    torque = smooth(ensemble.torque)
+    angle, velocity, acceleration, torque = (
+        rate**order * gaussian_filter1d(values, width, order=order, radius=reach)[:, reach:-reach]
+        for values, order in (
+            *((ensemble.angle, order) for order in range(3)),
+            (ensemble.torque, 0),
+        )
+    )
+    times = np.arange(angle.shape[1]) + reach - ensemble.context
+    features = evaluate(FourierSeries(HARMONICS), ensemble.samples)[times % ensemble.samples]
+    columns = np.concatenate(
+        [angle[..., None] * features, velocity[..., None] * features, acceleration[..., None]],
+        axis=2,
+    )
     inverse = np.linalg.inv(np.einsum("rta,rtb->ab", columns, columns))
     found = inverse @ np.einsum("rta,rt->a", columns, torque)
     scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]
-    error = math.sqrt(float(np.sum(scores**2))) / abs(found[-1])
-    return float(found[0]), float(found[features.shape[1]]), float(found[-1]), error
+    error = np.linalg.norm(scores) / abs(found[-1])
+    return float(found[0]), float(found[features.shape[1]]), float(found[-1]), float(error)
 
 
-def _impulses(torque: Array, rate: float) -> NDArray[np.int64]:
+def impulses(torque: Array, rate: float) -> NDArray[np.int64]:
     """Return the samples at which impulses of a torque (time,) peak."""
-    size, distance = np.abs(torque), max(1, round(2 * IMPULSE_REACH_S * rate))
-    height = MIN_PEAK * size.max(initial=0.0)
+    size, distance = np.abs(torque), max(1, round(MIN_DISTANCE_S * rate))
+    height = MIN_PEAK * size.max()
     return np.asarray(scipy.signal.find_peaks(size, height=height, distance=distance)[0])
 
 
-def _is_near_impulse(torque: Array, rate: float) -> NDArray[np.bool_]:
-    """Return whether each sample of a torque (time,) belongs to an impulse."""
-    is_peak = np.isin(np.arange(len(torque)), _impulses(torque, rate))
-    return np.asarray(binary_dilation(is_peak, iterations=round(IMPULSE_REACH_S * rate)))
-
-
-def _ringing_times(
+def ringing_times(
     peaks: NDArray[np.int64], samples: int, window: float, rate: float
 ) -> Iterator[NDArray[np.int64]]:
     """Yield the samples after each impulse at which windows hold nothing but ringing."""
     clear, reach = math.ceil(CLEAR * window * rate), round(REACH * window * rate)
-    for peak, following in pairwise([*peaks, samples - reach + clear]):
-        last = min(
-            peak + clear + round(MAX_RINGING_S * rate), following - clear, samples - reach - 1
-        )
-        times = np.arange(max(peak + clear, reach), last + 1)
+    ends = np.append(peaks[1:] - clear, samples - reach)
+    for first, end in zip(peaks + clear, ends, strict=True):
+        last = min(first + round(MAX_RINGING_S * rate), end, samples - reach - 1)
+        times = np.arange(max(first, reach), last + 1)
         if len(times) >= MIN_SAMPLES:
             yield times
 

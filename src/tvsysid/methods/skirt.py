@@ -10,14 +10,14 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, gammaincc
 
 from tvsysid.methods import base, shared
-from tvsysid.methods.responses import SecondOrderModel
-from tvsysid.models import Diagnostics
+from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import Validator, at_least, optional, positive
+from tvsysid.validators import at_least, optional
 
 MAX_LINES = 20
 MIN_SHARE = 0.99  # of the angle's power in its lines
@@ -26,11 +26,8 @@ ROUNDS = 5  # of the refinement of a line's frequency
 MAX_BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are tested
 FITTED_P, WARNED_P = 0.05, 1e-4  # p-values below which skirts are fitted, and warned of
 NOISELESS = 1e-5  # relative variance below which the residual is rounding and filters
-ON_GRID = 0.02  # of 1/period: subtracting a mean removes lines this close to its multiples
+ON_GRID = 0.02  # of 1/period: frequencies this close to its multiples count as such
 NEAR_HZ = 2.0  # distance from a line within which the residual gives its noise
-DISAGREEMENT = "lines that do not agree with each other"
-
-FREQUENCIES = Validator("positive numbers", lambda several: all(map(positive.is_valid, several)))
 
 
 @attrs.frozen
@@ -42,13 +39,11 @@ class SkirtDecomposition(base.Method):
               = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
 
     The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to
-    them, weighted by their covariance. What a line U is comes from the angle itself, so that
-    filters that angle and torque pass alike do not matter.
+    them, weighted by their covariance. The lines are looked for in the angle, and what a line U is
+    comes from the angle itself, so that filters that angle and torque pass alike do not matter.
 
     Parameters
     ----------
-    frequencies
-        Lines in Hz; by default they are looked for in the angle.
     harmonics
         H of the period p, the duration of a realization, of which the impedance's change is a sum.
         Skirts may not overlap: lines must be more than 2 H / p apart. If None, up to the highest
@@ -69,9 +64,6 @@ class SkirtDecomposition(base.Method):
     Lataire, Pintelon & Louarroudi 2012, Automatica 48, 783-791.
     """
 
-    frequencies: tuple[float, ...] | None = attrs.field(
-        default=None, validator=optional(FREQUENCIES)
-    )
     harmonics: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
     key = "skirt"
@@ -90,29 +82,26 @@ class SkirtDecomposition(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if the angle is no multisine, or its lines are unsuitable."""
-        lines = Lines.of(ensemble, self.frequencies)
-        found = ", ".join(f"{line:.4g}" for line in lines.frequencies) or "none"
-        if lines.share < MIN_SHARE:
+        lines = Lines.of(ensemble)
+        found = ", ".join(f"{line:.4g} Hz" for line in lines.frequencies) or "none"
+        if lines.share < MIN_SHARE or len(lines.frequencies) < 2:
             return (
-                f"the angle is no multisine: lines ({found} Hz) explain {100 * lines.share:.1f} % "
-                f"of it, and {100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed "
-                "frequencies and impose the angle"
-            )
-        if len(lines.frequencies) < 2:
-            return (
-                f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
+                "the angle is no multisine of two or more lines, without which stiffness is not "
+                f"told from inertia: lines ({found}) explain {100 * lines.share:.1f} % of it, and "
+                f"{100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed frequencies "
+                "and impose the angle"
             )
         if (self.harmonics or 0) > lines.max_harmonics(ensemble):
             return (
-                f"the skirts of lines {lines.spacing:.3g} Hz apart overlap: a change of "
-                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice "
-                "as far apart or further; give fewer harmonics"
+                f"the skirts of lines ({found}) overlap: a change of {self.harmonics} harmonics of "
+                f"{1 / ensemble.duration:.3g} Hz needs lines twice as far apart or further; give "
+                "fewer harmonics"
             )
         return None
 
-    def fit(self, ensemble: Ensemble) -> SecondOrderModel:
+    def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
-        lines = Lines.of(ensemble, self.frequencies)
+        lines = Lines.of(ensemble)
         highest, harmonics = lines.max_harmonics(ensemble), self.harmonics or 0
         while True:
             skirts = Skirts.of(ensemble, lines, harmonics)
@@ -122,36 +111,29 @@ class SkirtDecomposition(base.Method):
             if self.harmonics is not None or not likely:
                 break
             harmonics = max(likely)
-        joint, agreement = second_order(skirts, lines.frequencies)
-        left = ", ".join(str(each) for each, p in p_values.items() if p < WARNED_P)
+        mean, covariance, agreement = second_order(skirts, lines.frequencies)
+        left = [f"skirts of harmonic {each}" for each, p in p_values.items() if p < WARNED_P]
+        left += ["lines that do not agree with each other"] * (agreement < WARNED_P)
         misfit = np.var(skirts.residual) / np.var(ensemble.torque[:, ensemble.core])
-        warned: tuple[str, ...] = ()
-        if misfit > NOISELESS and (left or agreement < WARNED_P):
-            seen = f"skirts of harmonic {left}" if left else DISAGREEMENT
-            warned = (
-                f"the torque has {seen}, where the impedance that is fitted changes by "
-                f"{harmonics} harmonics, which no band counts: it changes faster, or is not of "
-                "second order; give more harmonics, or use kbr",
-            )
-        count = skirts.features.shape[1]
-        parts = (slice(count), slice(count, 2 * count), slice(2 * count, None))
-        expansions = (skirts.features, skirts.features, np.ones((ensemble.samples, 1)))
-        impedance = [own @ joint.mean[part] for own, part in zip(expansions, parts, strict=True)]
-        covariances = [joint.covariance[part, part] for part in parts]
-        errors = partial(
-            shared.posterior_errors, expansions, covariances, skirts.freedom, ensemble.samples
+        warned = (
+            f"the torque has {', '.join(left)}, where the impedance that is fitted changes by "
+            f"{harmonics} harmonics, which no band counts: it changes faster, or is not of second "
+            "order; give more harmonics, or use kbr"
         )
-        names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
-        return SecondOrderModel(
+        samples = ensemble.samples
+        expansions = block_diag(skirts.features, skirts.features, np.ones((samples, 1)))
+        expansions = expansions.reshape(3, samples, -1)
+        errors = partial(
+            shared.posterior_errors, expansions, [covariance] * 3, skirts.freedom, samples
+        )
+        return Model(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(np.stack(impedance, axis=1), errors),
-            posterior=joint,
-            labels=(*names, "inertia"),
+            estimates=shared.impedance_estimates((expansions @ mean).T, errors),
             diagnostics=Diagnostics(
-                float(len(joint.mean)),
-                warnings=warned,
+                float(len(mean)),
+                warnings=(warned,) if misfit > NOISELESS and left else (),
                 details={"lines": float(len(lines.frequencies)), "harmonics": float(harmonics)},
             ),
         )
@@ -169,17 +151,13 @@ class Lines(NamedTuple):
     share: float
 
     @classmethod
-    def of(cls, ensemble: Ensemble, given: tuple[float, ...] | None) -> Lines:
-        """Return the lines of given frequencies, or those that are found in the angle."""
+    def of(cls, ensemble: Ensemble) -> Lines:
+        """Return the lines that are found in the angle."""
         angle, trials = ensemble.angle[:, ensemble.core], ensemble.trials
-        if given is None:
-            run = max(ensemble.runs, key=len)
-            lines = find_lines(angle[run].ravel(), ensemble.sampling_rate)
-            if ensemble.mean_subtracted:
-                turns = lines * ensemble.duration
-                lines = lines[np.abs(turns - np.round(turns)) > ON_GRID]
-        else:
-            lines = np.array(given)
+        lines = find_lines(angle[max(ensemble.runs, key=len)].ravel(), ensemble.sampling_rate)
+        if ensemble.mean_subtracted:  # which leaves lines at multiples of 1/period
+            turns = lines * ensemble.duration
+            lines = lines[np.abs(turns - np.round(turns)) > ON_GRID]
         time = ensemble.onsets[:, None] + ensemble.time
         waves = np.exp(2j * np.pi * lines[:, None, None] * time)
         if ensemble.mean_subtracted and np.ptp(trials) == 0:  # as angle and torque have lost theirs
@@ -189,21 +167,17 @@ class Lines(NamedTuple):
             own = trials == trial
             part, values = waves[:, own].reshape(len(lines), -1), angle[own].ravel()
             columns = np.concatenate([part.real, -part.imag, np.ones((1, len(values)))])
-            *weights, offset = np.linalg.lstsq(columns.T, values, rcond=None)[0]
-            left += np.sum((values - np.append(weights, offset) @ columns) ** 2)
-            total += np.sum((values - offset) ** 2)
-            real, imaginary = np.reshape(weights, (2, len(lines)))
+            weights = np.linalg.lstsq(columns.T, values, rcond=None)[0]
+            left += np.sum((values - weights @ columns) ** 2)
+            total += np.sum((values - weights[-1]) ** 2)
+            real, imaginary = weights[:-1].reshape(2, -1)
             waves[:, own] *= (real + 1j * imaginary)[:, None, None]
         return cls(lines, waves, 1 - float(left / total))
 
-    @property
-    def spacing(self) -> float:
-        """Return the smallest distance of two lines in Hz."""
-        return float(np.diff(np.sort(self.frequencies)).min())
-
     def max_harmonics(self, ensemble: Ensemble) -> int:
         """Return the number of harmonics up to which skirts do not overlap."""
-        return math.ceil(self.spacing * ensemble.duration / 2 - ON_GRID) - 1
+        spacing = float(np.diff(np.sort(self.frequencies)).min())
+        return math.ceil(spacing * ensemble.duration / 2 - ON_GRID) - 1
 
 
 class Skirts(NamedTuple):
@@ -236,14 +210,15 @@ class Skirts(NamedTuple):
         residual = (torque - mean @ columns).reshape(len(ensemble), -1)
         power = np.mean(np.abs(rfft(residual, axis=1)) ** 2, axis=0) / ensemble.samples
         spectrum = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
-        apart = np.abs(np.subtract.outer(lines.frequencies, lines.frequencies))
-        away = np.abs(np.subtract.outer(lines.frequencies, spectrum))
+        apart, away = (
+            np.abs(np.subtract.outer(lines.frequencies, each))
+            for each in (lines.frequencies, spectrum)
+        )
         near = away <= max(NEAR_HZ, 1.5 / ensemble.duration)
-        numbers = 2 * near.sum(axis=1)
-        taken = 2 * features.shape[1] * np.sum(apart <= NEAR_HZ, axis=1)
-        freedom = numbers * shared.independent_realizations(ensemble) - taken
+        taken = features.shape[1] * np.sum(apart <= NEAR_HZ, axis=1)
+        freedom = 2 * (near.sum(axis=1) * shared.independent_realizations(ensemble) - taken)
         freedom = np.maximum(1.0, freedom)
-        density = near @ power / near.sum(axis=1) * numbers * len(ensemble) / freedom
+        density = 2 * len(ensemble) * (near @ power) / freedom
         scale = np.repeat(np.sqrt(density), 2 * features.shape[1])
         covariance = inverse @ (gram * np.outer(scale, scale)) @ inverse
         return cls(features, mean, covariance, density, float(freedom.min()), residual)
@@ -264,31 +239,25 @@ class Skirts(NamedTuple):
         return float(gammaincc(free.sum(), ratio[free].sum())) if free.any() else 1.0
 
 
-class Joint(NamedTuple):
-    """Coefficients of stiffness, viscosity and inertia, and their covariance."""
-
-    mean: Array
-    covariance: Array
-
-
-def second_order(skirts: Skirts, lines: Array) -> tuple[Joint, float]:
+def second_order(skirts: Skirts, lines: Array) -> tuple[Array, Array, float]:
     """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
 
-    Return also the probability that noise alone makes the lines differ as much from the fit.
+    Return their coefficients, the covariance, and the probability that noise alone makes the lines
+    differ as much from the fit.
     """
-    count = skirts.features.shape[1]
-    unit, none = np.eye(count), np.zeros((count, count))
-    blocks = [  # real and imaginary part of each line
-        [[unit, none, -(speed**2) * unit[:, :1]], [none, speed * unit, none[:, :1]]]
-        for speed in 2 * np.pi * lines
-    ]
-    design = np.concatenate([np.block(rows) for rows in blocks])
-    weighted = np.linalg.solve(skirts.covariance, design)
-    covariance = np.linalg.inv(design.T @ weighted)
+    count, speeds = skirts.features.shape[1], 2 * np.pi * lines[:, None]
+    design = np.zeros((len(lines), 2, count, 2 * count + 1))  # real and imaginary part of a line
+    places = np.arange(count)
+    design[:, 0, places, places] = 1.0
+    design[:, 1, places, count + places] = speeds
+    design[:, 0, :1, -1] = -(speeds**2)
+    columns = design.reshape(-1, 2 * count + 1)
+    weighted = np.linalg.solve(skirts.covariance, columns)
+    covariance = np.linalg.inv(columns.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
-    rest = skirts.mean - design @ mean
+    rest = skirts.mean - columns @ mean
     misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
-    return Joint(mean, covariance), float(chdtrc(len(rest) - len(mean), misfit))
+    return mean, covariance, float(chdtrc(len(rest) - len(mean), misfit))
 
 
 def find_lines(angle: Array, rate: float) -> Array:
@@ -297,24 +266,23 @@ def find_lines(angle: Array, rate: float) -> Array:
     A line has the frequency at which the phase is the same in both halves of the signal.
     """
     angle = angle - angle.mean()
-    samples, half, total = len(angle), len(angle) // 2, float(np.sum(angle**2))
+    samples, half = len(angle), len(angle) // 2
     time = np.arange(samples) / rate
     windows = np.zeros((2, samples))
     windows[0, :half] = windows[1, half : 2 * half] = np.hanning(half)
     lines, left = np.empty(0), angle
-    while len(lines) < MAX_LINES and total > 0:
+    while len(lines) < MAX_LINES:
         spectrum = np.abs(rfft(left * np.hanning(samples)))
         line = float(np.argmax(spectrum[1:]) + 1) * rate / samples
         for _ in range(ROUNDS):
             first, second = windows @ (left * np.exp(-2j * np.pi * line * time))
             line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
         is_new = np.min(np.abs(lines - line), initial=np.inf) >= 2 * rate / samples
-        if not (0 < line < rate / 2 and is_new):
-            break
         turns = 2 * np.pi * np.outer([*lines, line], time)
         columns = np.concatenate([np.cos(turns), np.sin(turns)])
         rest = angle - np.linalg.lstsq(columns.T, angle, rcond=None)[0] @ columns
-        if np.sum(left**2) - np.sum(rest**2) < MIN_LINE_SHARE * total:
+        gain = np.sum(left**2) - np.sum(rest**2)
+        if not is_new or gain < MIN_LINE_SHARE * np.sum(angle**2):
             break
         lines, left = np.append(lines, line), rest
     return lines

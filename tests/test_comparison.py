@@ -43,7 +43,7 @@ def test_it_gives_the_same_as_each_method_by_itself():
 @pytest.mark.parametrize(
     ("methods", "message"),
     [
-        ([Level()], "needs the channel 'emg' .scheduling, V., the ensemble has no further channel"),
+        ([Level()], "needs the channel 'emg' .scheduling, V."),
         ([Unused()], r"^Unused: ZeroDivisionError: by zero \(test_comparison.py, line"),
         ([Unused(), Unused()], "two methods have the name Unused"),
     ],

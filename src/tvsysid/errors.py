@@ -8,7 +8,6 @@ import sysconfig
 import traceback
 from collections.abc import Iterable
 from functools import cache
-from itertools import chain
 from pathlib import Path
 
 # Control characters other than tab and line feed, invisible format characters such as those that
@@ -17,7 +16,6 @@ HIDDEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
     "\ud800-\udfff\U000e0000-\U000e007f]"
 )
-PERCENTAGE = re.compile(r"(\d+(?:\.\d+)?) %")
 
 
 class InputError(ValueError):
@@ -47,48 +45,30 @@ def one_line(text: str) -> str:
 def by_text(warnings: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """Group pairs of a source and its warning by the warning.
 
-    Warnings that differ only in percentages become one, with the range of each percentage.
-
     Examples
     --------
-    >>> by_text([("sds", "negative at 92 % of samples"), ("esm", "negative at 100 % of samples")])
-    {'negative at 92 to 100 % of samples': ['sds', 'esm']}
+    >>> by_text([("sds", "too few realizations"), ("esm", "too few realizations")])
+    {'too few realizations': ['sds', 'esm']}
     """
-    groups: dict[str, dict[str, list[str]]] = {}
-    for source, text in warnings:
-        groups.setdefault(PERCENTAGE.sub("%", text), {}).setdefault(text, []).append(source)
-    return {
-        _with_ranges(list(texts)): list(dict.fromkeys(chain(*texts.values())))
-        for texts in groups.values()
-    }
-
-
-def _with_ranges(texts: list[str]) -> str:
-    """Return the first text with the lowest and highest value of each percentage."""
-    columns = zip(*map(PERCENTAGE.findall, texts), strict=True)
-    ranges = (
-        " to ".join(dict.fromkeys([min(column, key=float), max(column, key=float)]))
-        for column in columns
-    )
-    return PERCENTAGE.sub(lambda _: f"{next(ranges)} %", texts[0])
+    groups: dict[str, list[str]] = {}
+    for source, text in dict.fromkeys(warnings):
+        groups.setdefault(text, []).append(source)
+    return groups
 
 
 def describe_error(error: BaseException) -> str:
     """Describe an exception in one line: type, message, and the last line of the user's code.
 
-    The type of an :class:`InputError` is left out. Without a line of the user's own, the last line
-    outside this package counts.
+    The type of an :class:`InputError` is left out.
     """
-    package, *_ = library_folders()
     # A method that was sent to a worker has lost the file name in its code.
     lines = [
         (frame.f_globals.get("__file__") or frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
     ]
-    frames = [line for line in lines if not line[0].startswith(package)]
-    own = [frame for frame in frames if not frame[0].startswith(("<", *library_folders()))]
+    own = [line for line in lines if not line[0].startswith(("<", *library_folders()))]
     kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-    place = "".join(f" ({Path(file).name}, line {line})" for file, line in (own or frames)[-1:])
+    place = "".join(f" ({Path(file).name}, line {line})" for file, line in own[-1:])
     return one_line(f"{kind}{error}".removesuffix(": ") + place)
 
 

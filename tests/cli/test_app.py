@@ -62,7 +62,7 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         ),
         ("simulate joint.docx", "unknown ending '.docx'"),
         ("simulate new.mat --seed one", 'Invalid value for --seed: unable to convert "one"'),
-        ("benchmark --method nowhere:Fit", "module 'nowhere' is neither in the current folder"),
+        ("benchmark --method nowhere:Fit", "module 'nowhere' cannot be imported"),
         ("benchmark --system ankle", "unknown system 'ankle'; expected one of joint, reflex, ref"),
         ("benchmrk", 'Did you mean "benchmark"?'),
         ("benchmark --trails 3", "Unknown option: --trails. Did you mean --trials?"),

@@ -63,7 +63,7 @@ def test_systems_profiles_and_perturbations_of_ones_own():
         (
             "objects_for_tests:profile:a=1",
             "profile",
-            r"an object takes no settings; name its class function",
+            r"unknown setting 'a'",
         ),
         (
             "objects_for_tests:Joint:viscosity=low",

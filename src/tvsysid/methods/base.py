@@ -138,10 +138,8 @@ class Method(ABC):
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        if "key" not in vars(cls):
-            cls.key = cls.__name__.lower()
-        if "title" not in vars(cls):
-            cls.title = cls.__name__
+        cls.key = vars(cls).get("key", cls.__name__.lower())
+        cls.title = vars(cls).get("title", cls.__name__)
         cls.can_be_tuned = cls._evidence is not Method._evidence
 
     def __repr__(self) -> str:
@@ -232,10 +230,9 @@ def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
     missing = [item for item in method.inputs if item.name not in ensemble.channels]
     if missing:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
-        there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
         return (
-            f"it needs the channel {needed}, the ensemble has {there}; read it as a further "
-            "channel (--channel NAME=…; for an experiment under [reading.channels])"
+            f"it needs the channel {needed}; read it as a further channel (--channel NAME=…; for "
+            "an experiment under [reading.channels])"
         )
     return method.skip(ensemble)
 
@@ -243,14 +240,7 @@ def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
 def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
     """Return the channels that lose their mean with the angle: inputs and references."""
     every = [item for method in methods for item in method.inputs]
-    found = dict.fromkeys(item.name for item in every if item.kind != "scheduling")
-    if both := [item.name for item in every if item.kind == "scheduling" and item.name in found]:
-        raise InputError(
-            f"channel {both[0]!r} keeps its mean for one method (scheduling variable) and loses it "
-            "for another (input or reference); use one method at a time, or read the channel under "
-            "two names"
-        )
-    return tuple(found)
+    return tuple(dict.fromkeys(item.name for item in every if item.kind != "scheduling"))
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
@@ -282,16 +272,12 @@ def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
     lengths = {"realization": len(ensemble), "time": ensemble.samples}
     lengths |= {axis: len(values) for axis, values in model.coordinates.items()}
     for quantity, estimate in model.estimates.items():
-        if unknown := [axis for axis in estimate.axes if axis not in lengths]:
-            raise InputError(
-                f"{name}: {quantity} has the axis {unknown[0]!r}, for which the model has no "
-                f"coordinates; give coordinates={{{unknown[0]!r}: values}} beside its estimates"
-            )
-        expected = tuple(lengths[axis] for axis in estimate.axes)
+        expected = tuple(lengths.get(axis, 0) for axis in estimate.axes)
         if estimate.values.shape != expected:
             raise InputError(
                 f"{name}: {quantity} over {', '.join(estimate.axes)} must be of shape {expected}, "
-                f"it is {estimate.values.shape}"
+                f"it is {estimate.values.shape}; axes other than realization and time need "
+                "coordinates beside the estimates"
             )
 
 
@@ -332,10 +318,7 @@ def missing_edge(reach: int, ensemble: Ensemble) -> int:
 
 def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDArray[Number]:
     """Add rows of NaN at the ends of the first axis, by default as many late as early ones."""
-    late = early if late is None else late
-    if early == late == 0:
-        return values
-    edges = [(early, late)] + [(0, 0)] * (values.ndim - 1)
+    edges = [(early, early if late is None else late)] + [(0, 0)] * (values.ndim - 1)
     return np.pad(values, edges, constant_values=np.nan)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
-from tvsysid.methods.base import Method
 from tvsysid.methods.registry import parse
 from tvsysid.models import IMPEDANCE
 from tvsysid.validators import settings_of
@@ -38,34 +36,25 @@ def describe(text: str) -> Description:
     ('closed loops', ("the disturbance that was applied (channel 'disturbance')",))
     """
     method = parse(text)
-    several = ("the torque of each pathway",) if len(method.pathway_names) > 1 else ()
+    purpose, reports = "repeated behaviour", []
+    if len(method.pathway_names) > 1:
+        purpose, reports = "two pathways", ["the torque of each pathway"]
+    needs = [NEEDS[item.kind].format(item) for item in method.inputs]
+    for item in method.inputs:
+        purpose = PURPOSES.get(item.kind, purpose)
+    if method.perturbation:
+        purpose = "special perturbations"
+        needs.append(f"a perturbation of this kind: {method.perturbation}")
+    if method.contiguous:
+        needs.append("realizations that follow each other")
+    if getattr(method, "emg", "") is None:
+        needs.append("EMG, if emg= names its channel")
     quantities = dict.fromkeys([*IMPEDANCE, *method.quantities, *method.scheduled_quantities])
     return Description(
         title=method.title,
-        purpose=_purpose(method),
-        needs=tuple(_needs(method)),
-        reports=(*quantities, *method.sometimes, *several),
+        purpose=purpose,
+        needs=tuple(needs),
+        reports=(*quantities, *method.sometimes, *reports),
         assumptions=method.assumptions,
         settings=tuple(f"{name} = {value!r}" for name, value in settings_of(method).items()),
     )
-
-
-def _purpose(method: Method) -> str:
-    """Return what a method is for, by the signals that it needs and its pathways."""
-    if method.perturbation:
-        return "special perturbations"
-    for item in method.inputs:
-        if item.kind in PURPOSES:
-            return PURPOSES[item.kind]
-    return "two pathways" if len(method.pathway_names) > 1 else "repeated behaviour"
-
-
-def _needs(method: Method) -> Iterator[str]:
-    """Yield what a method needs beside angle and torque of realizations."""
-    yield from (NEEDS[item.kind].format(item) for item in method.inputs)
-    if method.perturbation:
-        yield f"a perturbation of this kind: {method.perturbation}"
-    if method.contiguous:
-        yield "realizations that follow each other"
-    if getattr(method, "emg", "") is None:
-        yield "EMG, if emg= names its channel"

@@ -154,24 +154,19 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
     """
     known = METHODS if known is None else known
     key, rest = _split(text, known)
-    target, base, label = known.get(key) or find(key, kind, known), {}, f"{kind} {text!r}"
+    target, label = known.get(key) or find(key, kind, known), f"{kind} {text!r}"
     if not _is_a(kind, target):
         name = getattr(target, "__name__", type(target).__name__)
         expected = f"has no {ATTRIBUTES[kind]}" if kind in ATTRIBUTES else "is no tvsysid.Method"
         raise InputError(f"{label}: {name} {expected}")
+    own = {}
     if not isinstance(target, type):
         if not rest:
             return target
-        if key not in known:
-            raise InputError(
-                f"{label}: an object takes no settings; name its class {type(target).__name__}"
-            )
-        target, base = type(target), settings_of(target)
+        target, own = type(target), settings_of(target)
     try:
-        return _made(target, **base | settings_from_text(rest, target))
-    except InputError as error:
-        raise InputError(f"{label}: {error}") from error
-    except (Exception, SystemExit) as error:
+        return _made(target, **own | settings_from_text(rest, target))
+    except Exception as error:
         raise InputError(f"{label}: {describe_error(error)}") from error
 
 
@@ -214,25 +209,15 @@ def load(name: str, kind: str = "object") -> Any:
     try:
         module = importlib.import_module(where)
     except (Exception, SystemExit) as error:
-        is_missing = isinstance(error, ModuleNotFoundError) and where.startswith(str(error.name))
-        reason = f"fails while it is imported: {describe_error(error)}"
-        if is_missing or where.startswith("."):
-            reason = (
-                "is neither in the current folder nor among the installed packages; a module is "
-                "named without its folder and without .py"
-            )
+        hint = "; a module is named without its folder and without .py"
+        is_missing = isinstance(error, (ModuleNotFoundError, TypeError))
+        reason = f"cannot be imported: {describe_error(error)}{hint * is_missing}"
         raise InputError(f"{label} {reason}") from error
     try:
         return attrgetter(path)(module)
     except AttributeError as error:
-        found = [
-            each
-            for each, value in vars(module).items()
-            if _is_a(kind, value) and not each.startswith("_")
-        ]
-        raise InputError(
-            f"{label} has no {path!r}; its {kind}s are {', '.join(found) or 'none'}"
-        ) from error
+        found = ", ".join(name for name, each in vars(module).items() if _is_a(kind, each))
+        raise InputError(f"{label} has no {path!r}; its {kind}s are {found or 'none'}") from error
 
 
 def _is_a(kind: str, value: object) -> bool:

@@ -7,8 +7,8 @@ import inspect
 import json
 import re
 from contextlib import suppress
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method
@@ -40,8 +40,8 @@ def settings_from_text(text: str, target: Any) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the class has no such setting, or the text is no number, whole number, truth value or
-        choice where one is expected. All else is left to the class.
+        If the class has no such setting, or the text is no number, whole number or truth value
+        where one is expected. All else is left to the class.
     """
     hints: dict[str, Any] = {}
     for source in (target.__init__, target):
@@ -56,7 +56,7 @@ def settings_from_text(text: str, target: Any) -> dict[str, Any]:
         raise InputError(
             f"unknown setting {unknown[0]!r}; its settings are {', '.join(known) or 'none'}"
         )
-    return {name: _converted(name, value, hints.get(name, Any)) for name, value in given.items()}
+    return {name: _converted(name, value, hints.get(name)) for name, value in given.items()}
 
 
 def _converted(name: str, text: str, hint: Any) -> Any:
@@ -68,33 +68,12 @@ def _converted(name: str, text: str, hint: Any) -> Any:
         with suppress(ValueError, SyntaxError, TypeError):
             value = read(text)
             break
-    for option in (value, text):
-        with suppress(ValueError):
-            return _as_hinted(option, hint)
-    if get_origin(hint) is Literal:
-        raise InputError(
-            f"{name} must be one of {', '.join(map(repr, get_args(hint)))}, got {text!r}"
-        )
-    if hint in EXPECTED:
+    kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    if str in kinds and value is not None:
+        return text
+    if float in kinds and type(value) is int:
+        value = float(value)
+    if hint in EXPECTED and type(value) is not hint:
         raise InputError(f"{name} must be {EXPECTED[hint]}, got {text!r}")
-    return value
-
-
-def _as_hinted(value: Any, hint: Any) -> Any:
-    """Return a value as a type hint wants it; ValueError if it is none."""
-    options = get_args(hint)
-    if get_origin(hint) in (Union, UnionType):
-        for option in options:
-            with suppress(ValueError):
-                return _as_hinted(value, option)
-        raise ValueError(value)
-    if get_origin(hint) is tuple and isinstance(value, (list, tuple)):
-        if options[1:] == (...,):
-            options = options[:1] * len(value)
-        return tuple(map(_as_hinted, value, options)) if len(options) == len(value) else value
-    if hint is float and type(value) in (int, float):
-        return float(value)
-    fits = value in options if get_origin(hint) is Literal else type(value) is hint
-    if fits or (hint not in (float, int, bool, str, NoneType) and not options):
-        return value
-    raise ValueError(value)
+    wants_tuple = any(get_origin(kind) is tuple for kind in kinds)
+    return tuple(value) if wants_tuple and type(value) is list else value

@@ -19,24 +19,6 @@ from tvsysid.metrics.errors import (
 )
 from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
 
-__all__ = [
-    "CATALOGUE",
-    "Metric",
-    "bandpassed_vaf",
-    "bias_error",
-    "coverage",
-    "debiased_bias_error",
-    "left_out",
-    "mean_bias",
-    "random_error",
-    "rise_time",
-    "share_covered",
-    "time_varying_vaf",
-    "total_error",
-    "vaf",
-    "weighted_mean",
-]
-
 
 @attrs.frozen
 class Metric:

@@ -41,11 +41,6 @@ def test_fewer_realizations_than_lags():
     )
 
 
-def test_period_that_does_not_fit_the_realization():
-    text = doubts(tv.KernelRegression(period=1.7), ensemble_of(150.0))
-    assert "not a whole number of periods of 1.7 s" in text
-
-
 @pytest.mark.parametrize("method", [tv.ShortDataSegments(), tv.EnsembleSpectral()])
 def test_too_few_realizations_for_a_window(method):
     assert "hardly determined" in doubts(method, ensemble_of(40.0).select([3, 4]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.numerics.test_gaussian import moments_of, proper_problem
+from tests.numerics.test_gaussian import proper_problem
 
 from tvsysid.methods.kbr.fit import fit
 from tvsysid.methods.kbr.record import Sums
@@ -12,9 +12,9 @@ from tvsysid.methods.kbr.record import Sums
 
 def sums_of(columns, terms, output, prior):
     powers = np.sum(terms**2, axis=0)
-    moments = moments_of(columns, output)
-    moments = moments._replace(gram=np.asfortranarray(np.tril(moments.gram)))
-    return Sums(moments, columns.T @ terms, terms.T @ output, powers, prior)
+    whole = np.column_stack([columns, output])
+    products = np.asfortranarray(np.tril(whole.T @ whole))
+    return Sums(products, whole.T @ terms, powers, prior, len(output))
 
 
 def problem_with_terms(seed):

@@ -105,7 +105,7 @@ def test_low_rank_kernel_regression_equals_the_dense_one(
     )
     # With every feature that rounding leaves: the same.
     monkeypatch.setattr("tvsysid.methods.kbr.kernel.TOLERANCE", 1e-15)
-    monkeypatch.setattr("tvsysid.methods.kbr.kernel.VISIBLE", 0.0)
+    monkeypatch.setattr("tvsysid.methods.kbr.record.VISIBLE", 0.0)
     variance = method.identify(ensemble).diagnostics.details["noise_variance"]
     model, dense = kernel_solutions(ensemble, method, l2, variance)
     agree(model.stiffness, mean_over_realizations(dense.stiffness), 1e-6)

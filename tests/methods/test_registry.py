@@ -230,7 +230,7 @@ def test_what_is_typed_makes_the_same_method(method):
         ),
         ("birf:basis=__import__('os').getcwd()", "expected a basis such as"),
         ("kbr:gamma=(1,2)", "gamma must be a positive number, or three"),
-        ("kbr:order=1.5", r"order must be a whole number, got '1.5'"),
+        ("lpv:rest_order=1.5", r"rest_order must be a whole number, got '1.5'"),
         ("sds:window=true", "window must be a number, got 'true'"),
     ],
 )

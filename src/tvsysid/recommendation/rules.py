@@ -104,7 +104,7 @@ RULES = (
         (),
         f"{LOWER}. Every method is biased. {RECORD_REFERENCE}",
     ),
-    Rule(  # tuned, kbr may leave out the inertia, which predicts better and is biased
+    Rule(
         (SLOW_NOISE, NOISE_BIAS),
         ("kbr:weighting=residual",),
         f"{LOWER}. Frequencies with little noise have the most weight",

@@ -16,9 +16,8 @@ import attrs
 import numpy as np
 from scipy.linalg import blas
 
-from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.record import WHITE, Mask, NoiseSpectrum, Record, Sums
-from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, solve
+from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, solve
 from tvsysid.signals import Array
 
 CONVERGED = 1e-4  # relative change of the noise variance; another step changes 1e-4 of it
@@ -58,15 +57,18 @@ def fit(sums: Sums, precision: Array) -> Fit:
     of the evidence by the noise variance vanishes. If the sums have twice as many columns as the
     prior, the second half are instruments (:func:`by_instruments`).
     """
-    by = by_regressors if len(precision) == len(sums.moments.cross) else by_instruments
-    number, power = sums.moments.number, sums.moments.square / sums.moments.number
+    by = by_regressors if len(precision) == len(sums.products) - 1 else by_instruments
+    power = float(sums.products[-1, -1]) / sums.number
     noise, floor = GUESS * power, SMALLEST_RESIDUAL * power
     slope, place_before, gap_before = -1.0, math.nan, math.nan
     for iteration in range(1, ITERATIONS + 1):
-        mean, residual, effective, factor = by(sums, precision, noise)
-        effective += float(sums.powers @ sums.shrinkage(noise))
-        residual -= sums.prior_cost(mean, noise)
-        wanted = max(residual / max(number - effective, 1.0), floor)
+        mean, residual, effective, factor = by(sums, sums.marginal(noise), precision, noise)
+        # The external terms count with what they take from the residual, not as parameters.
+        shrinkage = sums.shrinkage(noise)
+        terms = shrinkage * (sums.mixed[-1] - mean @ sums.mixed[: len(mean)])
+        effective += float(sums.powers @ shrinkage)
+        residual -= noise * sums.prior * float(terms @ terms)
+        wanted = max(residual / max(sums.number - effective, 1.0), floor)
         place, gap = math.log(noise), math.log(wanted / noise)
         if abs(gap) <= CONVERGED:
             break
@@ -79,19 +81,20 @@ def fit(sums: Sums, precision: Array) -> Fit:
     return Fit(mean, noise, effective, iteration, factor)
 
 
-def by_regressors(sums: Sums, precision: Array, noise: float) -> tuple[Array, float, float, Array]:
-    """Return mean, squared residual, effective number and factor at a noise variance.
-
-    The external terms count with what they take from the residual, not as parameters.
-    """
-    found = solve(sums.marginal(noise), precision, noise)
-    mixed = sums.mixed * sums.shrinkage(noise)
+def by_regressors(
+    sums: Sums, moments: Moments, precision: Array, noise: float
+) -> tuple[Array, float, float, Array]:
+    """Return mean, squared residual, effective number and factor at a noise variance."""
+    found = solve(moments, precision, noise)
+    mixed = sums.mixed[:-1] * sums.shrinkage(noise)
     through = blas.dtrmm(1.0, found.inverse_factor, mixed, lower=1)
     effective = found.effective - noise * sums.prior * float(np.sum(through**2))
     return found.mean, found.residual, effective, found.inverse_factor.T
 
 
-def by_instruments(sums: Sums, precision: Array, noise: float) -> tuple[Array, float, float, Array]:
+def by_instruments(
+    sums: Sums, moments: Moments, precision: Array, noise: float
+) -> tuple[Array, float, float, Array]:
     r"""Return the same of regressors X that noise moves, too, by instruments Z in the left factor.
 
     .. math:: A\, \hat w = Z^T M y, \qquad A = Z^T M X + \sigma^2 P, \qquad
@@ -100,31 +103,29 @@ def by_instruments(sums: Sums, precision: Array, noise: float) -> tuple[Array, f
     with M the matrix that takes out the external terms. The columns of ``sums`` are those of X,
     then as many of Z. The residual is y - X w.
     """
-    gram, cross, square, _ = sums.marginal(noise)
+    gram, cross, square, _ = moments
     gram = np.tril(gram) + np.tril(gram, -1).T
-    prior, count, lengths = noise * precision, len(precision), np.sqrt(np.diag(gram))
+    prior, count, lengths = np.diag(noise * precision), len(precision), np.sqrt(np.diag(gram))
     x, z = slice(count), slice(count, None)
     units = np.outer(lengths[z], lengths[x])
-    inverse = np.linalg.inv((gram[z, x] + np.diag(prior)) / units) / units.T
+    inverse = np.linalg.inv((gram[z, x] + prior) / units) / units.T
     mean = inverse @ cross[z]
     residual = square - 2 * float(mean @ cross[x]) + float(mean @ gram[x, x] @ mean)
-    factor = inverse @ np.linalg.cholesky(gram[z, z] + np.diag(prior))
-    return mean, residual, count - float(prior @ np.diag(inverse)), factor
+    factor = inverse @ np.linalg.cholesky(gram[z, z] + prior)
+    return mean, residual, count - float(np.sum(prior * inverse.T)), factor
 
 
 @attrs.frozen(eq=False)
 class KernelPosterior:
     """Posterior of all coefficients: of those fitted, and by the prior alone of the others.
 
-    ``fit`` is that of the coefficients ``visible``, mask (coefficient, column). The other
-    coefficients have no effect that the data can show. For them the prior is all that is known:
-    its ``variances`` (coefficient,).
+    ``fit`` is that of the ``visible`` coefficients. The data say nothing of the others, which have
+    their prior ``precision``. Both have the shape (signal, column).
     """
 
     fit: Fit
     visible: Mask
-    kernel: Kernel
-    variances: Array
+    precision: Array
 
     @property
     def mean(self) -> Array:
@@ -139,46 +140,42 @@ class KernelPosterior:
 
         It takes some megabytes. It is therefore calculated on request.
         """
-        precision, visible = self.kernel.precision, self.visible.ravel()
-        unseen = np.divide(0.5, precision, out=np.zeros_like(precision), where=precision > 0)
-        covariance = np.diag(np.outer(self.variances, unseen).ravel())
+        visible = self.visible.ravel()
+        # The constants have no prior; they are always visible.
+        prior = np.where(self.precision > 0, self.precision, 1.0)
+        covariance = np.diag(1 / prior.ravel())
         covariance[np.ix_(visible, visible)] = self.fit.covariance
         return covariance
 
 
-def fit_coefficients(
-    record: Record, kernel: Kernel, variances: Array, reweighted: int = 0
-) -> KernelPosterior:
-    """Fit the coefficients that the data can see, with prior ``variances`` (coefficient,).
+def fit_coefficients(record: Record, variances: Array, reweighted: int = 0) -> KernelPosterior:
+    """Fit the coefficients that the data can see, with prior ``variances`` (signal,).
 
     The frequencies are weighted by the residual's spectrum. The weights are updated ``reweighted``
     times.
     """
-    runs = record.stacks[0]
-    bins = max(1.0, record.size * min(runs.band[1] / runs.rate, 0.5))
-    noise = GUESS * 0.5 * float(record.powers[-1]) / bins
-    posterior, spectrum = _fit_visible(record, kernel, variances, noise, WHITE), WHITE
+    rate = record.runs[0].rate
+    numbers = max(1.0, record.size * min(record.band[1] / rate, 0.5))
+    noise, spectrum = GUESS * 0.5 * float(record.powers[-1]) / numbers, WHITE
+    posterior = _fit_visible(record, variances, noise, spectrum)
     for _ in range(reweighted):
         spectrum = residual_spectrum(record, posterior, spectrum)
-        noise = posterior.fit.noise_variance
-        posterior = _fit_visible(record, kernel, variances, noise, spectrum)
+        posterior = _fit_visible(record, variances, posterior.fit.noise_variance, spectrum)
     return posterior
 
 
 def _fit_visible(
-    record: Record, kernel: Kernel, variances: Array, noise: float, spectrum: NoiseSpectrum
+    record: Record, variances: Array, noise: float, spectrum: NoiseSpectrum
 ) -> KernelPosterior:
     """Fit the features that exceed a part of the noise, which is lowered until the fit has it."""
-    order, has_instrument = len(variances), len(record.powers) > 4
-    powers = variances * record.powers[:order] / spectrum.power.min()
+    precision = np.outer(2 / variances, record.kernel.precision)
+    has_instrument = len(record.powers) > 4
     while True:
-        visible = kernel.visible(powers, noise)
-        lower = np.zeros((3 - order, kernel.columns), dtype=bool)
-        chosen = np.concatenate([visible, lower, visible]) if has_instrument else visible
-        precision = np.outer(2 / variances, kernel.precision)[visible]
-        found = fit(record.sums(kernel, chosen, spectrum), precision)
+        visible = record.visible(variances / spectrum.power.min(), noise)
+        chosen = np.concatenate([visible, visible]) if has_instrument else visible
+        found = fit(record.sums(chosen, spectrum), precision[visible])
         if 2 * found.noise_variance >= noise or visible.all():
-            return KernelPosterior(found, visible, kernel, variances)
+            return KernelPosterior(found, visible, precision)
         noise = found.noise_variance
 
 
@@ -187,29 +184,28 @@ def residual_spectrum(
 ) -> NoiseSpectrum:
     """Return the spectrum of the torque's residual after a fit under the spectrum ``before``.
 
-    The power at a frequency is a mean within :data:`SMOOTH_HZ`.
+    The power at a frequency is a mean within :data:`SMOOTH_HZ`, over all runs. The spectrum is
+    mirrored at its ends.
     """
     weights = np.append(-posterior.fit.mean, 1.0)
     prior = posterior.fit.noise_variance * record.prior
-    spectra = []
-    for runs in record.stacks:
-        blocks = runs.rows(posterior.kernel, posterior.visible)
-        left = np.concatenate([np.tensordot(weights, rows, axes=1) for _, rows in blocks], axis=1)
-        white = before.weights(runs.frequency)
-        terms, powers = runs.external_terms(white)
-        left *= white
-        products = left.view(np.float64) @ terms.view(np.float64).T
-        left -= products / (powers + prior) @ terms
-        power = np.sum(np.abs(left) ** 2, axis=0) / white**2
-        spectra.append((runs.frequency, power, np.full_like(power, len(left))))
-    at = max((frequency for frequency, _, _ in spectra), key=len)
-    frequency, *parts = np.concatenate(spectra, axis=1)
-    # The spectrum is mirrored at its ends.
+    powers = []
+    for run in record.runs:
+        rows = run.rows(record.kernel, posterior.visible)
+        white = before.weights(run.frequency)
+        left = np.concatenate([weights @ each for _, each in rows]) * white
+        terms, squares = run.external_terms(white)
+        products = terms.view(np.float64) @ left.view(np.float64)
+        unexplained = left - products / (squares + prior) @ terms
+        powers.append(np.abs(unexplained / white) ** 2)
+    frequencies = [run.frequency for run in record.runs]
+    at, frequency = max(frequencies, key=len), np.concatenate(frequencies)
     mirrored = np.r_[2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency]
     order = np.argsort(mirrored, kind="stable")
-    ends = np.searchsorted(mirrored[order], [at - SMOOTH_HZ, np.nextafter(at + SMOOTH_HZ, np.inf)])
-    totals = np.pad(np.cumsum(np.tile(parts, 3)[:, order], axis=1), ((0, 0), (1, 0)))
-    powers, counts = totals[:, ends[1]] - totals[:, ends[0]]
-    power = powers / counts
+    first, last = np.searchsorted(
+        mirrored[order], [at - SMOOTH_HZ, np.nextafter(at + SMOOTH_HZ, np.inf)]
+    )
+    total = np.append(0.0, np.cumsum(np.tile(np.concatenate(powers), 3)[order]))
+    power = (total[last] - total[first]) / (last - first)
     power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
     return NoiseSpectrum(at, power / power.mean())

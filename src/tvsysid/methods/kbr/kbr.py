@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import partial
 from typing import Any, Literal, Self
 
@@ -14,10 +13,10 @@ from tvsysid.methods import base, responses, shared, tuning
 from tvsysid.methods.kbr import search
 from tvsysid.methods.kbr.fit import KernelPosterior, fit, fit_coefficients
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
-from tvsysid.methods.kbr.record import Record, clocks_of, lagged
+from tvsysid.methods.kbr.record import Record, clocks_of, kernel_over
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import Validator, is_number, not_negative, one_of, optional, positive
+from tvsysid.validators import Validator, is_number, one_of, optional, positive
 
 Preset = Literal["simulation", "experiment"]
 Weights = Literal["white", "residual"]
@@ -27,6 +26,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
 }
+USUAL = PRESETS["simulation"]
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL_MODULUS = 100.0
@@ -39,7 +39,6 @@ def _numbers(value: Any, count: int) -> bool:
     return isinstance(value, tuple) and len(value) == count and all(map(is_number, value))
 
 
-USUAL = PRESETS["simulation"]
 GAMMA = Validator(
     "a positive number, or three: of stiffness, viscosity and inertia",
     lambda gamma: positive.is_valid(gamma) or (_numbers(gamma, 3) and min(gamma) > 0),
@@ -48,17 +47,13 @@ BAND = Validator(
     "two frequencies in Hz, which rise from 0 or more",
     lambda band: _numbers(band, 2) and 0 <= band[0] < band[1],
 )
-ORDER = Validator(
-    "0 (a spring), 1 (with viscosity) or 2 (with inertia too)",
-    lambda order: type(order) is int and 0 <= order <= 2,
-)
 
 
 @attrs.frozen
 class KernelRegression(shared.ByReference):
     r"""Impedance that changes smoothly and almost periodically, fitted in the frequency domain.
 
-    .. math:: y(t) + a_1\,\dot y(t) = \sum_{m=0}^{N_b} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
+    .. math:: y(t) = \sum_{m=0}^{2} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
               b_m = \bar b_m + \tilde b_m, \quad \tilde b_m \sim GP(0, K)
 
     .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2}
@@ -66,14 +61,13 @@ class KernelRegression(shared.ByReference):
               K(t, t') = \gamma\, e^{-\sin^2(\pi (t - t') / p) / l_1}\, e^{-(t - t')^2 / l_2^2}
 
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
-    are stiffness, viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say
-    otherwise. E is the spectrum of the equation error over each unbroken run of realizations. The
-    kernel K says how fast the b may change; ``tuned`` chooses it by maximum evidence.
+    are stiffness, viscosity and inertia: the paper's Na = 0 and Nb = 2. E is the spectrum of the
+    equation error over each unbroken run of realizations. The kernel K says how fast the b may
+    change, with the duration of a realization as the period p; ``tuned`` chooses it by maximum
+    evidence.
 
     Parameters
     ----------
-    period
-        Period p of the behaviour in s; None takes the duration of a realization.
     length_periodic
         l1: smoothness within a period; larger is smoother. It has no unit, although the paper
         prints seconds.
@@ -85,13 +79,6 @@ class KernelRegression(shared.ByReference):
         three, in units of the ``scale`` squared. The paper gives one, without a unit.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
-    order
-        Nb: 2 for inertia, viscosity and stiffness; 1 for a joint without inertia, which then is 0
-        and has no band; 0 for a spring. With a lower order, the gammas of the missing terms have no
-        effect.
-    lag
-        a_1 in s: a constant first-order lag of the torque behind the joint, for example of a sensor
-        or a filter; 0 for none (Na = 0).
     scale
         Unit of gamma: a gamma of 1 stands for this, in N·m/rad (N·m·s/rad of viscosity, kg·m² of
         inertia). If None, it is 0.573 of the modulus at 1 Hz of the constant impedance that fits
@@ -115,11 +102,6 @@ class KernelRegression(shared.ByReference):
     hold stiffness within 2 N·m/rad of a constant. With 1 N·m/deg it allows some 120 N·m/rad, and
     gives figures like the paper's.
 
-    The lag is fitted as output error, since an equation error with the derivative of a noisy torque
-    is biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the
-    impedance of what comes out is that of the joint. This takes the lag and the change of b in the
-    other order, which errs by about :math:`a_1 \dot b_m / b_m` as a share of each term.
-
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
     with some 110 unknowns. The cost grows with the cube of the record where the decay is short
@@ -142,13 +124,10 @@ class KernelRegression(shared.ByReference):
     outside the bands.
     """
 
-    period: float | None = attrs.field(default=None, validator=optional(positive))
     length_periodic: float = attrs.field(default=USUAL["length_periodic"], validator=positive)
     length_decay: float = attrs.field(default=USUAL["length_decay"], validator=positive)
     gamma: float | tuple[float, float, float] = attrs.field(default=USUAL["gamma"], validator=GAMMA)
     band: tuple[float, float] = attrs.field(default=(0.0, 20.0), validator=BAND)
-    order: int = attrs.field(default=2, validator=ORDER)
-    lag: float = attrs.field(default=0.0, validator=not_negative)
     scale: float | None = attrs.field(default=None, validator=optional(positive))
     reference: str | None = None
     weighting: Weights = attrs.field(default="white", validator=one_of(Weights))
@@ -159,8 +138,7 @@ class KernelRegression(shared.ByReference):
     assumptions = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
         "says.",
-        "The joint is of second order (or of the order given), with at most one lag of the torque, "
-        "whose coefficient is constant (Na > 0).",
+        "The joint is of second order.",
         "The record is continuous; one realization is enough, more are better.",
     )
     differs = (
@@ -186,46 +164,40 @@ class KernelRegression(shared.ByReference):
         return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
-        record = Record.of(moved, self.band)
-        variances = self._variances(self._scale(record))[: self.order + 1]
-        if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
-            ensemble, moved = (lagged(each, self.lag) for each in (ensemble, moved))
-            record = Record.of(moved, self.band)
-        if self.reference is not None:
-            record = Record.of(ensemble, self.band).with_instrument(record)
-        kernel = record.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
+        instrument = None if self.reference is None else moved
+        kernel = kernel_over(ensemble, self.length_periodic, self.length_decay)
+        record = Record.of(ensemble, kernel, self.band, instrument)
         reweighted = REWEIGHTED * (self.weighting == "residual")
-        posterior = fit_coefficients(record, kernel, variances, reweighted)
+        posterior = fit_coefficients(record, self._variances(record), reweighted)
         each = impedance_over(ensemble, kernel, posterior.mean)
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        impedance = each.mean(axis=0)
-        known = impedance[missing : len(impedance) - missing]
+        impedance = each.mean(axis=0)[missing : ensemble.samples - missing]
         inner = slice(edge, ensemble.samples - edge)
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-        filters = filters[: self.order + 1]
-        # What the impedance leaves of the torque, and what its mean over realizations leaves.
-        mean_left = left = shared.residual(ensemble, impedance[inner, : self.order + 1] @ filters)
-        if len(each) > 1:
-            torque = ensemble.torque[:, ensemble.core]
-            left = (torque - shared.second_order_torque(ensemble, each))[:, inner]
+        if len(each) == 1:
+            left = shared.residual(ensemble, each[0, inner] @ filters)
+        else:
+            left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
+            left = left[:, inner]
         found = posterior.fit
         # The error E is complex: its variance is that of two numbers.
-        details = {"noise_variance": 2 * found.noise_variance, "iterations": found.iterations}
-        if self.order == 2:
-            details["second_order_agreement"] = shared.residual_agreement(
-                ensemble, moved, left, edge
-            )
+        details = {
+            "noise_variance": 2 * found.noise_variance,
+            "iterations": found.iterations,
+            "second_order_agreement": shared.residual_agreement(ensemble, moved, left, edge),
+        }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
         colour = None
         # The posterior assumes that the noise is as strong as its mean over the fitted band.
         if self.weighting == "white":
             share = found.effective / left.size
-            colour = shared.Colour.of(moved, mean_left, share, _in_band(filters, low, high))
+            colour = shared.Colour.of(moved, left, share, _in_band(filters, low, high))
         errors = partial(
             standard_errors,
             posterior,
+            kernel,
             times_of(ensemble, kernel),
             colour=colour,
             band=(low, high),
@@ -235,70 +207,51 @@ class KernelRegression(shared.ByReference):
             times=ensemble.samples,
             missing=missing,
         )
-        names = shared.IMPEDANCE[: self.order + 1]
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(base.padded(known, missing), errors),
+            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
             posterior=posterior,
-            labels=tuple(f"{name} {j}" for name in names for j in range(kernel.columns)),
+            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE for j in range(kernel.columns)),
             kernel=kernel,
-            lag=self.lag,
             diagnostics=Diagnostics(found.effective, details=details),
         )
 
     def _scale(self, record: Record) -> float:
-        """Return the stiffness in N·m/rad that corresponds to a gamma of 1, without a lag.
+        """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
         Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
         the noise. A joint without stiffness also has one.
         """
         if self.scale is not None:
             return self.scale
-        constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
-        found = fit(record.sums(constant, np.ones((3, 1), dtype=bool)), np.zeros(3))
+        constants = np.zeros((len(record.powers) - 1, record.kernel.columns), dtype=bool)
+        constants[-3:, 0] = True  # by the angle that a reference predicts, if there is one
+        found = fit(record.sums(constants), np.zeros(3))
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
         # of a torque that does not answer at all
-        least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[0])
+        least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[-4])
         return DEGREE / USUAL_MODULUS * max(float(modulus), least)
 
-    def _variances(self, scale: float) -> Array:
+    def _variances(self, record: Record) -> Array:
         """Return the prior variances of stiffness, viscosity and inertia about their means."""
-        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3) * scale**2
-
-    def _period(self, ensemble: Ensemble) -> float:
-        return ensemble.duration if self.period is None else self.period
+        return np.broadcast_to(np.asarray(self.gamma, dtype=float), 3) * self._scale(record) ** 2
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Compare settings by marginal likelihood: l1 and gammas, orders and lags, then decays.
+        """Compare settings by marginal likelihood: l1 and gammas, then decays.
 
         The search is deterministic. Noise that is not white in the band lowers the number of
         independent samples. The residual of the given settings, without decay, shows by how much.
         """
-        if self.weighting != "white":
-            return attrs.evolve(self, weighting="white")._evidence(ensemble, seed)
-        endless = attrs.evolve(self, length_decay=ENDLESS).fit(ensemble)
+        endless = attrs.evolve(self, weighting="white", length_decay=ENDLESS).fit(ensemble)
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
-        scale = self._scale(Record.of(ensemble, self.band))
-        theta = np.log([self.length_periodic, *self._variances(scale), noise])
-        given = search.Candidate(self.order, self.lag, self.length_decay, theta, "as given")
-        searched = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
-        evidence = search.evidence_of(*searched.candidates(given), self, scale)
-        if evidence.chosen:
-            chosen = attrs.evolve(self, **evidence.settings)
-            tuning.warn_if_worse(self, chosen, ensemble)
-        return evidence
-
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        period = self._period(ensemble)
-        periods = ensemble.duration / period
-        if abs(periods - round(periods)) > 1e-6:
-            yield (
-                f"a realization of {ensemble.duration:g} s is not a whole number of periods of "
-                f"{period:g} s: the stiffness over a realization is a mean over different phases "
-                "of the behaviour"
-            )
+        kernel = kernel_over(ensemble, self.length_periodic, ENDLESS)
+        record = Record.of(ensemble, kernel, self.band)
+        theta = np.log([self.length_periodic, *self._variances(record), noise])
+        given = search.Candidate(self.length_decay, theta, "as given")
+        tried = search.Search(ensemble, self.band, noise, share).candidates(given)
+        return search.evidence_of(tried, self, self._scale(record))
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -307,23 +260,20 @@ class KernelModel(responses.SecondOrderModel):
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was
     identified from. A prediction uses the impedance at the time of each realization. The
-    coefficients multiply the features of the ``kernel``. The torque lags behind what the joint
-    does, with the time constant ``lag`` in s.
+    coefficients multiply the features of the ``kernel``.
     """
 
     kernel: Kernel
-    lag: float = 0.0
 
-    def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
-        """Return stiffness, viscosity, inertia in an ensemble, (time,) or (realization, time)."""
-        each = impedance_over(ensemble, self.kernel, self.coefficients)
-        stiffness, viscosity, inertia = np.moveaxis(each if len(each) > 1 else each[0], -1, 0)
-        return stiffness, viscosity, inertia
+    def impedance(self, ensemble: Ensemble) -> Array:
+        """Return stiffness, viscosity and inertia of each realization, (realization, time, 3).
+
+        There is one realization only if all have the same impedance.
+        """
+        return impedance_over(ensemble, self.kernel, self.coefficients)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        derivatives = lagged(ensemble, self.lag).derivatives()
-        parts = map(np.multiply, self.impedance(ensemble), derivatives)
-        return {"intrinsic": np.asarray(sum(parts))}
+        return {"intrinsic": shared.second_order_torque(ensemble, self.impedance(ensemble))}
 
 
 def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
@@ -339,32 +289,23 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
 
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
-    """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
-
-    A model of an order below 2 has zeros for its missing quantities.
-    """
+    """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
     phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
-    periodic, slow = kernel.periodic_features(phase), kernel.slow_features(clock)
-    weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
-    for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
-        weights[kernel.slow, kernel.place, signal] = of_signal
-    return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
+    return kernel.combined(coefficients.reshape(3, -1), phase, clock)
 
 
 def standard_errors(
-    posterior: KernelPosterior, times: Array, /, **noise: Any
+    posterior: KernelPosterior, kernel: Kernel, times: Array, /, **noise: Any
 ) -> dict[str, StandardError]:
     """Return the standard errors of impedances averaged over realizations.
 
     ``times`` are those of :func:`times_of`, ``noise`` the settings of
     :func:`tvsysid.methods.shared.residuals.posterior_errors`.
     """
-    kernel, covariance = posterior.kernel, posterior.covariance
     features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
-    count, columns = len(posterior.variances), kernel.columns
-    blocks = covariance.reshape(count, columns, count, columns)
-    covariances = [blocks[number, :, number] for number in range(count)]
-    return shared.posterior_errors([features] * count, covariances, **noise)
+    blocks = posterior.covariance.reshape(3, kernel.columns, 3, kernel.columns)
+    covariances = [blocks[number, :, number] for number in range(3)]
+    return shared.posterior_errors([features] * 3, covariances, **noise)
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

@@ -30,10 +30,8 @@ STRICT = 20.0
 TOLERANCE = 1e-13
 # features of a coefficient above which a kernel is refused: more would take 2 GiB of covariance
 MAX_FEATURES = 5400
-# quadrature nodes above which any decay would need more features than that
-MAX_NODES = 1024
-# share of the noise that the torque of a feature must be able to reach for it to be fitted
-VISIBLE = 0.03
+# span of a record, in decays, above which any kernel would need more features than that
+MAX_SPAN = 200.0
 
 
 @attrs.frozen(eq=False)
@@ -42,12 +40,14 @@ class Kernel:
 
     ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow function,
     define each column. ``precision`` is its prior precision for gamma = 1. All have shape
-    (column,). The first column is the constant, whose prior precision is 0. The slow functions are
+    (column,). The first column is the constant, whose prior precision is 0. The record lasts
+    ``span`` s. The slow functions are
     a constant and those of the decay ``l2``: the covariance with the ``nodes`` times a matrix
     ``projection`` (node, function). A strictly periodic kernel has no nodes.
     """
 
     period: float
+    span: float
     l2: float
     nodes: Array
     projection: Array
@@ -58,11 +58,10 @@ class Kernel:
 
     @classmethod
     def of(
-        cls, period: float, l1: float, l2: float, first: float, last: float, rate: float
+        cls, period: float, l1: float, l2: float, first: float, span: float, rate: float
     ) -> Kernel:
-        """Choose the features that matter over the record, from its first to its last time in s."""
-        span = max(last - first, 1e-9)
-        refusal = InputError(
+        """Choose the features that matter over a record of ``span`` s from its ``first`` time."""
+        too_many = InputError(
             f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a "
             f"record of {span:g} s need more than {MAX_FEATURES} features of each coefficient; "
             "give fewer realizations, a longer length_decay or a larger length_periodic"
@@ -73,19 +72,19 @@ class Kernel:
         # enough.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
-            if 16 + 5 * span / l2 > MAX_NODES:
-                raise refusal
+            if span / l2 > MAX_SPAN:
+                raise too_many
             nodes, projection, shares = decay_features(first, span, l2)
             shares = np.insert(shares, 0, 0.0)
         matter = np.outer(variances, shares) > TOLERANCE
         if 2 * np.count_nonzero(matter) > MAX_FEATURES:
-            raise refusal
+            raise too_many
         matter[0, 0] = True
         harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))
         columns = (harmonic > 0) | (sine == 0)
         harmonic, sine, slow = harmonic[columns], sine[columns], slow[columns]
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
-        return cls(period, l2, nodes, projection, harmonic, sine, slow, precision)
+        return cls(period, span, l2, nodes, projection, harmonic, sine, slow, precision)
 
     @property
     def columns(self) -> int:
@@ -101,14 +100,6 @@ class Kernel:
     def place(self) -> NDArray[np.int64]:
         """Return the column of :meth:`periodic_features` that each feature uses."""
         return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
-
-    def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
-        """Return which features may exceed a share of the noise, shape (signal, column).
-
-        ``noise`` is a sum of squares. ``power`` (signal,) is the prior variance of a signal's
-        coefficient times its summed squares.
-        """
-        return np.asarray(power[:, None] >= VISIBLE * noise * self.precision)
 
     def periodic_features(self, phase: Array) -> Array:
         """Return a constant, and cosine and sine of each harmonic, shape (*phase, function)."""
@@ -129,6 +120,13 @@ class Kernel:
         """
         periodic, slow = self.periodic_features(phase), self.slow_features(clock)
         return np.asarray(periodic[..., self.place] * slow[..., self.slow])
+
+    def combined(self, coefficients: Array, phase: Array, clock: Array) -> Array:
+        """Return sums of the features, shape (*time, sum), by coefficients (sum, column)."""
+        periodic, slow = self.periodic_features(phase), self.slow_features(clock)
+        weights = np.zeros((slow.shape[-1], periodic.shape[-1], len(coefficients)))
+        weights[self.slow, self.place] = coefficients.T
+        return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:

@@ -1,10 +1,10 @@
-"""Unbroken runs of a record, and the sums over their frequencies for kernel-based regression."""
+"""A record in the frequency domain, and its sums of products for kernel-based regression."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import attrs
@@ -15,19 +15,19 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
+from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Moments
-from tvsysid.numerics.lowpass import low_pass
 from tvsysid.signals import Array, Ensemble
 
 ComplexArray = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 BLOCK = 512  # frequencies whose regressors are held at once
 # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
 EXTERNAL_TERMS = 5
+# share of the noise that the torque of a feature must be able to reach for it to be fitted
+VISIBLE = 0.03
 
 
 class NoiseSpectrum(NamedTuple):
@@ -45,253 +45,228 @@ WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 
 
 class Sums(NamedTuple):
-    """Moments of regressors X and torque y, and their products with external terms T.
+    """Products of regressors X and torque y with each other, and with external terms T.
 
-    The numbers of y are real and imaginary parts of spectra. ``mixed`` is XᵀT, ``cross`` Tᵀy and
-    ``powers`` the diagonal of TᵀT. The terms are orthogonal. ``prior`` is q, the prior precision of
-    each term.
+    The numbers of y are real and imaginary parts of spectra. ``products`` are those of the columns
+    [X y], the torque last, of which only the lower triangle is read; ``mixed`` is [X y]ᵀT. The
+    terms are orthogonal, and ``powers`` are their squares. ``prior`` is the prior precision of each
+    term. ``number`` counts the numbers.
     """
 
-    moments: Moments
+    products: Array
     mixed: Array
-    cross: Array
     powers: Array
     prior: float
+    number: float
 
     def shrinkage(self, noise: float) -> Array:
-        r"""Return :math:`(T^T T + \sigma^2 q)^{-1}`, shape (term,)."""
+        r"""Return :math:`(T^T T + \sigma^2 q)^{-1}`, shape (term,), with q the prior precision."""
         return 1 / (self.powers + noise * self.prior)
 
     def marginal(self, noise: float) -> Moments:
         """Return the moments with the external terms integrated out for this noise variance."""
-        gram, cross, square, number = self.moments
-        shrinkage = self.shrinkage(noise)
-        mixed = self.mixed * np.sqrt(shrinkage)
-        return Moments(
-            blas.dsyrk(-1.0, mixed, beta=1.0, c=gram, lower=1),
-            cross - self.mixed @ (shrinkage * self.cross),
-            square - float(shrinkage @ self.cross**2),
-            number,
-        )
-
-    def prior_cost(self, mean: Array, noise: float) -> float:
-        r"""Return :math:`\sigma^2 q f^T f` for the external terms f beside given weights."""
-        terms = self.shrinkage(noise) * (self.cross - mean @ self.mixed[: len(mean)])
-        return noise * self.prior * float(terms @ terms)
+        mixed = self.mixed * np.sqrt(self.shrinkage(noise))
+        products = blas.dsyrk(-1.0, mixed, beta=1.0, c=self.products, lower=1)
+        return Moments.of(products, self.number)
 
 
 @attrs.frozen(eq=False)
-class Runs:
-    """Unbroken runs of a record, all of one length; the ``band`` in Hz is fitted.
+class Run:
+    """Consecutive realizations, as ``spectra`` of signals times the kernel's slow functions.
 
-    ``signals`` (signal, run, time) are the angle and its derivatives, then those of an
-    instrument if there is one, and last the torque; ``rate`` in Hz; ``phase`` and ``clock``
-    (run,), the time in s at the start, since the trial's time 0 and on the record's clock.
-    Spectra are those of ``norm="ortho"``.
+    The signals are the angle and its derivatives, then those of an instrument if there is one, and
+    last the torque, which is multiplied by the first function only. They are 0 where the
+    derivatives lack samples; ``known`` of the ``samples`` are left. ``spectra`` (signal x function,
+    frequency) have ``norm="ortho"``. They reach from ``reach`` bins below the fitted ``bins`` to as
+    many above them. ``periods`` and ``start`` (s) tell the place of a run in the behaviour.
     """
 
-    signals: Array
+    spectra: ComplexArray
+    powers: Array
+    bins: slice
+    reach: int
+    start: float
+    periods: int
+    samples: int
+    known: int
     rate: float
-    band: tuple[float, float]
-    phase: Array
-    clock: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, members: Index, band: tuple[float, float]) -> Runs:
-        """Join realizations (run, realization).
-
-        The derivatives use the context at both ends, or lose samples.
-        """
+    def of(
+        cls,
+        ensemble: Ensemble,
+        realizations: NDArray[np.int64],
+        kernel: Kernel,
+        band: tuple[float, float],
+        instrument: Ensemble | None,
+    ) -> Run:
+        """Join realizations, and their angles with those of an ``instrument``."""
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
-        torque = ensemble.torque[members, ensemble.core].reshape(len(members), -1)
-        angle = joined(ensemble, members, min(ensemble.context, HALF_WIDTH))
-        signals = [*differentiate(angle, rate), torque[:, lost : torque.shape[1] - lost]]
-        starts = ensemble.onsets, clocks_of(ensemble)
-        phase, clock = (each[members[:, 0]] + lost / rate for each in starts)
-        return cls(np.stack(signals), rate, band, phase, clock)
-
-    @property
-    def samples(self) -> int:
-        """Return the number of samples of a run."""
-        return int(self.signals.shape[2])
-
-    @cached_property
-    def bins(self) -> slice:
-        """Return the bins in the band."""
-        low, high = (frequency * self.samples / self.rate for frequency in self.band)
-        return slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.samples // 2) + 1)
+        torque = ensemble.torque[realizations, ensemble.core].ravel()
+        samples = len(torque)
+        known = slice(lost, samples - lost)
+        angles = [ensemble] if instrument is None else [ensemble, instrument]
+        signals = np.zeros((3 * len(angles) + 1, samples))
+        for number, each in enumerate(angles):
+            derivatives = differentiate(joined(each, realizations), rate)
+            signals[3 * number : 3 * number + 3, known] = derivatives
+        signals[-1, known] = torque[known]
+        first = realizations[0]
+        clock = clocks_of(ensemble)[first] + np.arange(samples) / rate
+        slow = kernel.slow_features(clock).T
+        products = (signals[:-1, None] * slow).reshape(-1, samples)
+        low, high = (frequency * samples / rate for frequency in band)
+        bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
+        reach = kernel.highest * len(realizations)
+        # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
+        place = np.arange(bins.start - reach, bins.stop + reach) % samples
+        mirrored = place > samples // 2
+        spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
+        spectra = spectra[:, np.where(mirrored, samples - place, place)]
+        np.conjugate(spectra, out=spectra, where=mirrored)
+        return cls(
+            spectra,
+            np.einsum("mt,mt->m", signals, signals),
+            bins,
+            reach,
+            float(ensemble.onsets[first]),
+            len(realizations),
+            samples,
+            samples - 2 * lost,
+            rate,
+        )
 
     @property
     def frequency(self) -> Array:
         """Return the frequencies in Hz of the bins."""
         return np.arange(self.bins.start, self.bins.stop) * (self.rate / self.samples)
 
-    @cached_property
-    def spectra(self) -> ComplexArray:
-        """Return the spectra of the signals at all frequencies, shape (signal, run, frequency)."""
-        return np.asarray(rfft(self.signals, norm="ortho"))
-
     def external_terms(self, weights: Array) -> tuple[ComplexArray, Array]:
         """Return weighted spectra (term, bin) and powers (term,) of the external terms.
 
         The half-cosines are rotated so that their spectra are orthogonal in the band.
         """
-        terms = _half_cosines(self.samples)[:, self.bins] * weights
+        terms = _half_cosines(self.samples, self.known)[:, self.bins] * weights
         powers, axes = np.linalg.eigh((terms @ terms.conj().T).real)
         return axes.T @ terms, np.maximum(powers, 0.0)
 
     def rows(self, kernel: Kernel, chosen: Mask) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield slices of bins and their regressors, shape (row, run, bin).
+        """Yield slices of bins and their regressors, shape (row, bin).
 
-        ``chosen`` (signal, column) selects the regressors. The last row is the torque. Blocks of
+        ``chosen`` (signal, column) selects the regressors. The last row is the torque. A product
+        with a harmonic is a shift in frequency, exact because a run holds whole periods. Blocks of
         frequencies keep memory from growing with the record times the columns.
         """
         signal, column = np.nonzero(chosen)
         # The torque is a signal times the first column, the constant.
-        signal, column = np.append(signal, len(self.signals) - 1), np.append(column, 0)
-        periods = self.samples / self.rate / kernel.period
-        reach = kernel.highest * round(periods)
-        whole = kernel.highest * abs(periods - round(periods)) < 1e-9 * periods
-        if whole and self.bins.stop - 1 + reach <= self.samples // 2:
-            return self._shifted(kernel, signal, column, reach)
-        return self._transformed(kernel, signal, column)
-
-    def _shifted(
-        self, kernel: Kernel, signal: Index, column: Index, reach: int
-    ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield products with harmonics, as shifts in frequency of at most ``reach`` bins.
-
-        These are exact where a run holds whole periods.
-        """
-        count = int(kernel.slow.max()) + 1
-        pairs, source = np.unique(signal * count + kernel.slow[column], return_inverse=True)
-        if count == 1:
-            spectra = self.spectra[pairs]
-        else:
-            products = self.signals[pairs // count] * self._slow(kernel)[pairs % count]
-            spectra = rfft(products, norm="ortho")
-        spectra = spectra[..., : self.bins.stop + reach]
-        # from bin -reach on
-        spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)
-        harmonic = kernel.harmonic[column]
-        shift = harmonic * round(self.samples / self.rate / kernel.period)
+        signal, column = np.append(signal, len(self.powers) - 1), np.append(column, 0)
+        source = signal * (1 + kernel.projection.shape[1]) + kernel.slow[column]
+        shift = kernel.harmonic[column] * self.periods
         # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
-        turn = np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
-        turn *= np.where(kernel.sine[column] == 0, 0.5, -0.5j)[:, None, None]
-        start, length = self.bins.start, max(1, BLOCK // self.signals.shape[1])
-        for low in range(start, self.bins.stop, length):
-            high = min(low + length, self.bins.stop)
-            windows = sliding_window_view(spectra, high - low, axis=-1)
-            rows = windows[source, :, low + reach - shift] * turn
-            rows += windows[source, :, low + reach + shift] * turn.conj()
-            yield slice(low - start, high - start), rows
-
-    def _transformed(
-        self, kernel: Kernel, signal: Index, column: Index
-    ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield products with any features, each transformed."""
-        slow, periodic = self._slow(kernel), kernel.periodic_features(self._times(self.phase))
-        indices = zip(signal, kernel.place[column], kernel.slow[column], strict=True)
-        products = (self.signals[m] * periodic[..., place] * slow[n] for m, place, n in indices)
-        rows = [rfft(each, norm="ortho")[:, self.bins] for each in products]
-        yield slice(0, self.bins.stop - self.bins.start), np.stack(rows)
-
-    def _slow(self, kernel: Kernel) -> Array:
-        """Return the slow functions over each run, shape (function, run, time)."""
-        return np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0)
-
-    def _times(self, start: Array) -> Array:
-        return np.add.outer(start, np.arange(self.samples) / self.rate)
+        turn = np.exp(2j * np.pi * kernel.harmonic[column] * self.start / kernel.period)[:, None]
+        turn *= np.where(kernel.sine[column] == 0, 0.5, -0.5j)[:, None]
+        count = self.bins.stop - self.bins.start
+        for low in range(0, count, BLOCK):
+            high = min(low + BLOCK, count)
+            windows = sliding_window_view(self.spectra, high - low, axis=1)
+            rows = windows[source, low + self.reach - shift] * turn
+            rows += windows[source, low + self.reach + shift] * turn.conj()
+            yield slice(low, high), rows
 
 
 @lru_cache(maxsize=4)
-def _half_cosines(samples: int) -> ComplexArray:
-    """Return the spectra of the first half-cosines over a number of samples."""
+def _half_cosines(samples: int, known: int) -> ComplexArray:
+    """Return the spectra of the first half-cosines over a run, 0 outside its known samples."""
+    lost = (samples - known) // 2
     place = (np.arange(samples) + 0.5) / samples
-    terms = rfft(np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place)), norm="ortho")
-    terms.flags.writeable = False
-    return np.asarray(terms)
+    terms = np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place))
+    terms[:, :lost] = terms[:, samples - lost :] = 0.0
+    spectra = np.asarray(rfft(terms, norm="ortho"))
+    spectra.flags.writeable = False
+    return spectra
 
 
 @attrs.frozen(eq=False)
 class Record:
-    """A record in ``stacks`` of unbroken runs, from ``start`` to ``stop`` in s."""
+    """Runs of a record, and the kernel whose features multiply its signals.
 
-    stacks: tuple[Runs, ...]
-    start: float
-    stop: float
+    The ``band`` in Hz is fitted. ``powers`` are the summed squares of each signal, the torque last.
+    """
+
+    runs: tuple[Run, ...]
+    kernel: Kernel
+    band: tuple[float, float]
+    powers: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, band: tuple[float, float]) -> Record:
+    def of(
+        cls,
+        ensemble: Ensemble,
+        kernel: Kernel,
+        band: tuple[float, float],
+        instrument: Ensemble | None = None,
+    ) -> Record:
         """Divide an ensemble into runs. Raise InputError if the band has no data."""
-        rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
-        runs = [run for run in ensemble.runs if len(run) * ensemble.samples >= 2 * lost + 2]
-        if not runs or band[0] >= rate / 2:
+        lost = max(0, HALF_WIDTH - ensemble.context)
+        long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
+        runs = tuple(Run.of(ensemble, each, kernel, band, instrument) for each in long)
+        if not any(len(run.frequency) for run in runs):
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "
-                f"at {rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a "
-                f"band of {band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a "
-                "lower band"
+                f"at {ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the "
+                f"derivatives, within a band of {band[0]:g} to {band[1]:g} Hz; give context, "
+                "longer realizations or a lower band"
             )
-        lengths = dict.fromkeys(map(len, runs))
-        groups = ([run for run in runs if len(run) == length] for length in lengths)
-        stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in groups)
-        stop = max(each.clock.max() + each.samples / rate for each in stacks)
-        return cls(stacks, min(each.clock.min() for each in stacks), stop)
-
-    def kernel(self, period: float, l1: float, l2: float = ENDLESS) -> Kernel:
-        """Return the kernel with the features that matter over the record."""
-        return Kernel.of(period, l1, l2, self.start, self.stop, self.stacks[0].rate)
-
-    def with_instrument(self, other: Record) -> Record:
-        """Return the record with the angles of another record after its own."""
-        pairs = zip(self.stacks, other.stacks, strict=True)
-        signals = (np.concatenate([own.signals[:3], z.signals]) for own, z in pairs)
-        stacks = map(lambda own, each: attrs.evolve(own, signals=each), self.stacks, signals)
-        return attrs.evolve(self, stacks=tuple(stacks))
-
-    @cached_property
-    def powers(self) -> Array:
-        """Return the summed squares of each signal; the last is the torque."""
-        return np.asarray(
-            sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks)
-        )
+        return cls(runs, kernel, band, np.sum([run.powers for run in runs], axis=0))
 
     @property
     def size(self) -> int:
-        """Return the number of samples of the torque."""
-        return sum(runs.signals[-1].size for runs in self.stacks)
+        """Return the number of known samples."""
+        return sum(run.known for run in self.runs)
 
     @property
     def prior(self) -> float:
         """Return the prior precision of the external terms: two over the torque's mean square."""
         return 2 * self.size / (float(self.powers[-1]) or 1.0)
 
-    def sums(self, kernel: Kernel, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
+    def visible(self, variances: Array, noise: float) -> Mask:
+        """Return which features may exceed a share of the noise, shape (signal, column).
+
+        ``variances`` (signal,) are prior variances, ``noise`` is a sum of squares.
+        """
+        powers = variances * self.powers[: len(variances)]
+        return np.asarray(powers[:, None] >= VISIBLE * noise * self.kernel.precision)
+
+    def sums(self, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
         """Return weighted sums over the band's frequencies, of the chosen features.
 
         Real and imaginary parts count separately. Each run has its own external terms.
         """
-        size, number = np.count_nonzero(chosen) + 1, 0
-        gram = np.zeros((size, size), order="F")
-        mixed, powers = [], []
-        for runs in self.stacks:
-            weights, count = noise.weights(runs.frequency), runs.signals.shape[1]
-            terms, power = runs.external_terms(weights)
-            of_terms = terms.view(np.float64).T
-            between = np.zeros((size * count, EXTERNAL_TERMS))
-            for bins, rows in runs.rows(kernel, chosen):
+        size, number = np.count_nonzero(chosen) + 1, 0.0
+        products, mixed, powers = np.zeros((size, size), order="F"), [], []
+        for run in self.runs:
+            weights = noise.weights(run.frequency)
+            terms, power = run.external_terms(weights)
+            with_terms = np.zeros((size, EXTERNAL_TERMS))
+            for bins, rows in run.rows(self.kernel, chosen):
                 parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
-                flat = parts.reshape(size, -1)
-                gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-                within = of_terms[2 * bins.start : 2 * bins.stop]
-                between += parts.reshape(len(between), -1) @ within
-            mixed.append(between.reshape(size, -1))
-            powers.append(np.tile(power, count))
-            number += 2 * count * len(weights)
-        moments = Moments(np.asfortranarray(gram[:-1, :-1]), *Moments.of(gram, number)[1:])
-        with_terms = np.concatenate(mixed, axis=1)
-        return Sums(moments, with_terms[:-1], with_terms[-1], np.concatenate(powers), self.prior)
+                products = blas.dsyrk(
+                    1.0, parts.T, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1
+                )
+                with_terms += parts @ terms[:, bins].view(np.float64).T
+            mixed.append(with_terms)
+            powers.append(power)
+            number += 2 * len(weights) * run.known / run.samples
+        with_all = np.concatenate(mixed, axis=1)
+        return Sums(products, with_all, np.concatenate(powers), self.prior, number)
+
+
+def kernel_over(ensemble: Ensemble, l1: float, l2: float) -> Kernel:
+    """Return the kernel of an ensemble, whose period is the duration of a realization."""
+    clocks = clocks_of(ensemble)
+    span = float(np.ptp(clocks)) + ensemble.duration
+    rate = ensemble.sampling_rate
+    return Kernel.of(ensemble.duration, l1, l2, float(clocks.min()), span, rate)
 
 
 def clocks_of(ensemble: Ensemble) -> Array:
@@ -301,26 +276,10 @@ def clocks_of(ensemble: Ensemble) -> Array:
     return np.asarray(ensemble.onsets + number * span)
 
 
-def joined(ensemble: Ensemble, members: Index, context: int) -> Array:
-    """Return the angle (run, time) of consecutive realizations, with context at both ends."""
+def joined(ensemble: Ensemble, realizations: NDArray[np.int64]) -> Array:
+    """Return the angle of consecutive realizations, with what the derivatives need at the ends."""
     start, stop = ensemble.core.start, ensemble.core.stop
-    before = ensemble.angle[members[:, 0], start - context : start]
-    after = ensemble.angle[members[:, -1], stop : stop + context]
-    inside = ensemble.angle[members, start:stop].reshape(len(members), -1)
-    return np.concatenate([before, inside, after], axis=1)
-
-
-def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
-    """Return an ensemble whose angle passed a first-order lag (time constant in s) in each run.
-
-    Within an unbroken run the lag continues from one realization to the next. The first sample of a
-    run's context is taken as the end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
-    """
-    if lag == 0:
-        return ensemble
-    angle = np.empty_like(ensemble.angle)
-    for realizations in ensemble.runs:
-        (whole,) = joined(ensemble, realizations[None], ensemble.context)
-        passed = low_pass(whole, lag, ensemble.sampling_rate)
-        angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
-    return attrs.evolve(ensemble, angle=angle)
+    context = min(ensemble.context, HALF_WIDTH)
+    before = ensemble.angle[realizations[0], start - context : start]
+    after = ensemble.angle[realizations[-1], stop : stop + context]
+    return np.concatenate([before, ensemble.angle[realizations, start:stop].ravel(), after])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,9 +11,8 @@ import attrs
 import numpy as np
 
 from tvsysid.arrays import read_only
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError
 from tvsysid.methods.base import Choice, Method
-from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.signals import Array, Ensemble
@@ -32,7 +30,6 @@ BASES: tuple[Basis, ...] = (
     *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
 )
 MAX_COEFFICIENTS = 500
-MAX_VAF_LOSS = 5.0  # points that tuning may lose without a warning
 MIN_GAIN_NAT = 3.0  # log evidence by which another basis must be better: 20 to 1
 
 
@@ -241,19 +238,3 @@ class Tuned(Method):
 # What holds with any settings is that of the method.
 for _name in {*Method.__annotations__, "skip", "refit"} - {"title", "can_be_tuned"}:
     setattr(Tuned, _name, property(attrgetter(f"method.{_name}")))
-
-
-def warn_if_worse(given: Method, chosen: Method, ensemble: Ensemble) -> None:
-    """Warn if a method with the chosen settings explains much less of the torque."""
-    torque = ensemble.torque[:, ensemble.core]
-    before, after = (
-        float(np.mean(vaf(torque, method.fit(ensemble).predict(ensemble))))
-        for method in (given, chosen)
-    )
-    if after < before - MAX_VAF_LOSS:
-        warnings.warn(
-            f"{given.key}: the settings chosen explain {after:.0f} % of the torque, those given "
-            f"{before:.0f} %. Compare both before you rely on them",
-            DataQualityWarning,
-            stacklevel=4,
-        )

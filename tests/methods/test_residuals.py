@@ -60,12 +60,12 @@ def test_what_a_fit_leaves_by_smoothing_has_no_mean_response():
 
 
 def told_of(method, ensemble):
-    """Return agreement, its standard error, and whether a warning denies a second-order joint."""
+    """Return the agreement, and whether a warning denies a second-order joint."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         details = method.identify(ensemble).diagnostics.details
     told = any("not of second order" in str(item.message) for item in caught)
-    return details["second_order_agreement"], details["second_order_agreement_error"], told
+    return details["second_order_agreement"], told
 
 
 @pytest.mark.parametrize("method", [tv.EnsembleIRF(), tv.ShortDataSegments()])
@@ -74,10 +74,9 @@ def test_noise_is_no_higher_order(method):
         tv.preprocess.subtract_mean(ensemble_of(110.0, "sine", "prbs", 0.0, seed=seed))
         for seed in range(8)
     ]
-    agreements, errors, told = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
+    agreements, told = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
     assert not told.any()
     # The chosen rank takes the noise that suits it; nothing is lost to that.
-    assert agreements.mean() > 99
-    assert (100 - agreements < 4 * errors).all()
+    assert agreements.min() > 99
     with_reflexes = [told_of(method, with_reflex(ensemble, 0.6)) for ensemble in ensembles[:3]]
-    assert all(told for _, _, told in with_reflexes)
+    assert all(told for _, told in with_reflexes)

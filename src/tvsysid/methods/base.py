@@ -38,7 +38,6 @@ ROUNDING = 1e-12  # share of the largest value
 Kind = Literal["input", "reference", "scheduling"]
 
 MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %
-AGREEMENT_MARGIN = 2.0  # standard errors by which a low agreement must be below the minimum
 
 
 @attrs.frozen
@@ -326,8 +325,7 @@ def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[
     """Yield a warning for each assumption of the method that the joint violates."""
     details = model.diagnostics.details
     agreement = details.get("second_order_agreement", math.nan)
-    error = details.get("second_order_agreement_error", 0.0)
-    if agreement + AGREEMENT_MARGIN * error < MIN_AGREEMENT_PERCENT:
+    if agreement < MIN_AGREEMENT_PERCENT:
         yield (
             f"inertia, viscosity and stiffness explain only {agreement:.0f} % of the torque that "
             "depends on the angle: the joint is not of second order, so viscosity and inertia have "

@@ -52,7 +52,7 @@ class EnsembleIRF(Method):
     of a second-order fit to it, weighted by its inverse covariance
     (:func:`tvsysid.numerics.second_order.second_order_readout`). The diagnostics'
     ``second_order_agreement`` says how much of the torque that depends linearly on the angle the
-    fit explains, and ``second_order_agreement_error`` is its standard error.
+    fit explains.
 
     The bands are those of least squares at each time by itself: realizations are seconds apart,
     so that noise of any colour is white across them. The noise's strength is what all directions

@@ -33,6 +33,8 @@ WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 TINY = float(np.finfo(np.float64).tiny)  # keeps the response finite where there is no input
 
+Edges = tuple[int, int]  # times at either end without a whole window
+
 
 @attrs.frozen
 class EnsembleSpectral(shared.ByReference):
@@ -114,18 +116,18 @@ class EnsembleSpectral(shared.ByReference):
         base.check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
         before, after = length // 2, (length - 1) // 2
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
-        begin = ensemble.context + missing[0] - before
-        end = ensemble.context + ensemble.samples - missing[1] + after
-        segments = shared.Segments(ensemble, shared.hann(length) ** 2, begin, end)
+        within = slice(
+            ensemble.context + missing[0] - before,
+            ensemble.context + ensemble.samples - missing[1] + after,
+        )
         find = self._by_angle if self.reference is None else self._by_reference
-        found = find(segments, moved, missing)
+        found = find(ensemble, moved, shared.hann(length) ** 2, within, missing)
         spectra = found.spectra
         excited = spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)
         excited &= np.isfinite(found.response)
         powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         details = {"second_order_agreement": found.agreement}
-        diagnostics = Diagnostics(float(length), warnings=found.warnings, details=details)
         impedance = base.padded(found.impedance, *missing)
         return (FrequencyResponseModel if self.reference is None else InstrumentalResponseModel)(
             sampling_rate=rate,
@@ -136,43 +138,41 @@ class EnsembleSpectral(shared.ByReference):
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
-            diagnostics=diagnostics,
+            diagnostics=Diagnostics(float(length), warnings=found.warnings, details=details),
         )
 
     def _by_angle(
-        self, segments: shared.Segments, moved: Ensemble, missing: tuple[int, int]
+        self, ensemble: Ensemble, moved: Ensemble, power: Array, within: slice, missing: Edges
     ) -> Estimated:
         """Estimate where the angle is imposed."""
-        ensemble, power, begin, end = segments
         products = shared.colour_products(ensemble)
-        mirrored = begin + (len(products) - ensemble.angle.shape[1] + 1) // 2
-        angle, torque = ensemble.angle[:, begin:end], ensemble.torque[:, begin:end]
-        along = products[mirrored : mirrored + end - begin]
+        mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
+        along = products[mirrored + within.start : mirrored + within.stop]
+        angle, torque = ensemble.angle[:, within], ensemble.torque[:, within]
         spectra = shared.short_time_spectra(angle, torque, len(power), along)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = shared.SegmentFit.of(segments, products)
+        fit = shared.SegmentFit.of(ensemble, power, within, products)
         impedance, at_rest = fit.impedance, None
         warned: tuple[str, ...] = ()
         if self.stiffness == "dc":
-            warned = _leaking(response[:, 0].real, impedance[:, 0])
-            impedance[:, 0] = response[:, 0].real
-            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], fit.realizations)
+            stiffness = response[:, 0].real
+            warned = _leaking(stiffness, impedance[:, 0])
+            impedance = np.column_stack([stiffness, impedance[:, 1:]])
+            at_rest = _variance_at_rest(angle, torque, stiffness, fit.realizations)
         errors = partial(segment_errors, fit, at_rest, missing, shared.counted(ensemble))
         return Estimated(spectra, response, impedance, errors, fit.agreement, warned)
 
     def _by_reference(
-        self, segments: shared.Segments, moved: Ensemble, missing: tuple[int, int]
+        self, ensemble: Ensemble, moved: Ensemble, power: Array, within: slice, missing: Edges
     ) -> Estimated:
         """Estimate by the angle that a reference moves."""
-        ensemble, power, begin, end = segments
-        z, angle, torque = (
-            each[:, begin:end] for each in (moved.angle, ensemble.angle, ensemble.torque)
-        )
+        z, torque = moved.angle[:, within], ensemble.torque[:, within]
         spectra = shared.short_time_spectra(z, torque, len(power))
+        with_angle = shared.short_time_spectra(z, ensemble.angle[:, within], len(power))
         independent = shared.independent_realizations(ensemble)
-        ratio = _angle_ratio(shared.short_time_spectra(z, angle, len(power)), independent)
+        ratio = _angle_ratio(with_angle, independent)
         response = ratio * spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = shared.instrumental_fit(segments, moved)
+        fit = shared.instrumental_fit(ensemble, moved, power, within)
         values = base.padded(np.sqrt(fit.variances), *missing)
         errors = shared.standard_errors(values, max(1.0, independent - 3.0))
         impedance = base.padded(fit.impedance, *missing)
@@ -270,7 +270,7 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 
 
 def segment_errors(
-    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int], counted: str
+    fit: shared.SegmentFit, at_rest: Array | None, missing: Edges, counted: str
 ) -> dict[str, shared.StandardError]:
     """Return the standard errors of the second-order fit to segments, and at 0 Hz.
 

@@ -86,12 +86,12 @@ class ShortDataSegments(shared.ByReference):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        unknowns, lagged, errors = 2 * lags + 1, None, None
+        unknowns, stages, errors = 2 * lags + 1, None, None
         if self.reference is not None:
-            lagged = shared.lagged_reference(ensemble, self.reference, lags, half)
-        windows = shared.solve_windows(ensemble, lags, half, instruments=lagged)
-        if lagged is not None:
-            errors = lagged.standard_errors(windows, ensemble.samples)
+            stages = shared.TwoStage.of(ensemble, self.reference, lags, half)
+        windows = shared.solve_windows(ensemble, lags, half, instruments=stages)
+        if stages is not None:
+            errors = stages.standard_errors(ensemble, windows)
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
         enough &= windows.realizations >= MIN_REALIZATIONS
         why = (

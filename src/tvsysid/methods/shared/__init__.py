@@ -2,7 +2,6 @@
 
 from tvsysid.methods.shared.correlations import (
     impulse_response_model,
-    lagged_reference,
     solve_windows,
     window_model,
 )
@@ -20,7 +19,8 @@ from tvsysid.methods.shared.residuals import (
     second_order_agreement,
     second_order_torque,
 )
-from tvsysid.methods.shared.segments import SegmentFit, Segments, instrumental_fit
+from tvsysid.methods.shared.segments import SegmentFit, instrumental_fit
+from tvsysid.methods.shared.two_stage import TwoStage
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import PRIORS, Moments, Regression

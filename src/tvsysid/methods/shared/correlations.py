@@ -13,20 +13,18 @@ from scipy.linalg import toeplitz
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
-from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
-from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, LaggedReference
+from tvsysid.methods.shared.two_stage import UNIDENTIFIABLE, TwoStage, within_reach
 from tvsysid.models import Diagnostics, StandardError
-from tvsysid.numerics.instrument import lag_samples
-from tvsysid.numerics.moments import (
-    diagonal_moments,
-    lagged_moments,
-    sliding_sum,
-    time_chunks,
-)
+from tvsysid.numerics.moments import diagonal_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, full, truncated
-from tvsysid.numerics.second_order import agreement, second_order_readout
+from tvsysid.numerics.second_order import (
+    agreement_of_moments,
+    derivative_filters,
+    second_order_fit,
+    second_order_readout,
+)
 from tvsysid.signals import Array, Ensemble
 
 Solver = Callable[[Array, Array, Array, Array], Solution]
@@ -35,44 +33,30 @@ Solver = Callable[[Array, Array, Array, Array], Solution]
 class Windows(NamedTuple):
     """Least squares in a window about each time whose ``lags`` lie within the context.
 
-    There are ``realizations`` realizations. The windows reach ``half`` samples to either side, of
-    which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and ``rank`` describe
-    the solution. These have shape (time,): the number of ``samples`` in the window, the number of
-    ``independent`` ones, the ``noise`` variance, its degrees of ``freedom``, and three powers of
-    the torque. A second-order fit explains ``fitted``, lagged angles explain ``beyond`` more, and
-    noise would make them explain ``chance`` more. ``readout`` (time, 3, lag) gives stiffness,
-    viscosity and inertia from the correlations. The ``impedance`` has shape (time, 3). With
-    instruments, ``on_instruments`` (time, 3, lag) gives it from their correlations with the torque.
+    There are ``realizations`` independent realizations. The windows reach ``half`` samples to
+    either side, of which ``margin`` may lie beyond the realization. ``weights`` (time, lag) and
+    ``rank`` describe the solution. These have shape (time,): the number of ``samples`` in the
+    window, the number of ``independent`` ones, the ``noise`` variance and its degrees of
+    ``freedom``. ``readout`` (time, 3, lag) gives stiffness, viscosity and inertia from the
+    correlations. The ``impedance`` has shape (time, 3). With instruments, ``on_instruments``
+    (time, 3, lag) gives it from their correlations with the torque. ``agreement`` (per cent) is how
+    much of the torque that depends on the angle a second-order fit explains.
     """
 
     realizations: int
     lags: int
     half: int
     margin: int
+    agreement: float
     weights: Array
     rank: Array
     samples: Array
     independent: Array
     noise: Array
     freedom: Array
-    fitted: Array
-    beyond: Array
-    chance: Array
     readout: Array
     impedance: Array
     on_instruments: Array
-
-    def noise_correlation(self, ensemble: Ensemble) -> Array:
-        """Return the autocorrelation of the noise, from the residual of the windows.
-
-        It reaches to twice the lags plus four times ``half``.
-        """
-        reach = 2 * (self.lags + 2 * self.half)
-        # So many lagged angles share hardly anything with those of the next sample: the fit takes
-        # variance only.
-        taken = np.zeros(reach + 1)
-        taken[0] = np.mean(self.rank / self.independent)
-        return noise_correlation(autocovariance(residual(ensemble, self.weights), reach), taken)
 
 
 def solve_windows(
@@ -80,7 +64,7 @@ def solve_windows(
     lags: int,
     half: int,
     solve: Solver = truncated,
-    instruments: LaggedReference | None = None,
+    instruments: TwoStage | None = None,
 ) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)` at each time.
 
@@ -89,25 +73,25 @@ def solve_windows(
     from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
     The noise is the residual of all directions of the lagged angles. The residual of the truncated
     solution would be too small, because the same noise chose its directions. With ``instruments``
-    the correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
+    the correlations are theirs (:class:`TwoStage`), truncated at a threshold.
     """
-    angle, torque, margin = _within_reach(ensemble, lags, half)
+    angle, torque, margin = within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
-    parts = []
+    derivative = derivative_filters(lags, ensemble.sampling_rate)
+    parts, moments = [], np.zeros((2 * lags + 1, 2 * lags + 1))
     for chunk in time_chunks(times - 2 * margin, 2 * lags + 1):
         begin, end = max(0, chunk.start + margin - half), min(times, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
-        signals = angle[:, within], torque[:, within]
-        summed = (np.ones(end - begin), *lagged_moments(*signals, lags))
-        samples, *sums = (sliding_sum(moments, half, half)[centres] for moments in summed)
+        summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
+        samples, *sums = (sliding_sum(each, half, half)[centres] for each in summed)
         phi_uu, phi_uy, square, mean = (
             total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
         )
         count, independent = samples * len(ensemble), samples * realizations
         projection = np.empty((len(count), 2 * lags + 1, 0))
         if instruments is not None:
-            phi_uu, phi_uy, projection = instruments.projected(begin, end, half, centres)
+            phi_uu, phi_uy, projection = instruments.projected(chunk)
             solution = full(phi_uu, phi_uy, UNIDENTIFIABLE)
         else:
             variance = (square - mean**2) * count / np.maximum(count - 1, 1)
@@ -118,13 +102,21 @@ def solve_windows(
         freedom = independent - solution.usable
         left = np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
-        chance = noise * np.maximum(solution.usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
-        of_noise = noise, freedom, fitted, solution.explained - fitted, chance
+        # what a second-order fit leaves of the torque, and of its correlations
+        fit = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T).impedance
+        beyond = phi_uy - (phi_uu @ (fit @ derivative)[..., None])[..., 0]
+        moments += phi_uu.sum(axis=0)
+        second_order = fitted, square - fitted, beyond
+        of_noise = count, independent, noise, freedom
         of_readout = readout, impedance, readout @ projection
-        parts.append((*solution[:2], count, independent, *of_noise, *of_readout))
-    arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return Windows(realizations, lags, half, margin, *arrays)
+        parts.append((*second_order, *solution[:2], *of_noise, *of_readout))
+    arrays = [np.concatenate(values) for values in zip(*parts, strict=True)]
+    known = np.isfinite(arrays[0])
+    fitted, left, beyond = (each[known].sum(axis=0) / max(known.sum(), 1) for each in arrays[:3])
+    count = times - 2 * margin
+    agreement = agreement_of_moments(fitted, beyond, moments / count, left, count * len(ensemble))
+    return Windows(realizations, lags, half, margin, agreement, *arrays[3:])
 
 
 def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
@@ -140,7 +132,7 @@ def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array
     """
     half, margin, length = windows.half, windows.margin, 2 * windows.lags + 1
     last = len(products) - length  # the latest centre of lagged angles
-    correlation = toeplitz(noise[: 2 * half + 1])
+    correlation = toeplitz(noise)
     out = np.empty((len(windows.weights), 3))
     for time, readout in enumerate(windows.readout[:, :, ::-1]):
         # Where the context ends, a window is cut short.
@@ -191,44 +183,21 @@ def window_model(
     errors: Errors | None = None,
 ) -> ImpulseResponseModel:
     """Return the model of windows. Its errors are the :func:`window_errors` if none are given."""
-    missing, noise = missing_edge(windows.lags, ensemble), windows.noise_correlation(ensemble)
+    missing, half, lags = missing_edge(windows.lags, ensemble), windows.half, windows.lags
     if errors is None:
-        angle, _, _ = _within_reach(ensemble, windows.lags, windows.half)
-        products = diagonal_moments(angle, angle, 2 * (windows.lags + windows.half))
+        angle, _, _ = within_reach(ensemble, lags, half)
+        products = diagonal_moments(angle, angle, 2 * (lags + half))
+        # So many lagged angles share hardly anything with those of the next sample: the fit takes
+        # variance only.
+        taken = np.zeros(2 * half + 1)
+        taken[0] = np.mean(windows.rank / windows.independent)
+        covariance = autocovariance(residual(ensemble, windows.weights), 2 * half)
+        noise = noise_correlation(covariance, taken)
         errors = partial(window_errors, windows, products, noise, missing, enough, reason)
-    # With few samples for so many lags the noise, and so chance, is hardly known.
-    chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
-    details = {
-        "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
-        "second_order_agreement_error": _agreement_error(windows, chance, noise),
-    }
     rank = padded(windows.rank.astype(float), missing)
+    details = {"second_order_agreement": windows.agreement}
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     return impulse_response_model(ensemble, windows.weights, windows.impedance, diagnostics, errors)
-
-
-def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
-    r"""Return the standard error of the second-order agreement in per cent.
-
-    The joint is taken to be of second order. By noise alone, m directions of lagged angles explain
-    some torque beyond the second-order fit. At one time, the variance of its power is
-    :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of
-    freedom. At times d samples apart, the powers are correlated as far as the times share lagged
-    angles, and by the squared correlation of their noise.
-    """
-    known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
-    if not known.any():
-        return float("nan")
-    # noiseless times are not among them
-    directions = chance[known] / windows.noise[known] * windows.samples[known]
-    variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
-    span = 2 * (windows.lags + windows.half) + 1
-    window = np.bartlett(4 * windows.half + 3)[1:-1]
-    smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
-    shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
-    total = float(np.sum((windows.fitted + windows.beyond)[known]))
-    error = np.sqrt(variance * (2 * shared.sum() - 1))
-    return float(100 * error / total) if total > 0 else float("nan")
 
 
 def impulse_response_model(
@@ -253,30 +222,3 @@ def impulse_response_model(
         lags=np.arange(-lags, lags + 1) / rate,
         diagnostics=diagnostics,
     )
-
-
-def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -> LaggedReference:
-    """Return the lags of a reference as far as windows and lags reach.
-
-    See :meth:`LaggedReference.projected`.
-    """
-    angle, torque, margin = _within_reach(ensemble, lags, half)
-    late = max(lags, lag_samples(ensemble.sampling_rate)[1])
-    first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
-    whole = reference_around(ensemble, reference, late, 0)
-    return LaggedReference(
-        whole[:, first + lags : first + late + angle.shape[1]], angle, torque, lags
-    )
-
-
-def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
-    """Return angle and torque as far as lags and window reach, and the margin of the window.
-
-    The margin is the number of samples beyond the realization that a window may use.
-    """
-    missing = missing_edge(lags, ensemble)
-    # Beyond the realization, the window may use the context that the lags leave.
-    margin = min(half, max(0, ensemble.context - lags))
-    first = ensemble.context + missing - margin - lags
-    reach = slice(first, ensemble.angle.shape[1] - first)
-    return ensemble.angle[:, reach], ensemble.torque[:, reach], margin

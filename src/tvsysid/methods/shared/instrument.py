@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import attrs
 import numpy as np
@@ -24,7 +24,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.methods.shared.residuals import independent_realizations
-from tvsysid.methods.shared.segments import Segments, instrumental_fit
+from tvsysid.methods.shared.segments import instrumental_fit
 from tvsysid.models import Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
@@ -43,9 +43,8 @@ WINDOW = 0.30  # s over which the strength at a time counts
 class ByReference(Method):
     """Identify a joint, also in closed loop if a ``reference`` moves the angle.
 
-    A subclass implements ``_fit``. ``least_share`` is the smallest share of the angle that the
-    reference must predict. ``bands_need_strength`` says whether bands need a strong instrument at
-    each time.
+    A subclass implements ``_fit``. ``bands_need_strength`` says whether bands need a strong
+    instrument at each time.
     """
 
     reference: str | None
@@ -70,105 +69,81 @@ class ByReference(Method):
         """Return the model of an ensemble."""
         if self.reference is None:
             return self._fit(ensemble, ensemble)
-        instrument = Instrument.of(self.key, ensemble, self.reference, self.least_share)
-        model = self._fit(ensemble, instrument.moved)
-        return instrument.annotated(model, self.bands_need_strength)
+        moved, explained = self._moved(ensemble, self.reference)
+        model = self._fit(ensemble, moved)
+        return self._annotated(model, explained, instrument_strength(ensemble, moved), ensemble)
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         if self.reference is None:
             return self._open_loop_evidence(ensemble, seed)
-        instrument = Instrument.of(self.key, ensemble, self.reference, self.least_share)
-        return with_settings(self, reference=None)._evidence(instrument.moved, seed)
+        moved, _ = self._moved(ensemble, self.reference)
+        return with_settings(self, reference=None)._evidence(moved, seed)
 
     @abstractmethod
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         """Return the evidence for settings where the angle is imposed."""
 
+    def _moved(self, ensemble: Ensemble, reference: str) -> tuple[Ensemble, float]:
+        """Return the ensemble as the reference alone would have moved it.
 
-class Instrument(NamedTuple):
-    r"""Ensemble as the ``reference`` alone would have ``moved`` it, and its instrument strength.
-
-    ``explained`` is the predicted share of the angle in held-out realizations. ``strength``
-    (time,) is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
-    product of instrument and angle in a realization about a time, without the parts of viscosity
-    and inertia. Where the strength is less than ``needed``, the data set no limit to the stiffness
-    (Anderson & Rubin 1949).
-    """
-
-    moved: Ensemble
-    explained: float
-    strength: Array
-    needed: float
-    reference: str
-
-    @classmethod
-    def of(
-        cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY_MOVED
-    ) -> Instrument:
-        """Predict the angle from the reference.
-
-        Raise InputError if the reference predicts less than the share ``least`` of the angle.
+        Return also the share of the angle that the reference predicts in held-out realizations.
+        Raise InputError if this is less than ``least_share``.
         """
         moved = attrs.evolve(ensemble, angle=_predicted(ensemble, reference))
         measured, angle = (each.angle[:, ensemble.core] for each in (ensemble, moved))
         left = measured - angle
         explained = 1 - float(np.vdot(left, left) / np.vdot(measured, measured))
-        if not explained >= least:
+        if not explained >= self.least_share:
             raise InputError(
-                f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts "
-                f"{_percent(explained)} of it, at least {_percent(least)} are needed. Is it the "
-                "right channel, and in time with the angle? If so, disturb more "
-                f"strongly{_alternative(reference) if least > LEAST else ''}"
+                f"{self.key}: the disturbance {reference!r} hardly moves the angle: it predicts "
+                f"{_percent(explained)} of it, at least {_percent(self.least_share)} are needed. "
+                "Is it the right channel, and in time with the angle? If so, disturb more "
+                f"strongly{self._alternative() if self.least_share > LEAST else ''}"
             )
-        freedom = independent_realizations(ensemble) - 3
-        needed = stdtrit(freedom, 0.975) ** 2 * (freedom + 3) / freedom if freedom > 0 else np.inf
-        return cls(
-            moved,
-            explained,
-            _strength(ensemble, moved),
-            float(needed),
-            reference,
-        )
+        return moved, explained
 
-    def annotated(self, model: Model, bands_need_strength: bool) -> Model:
+    def _annotated(
+        self, model: Model, explained: float, strength: Array, ensemble: Ensemble
+    ) -> Model:
         """Return a model with the details and warnings of the instrument in its diagnostics.
 
-        Where the instrument is weak there are no bands, if they need its strength.
+        Where the ``strength`` is less than needed, the data set no limit to the stiffness (Anderson
+        & Rubin 1949). There are no bands there, if they need its strength.
         """
-        weak = ~(self.strength >= self.needed)
-        reason = (
-            "the reference hardly moves the angle there, or in too few realizations "
-            f"(instrument_strength of less than {self.needed:.3g}); record more, disturb more "
-            f"strongly{_alternative(self.reference)}"
-        )
+        freedom = independent_realizations(ensemble) - 3
+        needed = stdtrit(freedom, 0.975) ** 2 * (freedom + 3) / freedom if freedom > 0 else np.inf
         found, estimates = [], model.estimates
-        if self.explained < WEAK:
+        if explained < WEAK:
             found.append(
-                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the "
-                f"angle: the random error is large; disturb more strongly, or use a stiffer "
-                "actuator"
+                f"the reference {self.reference!r} predicts only {_percent(explained)} of the "
+                "angle: the random error is large; disturb more strongly, or use a stiffer actuator"
             )
-        if bands_need_strength:
+        weak = ~(strength >= needed)
+        if self.bands_need_strength and weak.any():
+            reason = (
+                "the reference hardly moves the angle there, or in too few realizations "
+                f"(instrument_strength of less than {needed:.3g}); record more, disturb more "
+                f"strongly{self._alternative()}"
+            )
+            found.append(f"no band at {_percent(weak.mean())} of the times: {reason}")
             estimates = {
                 name: attrs.evolve(each, error=partial(_where_strong, each, weak, reason))
                 for name, each in estimates.items()
             }
-            if weak.any():
-                found.append(f"no band at {_percent(weak.mean())} of the times: {reason}")
-        known = self.strength[np.isfinite(self.strength)]
         details = {
-            "predicted_by_reference": 100 * self.explained,
-            "instrument_strength_median": float(np.median(known)) if known.size else np.nan,
-            "instrument_strength_least": float(known.min()) if known.size else np.nan,
-            "instrument_strength_needed": self.needed,
+            "predicted_by_reference": 100 * explained,
+            "instrument_strength_needed": float(needed),
         }
         diagnostics = attrs.evolve(
             model.diagnostics,
-            strength=self.strength,
+            strength=strength,
             warnings=(*model.diagnostics.warnings, *found),
             details={**model.diagnostics.details, **details},
         )
         return attrs.evolve(model, estimates=estimates, diagnostics=diagnostics)
+
+    def _alternative(self) -> str:
+        return f", or use kbr:reference={self.reference},weighting=residual, which needs less"
 
 
 def _where_strong(estimate: Estimate, weak: NDArray[np.bool_], reason: str) -> StandardError | None:
@@ -213,10 +188,12 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
     return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)
 
 
-def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
-    """Return the strength (time,) of the instrument about each time.
+def instrument_strength(ensemble: Ensemble, moved: Ensemble) -> Array:
+    r"""Return the strength (time,) of the instrument about each time.
 
-    Where the window reaches too far, the strength is that of the nearest window.
+    It is :math:`(\sum_r q_r)^2 / \sum_r q_r^2`, at most the number of realizations. q is the
+    product of instrument and angle in a realization about a time, without the parts of viscosity
+    and inertia. Where the window reaches too far, the strength is that of the nearest window.
     """
     power = hann(max(4, round(WINDOW * ensemble.sampling_rate))) ** 2
     before, after = len(power) // 2, (len(power) - 1) // 2
@@ -224,12 +201,8 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
     begin, end = ensemble.core.start + early - before, ensemble.core.stop - late + after
     if end - begin < len(power) + 2 * HALF_WIDTH:
         return np.full(ensemble.samples, np.nan)
-    strength = instrumental_fit(Segments(ensemble, power, begin, end), moved).strength
+    strength = instrumental_fit(ensemble, moved, power, slice(begin, end)).strength
     return np.pad(strength, (early, late), mode="edge")
-
-
-def _alternative(reference: str) -> str:
-    return f", or use kbr:reference={reference},weighting=residual, which needs less"
 
 
 def _percent(share: float) -> str:

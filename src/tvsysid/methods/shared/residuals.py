@@ -208,8 +208,8 @@ def posterior_errors(
     Parameters
     ----------
     expansions, covariances
-        Functions of time (time, function) of stiffness, viscosity and inertia, as far as the model
-        has them; covariances of their coefficients.
+        Functions of time (time, function) of stiffness, viscosity and inertia; covariances of
+        their coefficients.
     freedom
         Degrees of freedom.
     times, missing
@@ -225,11 +225,8 @@ def posterior_errors(
     if colour is not None:
         noise, factors = colour.noise_and_factors()
         factors *= stronger / max(power_in_band(noise, *band), LEAST_POWER)
-    errors = {
-        name: StandardError.none(times, f"the model has no {name} (order {len(factors) - 1})")
-        for name in IMPEDANCE[len(factors) :]
-    }
-    parts = zip(IMPEDANCE, factors, expansions, covariances, strict=False)
+    errors = {}
+    parts = zip(IMPEDANCE, factors, expansions, covariances, strict=True)
     for name, factor, expansion, covariance in parts:
         variance = factor * np.einsum(
             "tj,jk,tk->t", expansion, covariance, expansion, optimize=True

@@ -29,43 +29,20 @@ from tvsysid.numerics.second_order import derivative_filters, second_order_fit
 from tvsysid.signals import Array, Ensemble
 
 
-class Segments(NamedTuple):
-    """Segments of an ensemble about each time that lie between two samples.
+def segment_signals(ensemble: Ensemble, within: slice) -> tuple[Array, slice]:
+    """Return angle, velocity, acceleration and torque, and the samples at which they are known.
 
-    The samples ``begin`` and ``end`` count the context. ``power`` (sample,) is the squared window.
-    Where the derivatives lack samples, segments are cut short: only the samples from ``first`` to
-    ``last`` count.
+    The samples ``within`` count the context. The signals (4, realization, sample) are 0 where the
+    derivatives lack samples.
     """
-
-    ensemble: Ensemble
-    power: Array
-    begin: int
-    end: int
-
-    @property
-    def first(self) -> int:
-        """Return the first sample at which the derivatives are known."""
-        return max(HALF_WIDTH, self.begin)
-
-    @property
-    def last(self) -> int:
-        """Return the end of the samples at which the derivatives are known."""
-        return min(self.ensemble.samples + 2 * self.ensemble.context - HALF_WIDTH, self.end)
-
-    @property
-    def known(self) -> slice:
-        """Return the samples at which the derivatives are known, from ``begin`` on."""
-        return slice(self.first - self.begin, self.last - self.begin)
-
-    def derivatives(self, angle: Array) -> Array:
-        """Return an angle and its derivatives, shape (3, realization, known sample)."""
-        within = angle[:, self.first - HALF_WIDTH : self.last + HALF_WIDTH]
-        return differentiate(within, self.ensemble.sampling_rate)
-
-    @property
-    def torque(self) -> Array:
-        """Return the torque, shape (realization, known sample)."""
-        return self.ensemble.torque[:, self.first : self.last]
+    begin, end = within.start, within.stop
+    first, last = max(HALF_WIDTH, begin), min(ensemble.angle.shape[1] - HALF_WIDTH, end)
+    known = slice(first - begin, last - begin)
+    signals = np.zeros((4, len(ensemble), end - begin))
+    angle = ensemble.angle[:, first - HALF_WIDTH : last + HALF_WIDTH]
+    signals[:3, :, known] = differentiate(angle, ensemble.sampling_rate)
+    signals[3, :, known] = ensemble.torque[:, first:last]
+    return signals, known
 
 
 class InstrumentalFit(NamedTuple):
@@ -79,7 +56,9 @@ class InstrumentalFit(NamedTuple):
     strength: Array
 
 
-def instrumental_fit(segments: Segments, moved: Ensemble) -> InstrumentalFit:
+def instrumental_fit(
+    ensemble: Ensemble, moved: Ensemble, power: Array, within: slice
+) -> InstrumentalFit:
     r"""Fit the impedance of segments by instruments z, from the angle of the ensemble ``moved``.
 
     .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
@@ -87,17 +66,13 @@ def instrumental_fit(segments: Segments, moved: Ensemble) -> InstrumentalFit:
               V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
 
     The realizations are the independent samples, so that the noise may have any colour and
-    strength.
+    strength. ``power`` (sample,) is the squared window w.
     """
-    ensemble, power, begin, end = segments
-    weights = np.broadcast_to(power[::-1], (end - begin - len(power) + 1, len(power)))
-    z = segments.derivatives(moved.angle)
-    x = np.concatenate([segments.derivatives(ensemble.angle), segments.torque[None]])
+    (z, _), (x, _) = (segment_signals(each, within) for each in (moved, ensemble))
+    weights = np.broadcast_to(power[::-1], (z.shape[2] - len(power) + 1, len(power)))
     products = np.empty((len(ensemble), len(weights), 3, 4))
-    product = np.zeros((len(ensemble), end - begin))
     for a, b in itertools.product(range(3), range(4)):
-        np.multiply(z[a], x[b], out=product[:, segments.known])
-        products[:, :, a, b] = convolve_lags(product, weights)
+        products[:, :, a, b] = convolve_lags(z[a] * x[b], weights)
     sums = products.sum(axis=0)
     impedance, inverse = second_order_fit(sums[..., :3], sums[..., 3])
     scores = products[..., 3] - np.einsum("rtij,tj->rti", products[..., :3], impedance)
@@ -113,12 +88,14 @@ def instrumental_fit(segments: Segments, moved: Ensemble) -> InstrumentalFit:
 class SegmentFit(NamedTuple):
     """Least-squares fit to segments.
 
-    ``impedance`` has shape (time, 3), ``agreement`` is in per cent. ``moments`` (sample, 4, 4) of
-    angle, velocity, acceleration and torque are sums over realizations, of which ``realizations``
-    are independent. They are 0 but at the ``known`` samples.
+    ``impedance`` has shape (time, 3), ``inverse`` (time, 3, 3) is that of the regressors' moments,
+    ``agreement`` is in per cent. ``moments`` (sample, 4, 4) of angle, velocity, acceleration and
+    torque are sums over realizations, of which ``realizations`` are independent. They are 0 but at
+    the ``known`` samples. ``power`` (sample,) is the squared window.
     """
 
     impedance: Array
+    inverse: Array
     agreement: float
     moments: Array
     known: slice
@@ -127,43 +104,42 @@ class SegmentFit(NamedTuple):
     colour: Colour
 
     @classmethod
-    def of(cls, segments: Segments, products: Array) -> SegmentFit:
+    def of(cls, ensemble: Ensemble, power: Array, within: slice, products: Array) -> SegmentFit:
         """Fit segments. ``products`` are the :func:`colour_products` of the angle."""
-        ensemble, power, begin, end = segments
-        signals = *segments.derivatives(ensemble.angle), segments.torque
-        moments = np.zeros((end - begin, 4, 4))
+        signals, known = segment_signals(ensemble, within)
+        moments = np.empty((signals.shape[2], 4, 4))
         for a, b in itertools.combinations_with_replacement(range(4), 2):
-            moments[segments.known, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
-            moments[:, b, a] = moments[:, a, b]
+            moments[:, a, b] = moments[:, b, a] = np.einsum("rt,rt->t", signals[a], signals[b])
         sums = window_sums(moments, power)
-        impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+        impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
         # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-        known, centre = segments.known, len(power) // 2
+        centre = len(power) // 2
         start, stop = max(known.start, centre), min(known.stop, centre + len(impedance))
-        at_centre = impedance[start - centre : stop - centre].T
-        inner = slice(start - known.start, stop - known.start)
+        inner, at_centre = slice(start, stop), impedance[start - centre : stop - centre].T
         parts = (each[:, inner] * own for each, own in zip(signals, at_centre, strict=False))
-        left = segments.torque[:, inner] - sum(parts)
+        left = signals[3, :, inner] - sum(parts)
         # The response itself would not do for a comparison, because leakage takes more from it
         # than higher dynamics.
-        agreement = residual_agreement(ensemble, ensemble, left, begin + start - ensemble.context)
+        agreement = residual_agreement(
+            ensemble, ensemble, left, within.start + start - ensemble.context
+        )
         taken = _taken(power, len(ensemble), colour_lags(ensemble) + 1)
         filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         colour = Colour.of(ensemble, left, taken, filters, products)
         realizations = independent_realizations(ensemble)
-        return cls(impedance, agreement, moments, known, power, realizations, colour)
+        return cls(impedance, inverse, agreement, moments, known, power, realizations, colour)
 
     def variances(self) -> Array:
         """Return the variances (time, 3) of stiffness, viscosity and inertia."""
         sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
-        fourth = fourth[:, :3, :3]
-        impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+        fourth, inverse = fourth[:, :3, :3], self.inverse
         known = np.zeros(len(self.moments))
         known[self.known] = self.realizations
         freedom = sliding_window_view(known, len(self.power)) @ self.power
         freedom -= np.einsum("tmk,tkm->t", inverse, fourth)
-        left = np.maximum(sums[:, 3, 3] - np.einsum("tm,tm->t", impedance, sums[:, :3, 3]), 0.0)
+        fitted = np.einsum("tm,tm->t", self.impedance, sums[:, :3, 3])
+        left = np.maximum(sums[:, 3, 3] - fitted, 0.0)
         noise = np.where(freedom > 0, left / np.where(freedom > 0, freedom, 1.0), np.nan)
         white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
         overlap = _overlap(self.power, len(self.colour.covariance))
@@ -183,8 +159,8 @@ def window_sums(moments: Array, weights: Array) -> Array:
 
 def _overlap(power: Array, lags: int) -> Array:
     """Return the sum over a segment of the products of lagged weights, shape (lag,)."""
-    products = np.correlate(power, power, mode="full")[len(power) - 1 :][:lags]
-    return np.pad(products, (0, lags - len(products)))
+    products = np.correlate(np.pad(power, (0, lags)), power)
+    return np.asarray(products[:lags])
 
 
 def _taken(power: Array, count: int, lags: int) -> Array:
@@ -192,7 +168,6 @@ def _taken(power: Array, count: int, lags: int) -> Array:
 
     The fit has three regressors, and the segment is weighted.
     """
-    centre = len(power) // 2
-    own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
+    own = np.pad(power[len(power) // 2 :], (0, lags))[:lags]
     total = float(power.sum())
     return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.methods.base import padded
+from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.shared.estimates import standard_errors
+from tvsysid.methods.shared.instrument import reference_around
+from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import StandardError
-from tvsysid.numerics import Array
-from tvsysid.numerics.moments import convolve_lags, diagonal_moments, sliding_sum, window_moments
+from tvsysid.numerics.instrument import lag_samples
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     from tvsysid.methods.shared.correlations import Windows
@@ -21,56 +25,58 @@ COLLINEAR = 1e-3
 UNIDENTIFIABLE = 1e-2
 
 
-class LaggedReference(NamedTuple):
-    r"""Lags of a reference as instruments for lagged angles, ``lags`` to either side.
+class TwoStage(NamedTuple):
+    r"""Lags of a reference z as instruments for lagged angles u, and the torque y.
 
-    ``angle`` and ``torque`` (realization, time) as far as windows and lags reach; ``reference``
-    with as many more samples before them as it has more lags than the angle.
+    z and u have shape (realization, sample, lag), y (realization, sample). The window about a time
+    reaches ``half`` samples to either side, of which ``margin`` may lie beyond the realization.
 
     .. math:: \Phi = \Phi_{zu}^T \Phi_{zz}^+ \Phi_{zu}, \qquad
               \varphi = \Phi_{zu}^T \Phi_{zz}^+ \varphi_{zy}
 
-    take the place of the correlations of lagged angles, sums over a window being taken before.
+    take the place of the correlations of lagged angles.
     """
 
-    reference: Array
-    angle: Array
-    torque: Array
-    lags: int
+    z: Array
+    u: Array
+    y: Array
+    half: int
+    margin: int
 
-    @property
-    def more(self) -> int:
-        """Return how many more lags the reference has than the angle."""
-        return int(self.reference.shape[1] - self.angle.shape[1])
+    @classmethod
+    def of(cls, ensemble: Ensemble, reference: str, lags: int, half: int) -> TwoStage:
+        """Take the lags of a reference as far as windows and lags reach, into the past or 0.3 s."""
+        angle, torque, margin = within_reach(ensemble, lags, half)
+        late = max(lags, lag_samples(ensemble.sampling_rate)[1])
+        whole = reference_around(ensemble, reference, late, 0)
+        first = ensemble.context + missing_edge(lags, ensemble) - margin
+        whole = whole[:, first : first + late - lags + angle.shape[1]]
+        z = sliding_window_view(whole, lags + late + 1, axis=1)[..., ::-1]
+        u = sliding_window_view(angle, 2 * lags + 1, axis=1)[..., ::-1]
+        return cls(z, u, torque[:, lags : torque.shape[1] - lags], half, margin)
 
-    def projected(
-        self, begin: int, end: int, half: int, centres: slice
-    ) -> tuple[Array, Array, Array]:
-        """Return the correlations of windows, and the projection (time, lag, lag) on instruments.
+    def windows(self, times: range) -> Iterator[tuple[Array, Array, Array]]:
+        """Yield the parts of z, u and y in the windows about some times."""
+        for time in times:
+            centre = time + self.margin
+            window = slice(max(0, centre - self.half), centre + self.half + 1)
+            yield self.z[:, window], self.u[:, window], self.y[:, window]
 
-        The windows lie about ``centres`` among the times from ``begin`` to ``end``.
-        """
-        lags, more = self.lags, self.more
-        z = self.reference[:, begin : end + 2 * lags + more]
-        u = np.pad(self.angle[:, begin : end + 2 * lags], ((0, 0), (more, 0)))
-        y = self.torque[:, begin + lags : end + lags]
-        samples = sliding_sum(np.ones(end - begin), half, half)[centres]
-        moments = (
-            window_moments(z, z, lags + more, lags)[:, ::-1, ::-1],
-            window_moments(z, u, lags + more, lags)[:, ::-1, : more - 1 if more else None : -1],
-            diagonal_moments(y, z, 2 * lags + more)[:, ::-1, None],
-        )
-        of_z, with_u, with_y = (
-            sliding_sum(each, half, half)[centres] / samples[:, None, None] for each in moments
-        )
-        values, vectors = np.linalg.eigh(of_z)
-        kept = values > COLLINEAR * values[:, -1:]
-        whitened = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
-        of_u = whitened.transpose(0, 2, 1) @ with_u
-        projection = of_u.transpose(0, 2, 1) @ whitened.transpose(0, 2, 1)
-        return of_u.transpose(0, 2, 1) @ of_u, (projection @ with_y)[..., 0], projection
+    def projected(self, chunk: slice) -> tuple[Array, Array, Array]:
+        """Return the correlations of windows, and the projections (time, lag, lag)."""
+        found = []
+        for z, u, y in self.windows(range(chunk.start, chunk.stop)):
+            flat = z.reshape(y.size, -1)
+            values, vectors = np.linalg.eigh(flat.T @ flat / y.size)
+            kept = values > COLLINEAR * values[-1]
+            whitened = vectors[:, kept] / np.sqrt(values[kept])
+            of_u = (flat @ whitened).T @ u.reshape(y.size, -1) / y.size
+            projection = of_u.T @ whitened.T
+            found.append((of_u.T @ of_u, projection @ (y.ravel() @ flat) / y.size, projection))
+        phi_uu, phi_uy, projections = (np.array(each) for each in zip(*found, strict=True))
+        return phi_uu, phi_uy, projections
 
-    def standard_errors(self, windows: Windows, times: int) -> dict[str, StandardError]:
+    def standard_errors(self, ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
         r"""Return the standard errors of the impedance: the sandwich of the realizations' scores.
 
         .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad
@@ -78,27 +84,29 @@ class LaggedReference(NamedTuple):
 
         with G the matrix that gives the impedance from the instruments' correlations with the
         torque, and e the residual torque, corrected for the degrees of freedom. The noise may be
-        of any kind. ``times`` is the number of times of a realization.
+        of any kind.
         """
-        count, cut, length = len(windows.weights), windows.half - windows.margin, 2 * self.lags + 1
-        angle, torque, reference = (
-            np.pad(each, ((0, 0), (cut, cut))) for each in (self.angle, self.torque, self.reference)
-        )
-        scores = np.zeros((3, len(angle), count))
-        for first in range(2 * windows.half + 1):  # sample of each window
-            stop = first + count + length - 1
-            left = torque[:, first + self.lags : stop - self.lags]
-            left = left - convolve_lags(angle[:, first:stop], windows.weights)
-            place = np.arange(first - cut, first - cut + count)
-            # Where the context ends, a window is cut short.
-            left[:, (place < 0) | (place > self.angle.shape[1] - length)] = 0.0
-            late = reference[:, first : stop + self.more]
-            for quantity in range(3):
-                weights = windows.on_instruments[:, quantity]
-                scores[quantity] += left * convolve_lags(late, weights)
-        independent = windows.realizations
-        share = len(self.angle) / (independent - 1) if independent > 1 else np.nan
+        squares = np.empty(windows.impedance.shape)
+        for time, (z, u, y) in enumerate(self.windows(range(len(squares)))):
+            left = y - u @ windows.weights[time]
+            effects = z @ windows.on_instruments[time].T
+            scores = np.einsum("rwq,rw->rq", effects, left) / y.size
+            squares[time] = np.sum(scores**2, axis=0)
+        independent = independent_realizations(ensemble)
+        share = len(ensemble) / (independent - 1) if independent > 1 else np.nan
         untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
-        values = np.sqrt(share * np.sum(scores**2, axis=1) / untaken) / windows.samples
-        padding = (times - count) // 2
-        return standard_errors(padded(values.T, padding), max(1.0, independent - 1.0))
+        values = np.sqrt(share * squares / untaken[:, None])
+        padding = (ensemble.samples - len(values)) // 2
+        return standard_errors(padded(values, padding), max(1.0, independent - 1.0))
+
+
+def within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
+    """Return angle and torque as far as lags and window reach, and the margin of the window.
+
+    The margin is the number of samples beyond the realization that a window may use: the context
+    that the lags leave.
+    """
+    margin = min(half, max(0, ensemble.context - lags))
+    first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
+    reach = slice(first, ensemble.angle.shape[1] - first)
+    return ensemble.angle[:, reach], ensemble.torque[:, reach], margin

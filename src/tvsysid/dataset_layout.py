@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,43 +42,31 @@ def to_dataset(model: Model, ensemble: Ensemble | None) -> xr.Dataset:
 
 def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variables, dict[str, Any]]:
     """Return the variables, coordinates and attributes of a model's dataset."""
-    rows: list[tuple[str, tuple[str, ...], ArrayLike, str | None]] = []
+    variables: Variables = {}
     for name, estimate in model.estimates.items():
-        axes, unit = estimate.axes, estimate.unit
-        rows.append((name, axes, estimate.values, unit))
-        if (error := estimate.standard_error) is not None:
+        parts, error = {"": estimate.values}, estimate.standard_error
+        if error is not None:
             lower, upper = error.limits(estimate.values, 0.95)
-            rows += [
-                (f"{name}_standard_error", axes, error.values, unit),
-                (f"{name}_freedom", axes, error.freedom, None),
-                (f"{name}_lower", axes, lower, unit),
-                (f"{name}_upper", axes, upper, unit),
-            ]
-    further, further_coordinates = model._identified()
+            parts |= {"_standard_error": error.values, "_lower": lower, "_upper": upper}
+            variables[f"{name}_freedom"] = _variable(estimate.axes, error.freedom, None)
+        for ending, values in parts.items():
+            variables[name + ending] = _variable(estimate.axes, values, estimate.unit)
+    further, coordinates = model._identified()
     for name, each in (
         ("rank", model.diagnostics.rank),
         ("instrument_strength", model.diagnostics.strength),
     ):
         if each is not None:
-            rows.append((name, ("time",), each, UNITS[name]))
-    rows += [(name, *each, UNITS.get(name)) for name, each in further.items()]
+            further[name] = ("time",), each
+    variables |= {name: _variable(*each, UNITS.get(name)) for name, each in further.items()}
     if ensemble is not None:
-        rows += [
-            (f"torque_{name}", ("realization", "time"), torque, "N m")
-            for name, torque in model.pathways(ensemble).items()
-        ]
-    coordinates: Labelled = {"time": (("time",), model.time)} | {
-        name: ((name,), values) for name, values in model.coordinates.items()
-    }
-    coordinates |= further_coordinates
-    (name, count), *_ = Counter([*(row[0] for row in rows), *coordinates]).most_common(1)
-    if count > 1:
-        raise InputError(
-            f"to_xarray: two variables have the name {name!r}; give the estimate another name"
-        )
+        for name, torque in model.pathways(ensemble).items():
+            variables[f"torque_{name}"] = _variable(("realization", "time"), torque, "N m")
+    along: Labelled = {name: ((name,), values) for name, values in model.coordinates.items()}
+    along |= {"time": (("time",), model.time)} | coordinates
     return (
-        {name: _with_unit(axes, values, unit) for name, axes, values, unit in rows},
-        {name: _with_unit(*each, UNITS.get(name)) for name, each in coordinates.items()},
+        variables,
+        {name: _variable(*each, UNITS.get(name)) for name, each in along.items()},
         {
             "method": model.method,
             "sampling_rate_hz": model.sampling_rate,
@@ -93,7 +78,5 @@ def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variable
     )
 
 
-def _with_unit(
-    axes: tuple[str, ...], values: ArrayLike, unit: str | None
-) -> tuple[tuple[str, ...], NDArray[Any], dict[str, str]]:
+def _variable(axes: tuple[str, ...], values: ArrayLike, unit: str | None) -> Variable:
     return axes, np.asarray(values), {} if unit is None else {"units": unit}

@@ -16,7 +16,6 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.validators import finite, frequency, is_whole, to_float
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
 
 # Peaks of angle and torque outside these limits would overflow or vanish in fourth powers.
@@ -343,18 +342,15 @@ class Ensemble(Signals):
         context. They are NaN where the filters of :mod:`tvsysid.numerics.differentiation` reach
         beyond the context.
         """
-        if order not in (0, 1, 2):
-            raise InputError(f"derivatives: order must be 0, 1 or 2, got {order!r}")
-        reach = HALF_WIDTH if order else 0
-        missing = max(0, reach - self.context)
+        if not order:
+            return self.angle[None, :, self.core]
         derivatives = np.full((order + 1, len(self), self.samples), np.nan)
-        inner = slice(missing, self.samples - missing)
-        if inner.stop > inner.start:
-            first = self.context + missing - reach
+        missing = max(0, HALF_WIDTH - self.context)
+        if 2 * missing < self.samples:
+            first = self.context + missing - HALF_WIDTH
             angle = self.angle[:, first : self.angle.shape[1] - first]
-            derivatives[:, :, inner] = (
-                differentiate(angle, self.sampling_rate)[: order + 1] if order else angle
-            )
+            inner = differentiate(angle, self.sampling_rate)[: order + 1]
+            derivatives[:, :, missing : self.samples - missing] = inner
         return derivatives
 
     def select(self, realizations: ArrayLike) -> Ensemble:
@@ -363,34 +359,5 @@ class Ensemble(Signals):
             index = np.arange(len(self))[np.asarray(realizations)]
         except IndexError as error:
             raise InputError(f"select: these realizations do not exist: {error}") from error
-        if index.ndim != 1 or not index.size:
-            raise InputError(
-                "select: expected a list of at least one index, or a boolean mask, got shape "
-                f"{index.shape}"
-            )
         fields = self.mapped(lambda values: values[index])
         return attrs.evolve(self, **fields, onsets=self.onsets[index], trials=self.trials[index])
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return the signals as an xarray.Dataset over realization and time, with their units."""
-        import xarray as xr  # noqa: PLC0415  # heavy
-
-        dims = ("realization", "time")
-        variables: dict[str, Any] = {
-            "angle": (dims, self.angle, {"units": "rad"}),
-            "torque": (dims, self.torque, {"units": "N m"}),
-            **{name: (dims, values) for name, values in self.channels.items()},
-        }
-        if self.recorded_angle is not None:
-            recorded = ((*dims, "sample"), self.recorded_angle, {"units": "rad"})
-            variables["recorded_angle"] = recorded
-        time = (np.arange(self.angle.shape[1]) - self.context) / self.sampling_rate
-        coordinates = {
-            "time": ("time", time, {"units": "s"}),
-            "onset": ("realization", self.onsets, {"units": "s"}),
-            "trial": ("realization", self.trials),
-        }
-        names = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
-        attributes = {name: getattr(self, name) for name in names}
-        attributes["mean_subtracted"] = int(self.mean_subtracted)  # NetCDF has no truth values
-        return xr.Dataset(variables, coordinates, attributes)

@@ -17,8 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tvsysid as tv
-from tvsysid.figures.comparison import BARS
-from tvsysid.figures.style import TRUE_LINE, line_key
+from tvsysid.figures.style import TRUE_LINE, curve
 from tvsysid.methods import DEFAULT_METHODS
 from tvsysid.methods.registry import STUDIED_METHODS
 from tvsysid.studies.closed_loop import ACTUATORS, SNR, loop_figures, system
@@ -46,10 +45,13 @@ def comparison() -> Figure:
         methods=STUDIED_METHODS,
         trials=20,
     )
-    labels, bars = list(map(str, results.scenario.values)), {"total_error": BARS["total_error"]}
+    labels, metrics = (
+        list(map(str, results.scenario.values)),
+        {"total_error": tv.figures.METRICS["total_error"]},
+    )
     title = "Square wave, filtered noise, 150 s, 10 dB"
     stiffness = results.sel(quantity=["stiffness"])
-    return tv.figures.method_comparison(stiffness, summary, labels, labels, title, bars)
+    return tv.figures.method_comparison(stiffness, summary, labels, labels, title, metrics)
 
 
 def wave(time: Any) -> Any:
@@ -65,9 +67,7 @@ def adaptive() -> Figure:
     ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     figure = tv.compare(ensemble, DEFAULT_METHODS).plot()
     figure.axes[0].plot(ensemble.time, wave(ensemble.time), zorder=1.3, **TRUE_LINE)
-    figure.axes[0].legend(
-        handles=[line_key(**TRUE_LINE)], loc="upper right", fontsize=8, frameon=False
-    )
+    figure.axes[0].legend(handles=figure.axes[0].lines[-1:], loc="upper right", frameon=False)
     return figure
 
 
@@ -83,13 +83,10 @@ def reflex() -> Figure:
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     for axes, name in zip(figure.subplots(1, 2), ("stiffness", "reflex_gain"), strict=True):
         axes.plot(ensemble.time, truth[name].mean(axis=0), **TRUE_LINE)
-        for place, (label, model) in enumerate(found.models.items()):
+        for label, model in found.models.items():
             if name in model.estimates:
-                look = looks[label].curve(len(model.time), place=place, several=len(looks))
-                axes.plot(model.time, model.estimates[name].values, label=label, **look)
-                axes.fill_between(
-                    model.time, *found.bands[label][name], color=looks[label].hue, alpha=0.2
-                )
+                values, band = model.estimates[name].values, found.bands[label][name]
+                curve(axes, model.time, values, band, **looks[label])
         axes.set_xlabel("time (s)")
     figure.axes[0].set_ylabel("stiffness (N·m/rad)")
     figure.axes[1].set_ylabel("reflex gain (N·m·s/rad)")

@@ -3,7 +3,6 @@ import pytest
 from tests.drawing import draw
 from tests.synthetic import results_of, summary_of
 
-from tvsysid.errors import InputError
 from tvsysid.figures import error_against_amount
 
 
@@ -59,11 +58,3 @@ def test_missing_values_and_one_trial_are_drawn():
         [("square", "noise", duration, 10.0) for duration in (40.0, 80.0)], ("sds",), trials=1
     )
     draw(error_against_amount(summary_of(results)))
-
-
-def test_two_amounts_at_once_are_refused():
-    scenarios = [
-        ("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)
-    ]
-    with pytest.raises(InputError, match="both vary; give the rows of one"):
-        error_against_amount(summary_of(results_of(scenarios, ("sds",), 2)))

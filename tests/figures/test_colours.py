@@ -110,8 +110,8 @@ def test_the_distance_is_that_of_its_authors():
 
 def test_methods_have_markers_and_settings_are_hollow():
     looks = lines([*METHODS, "sds:window=0.2", "ShortDataSegments(window=0.3)"])
-    assert len({looks[key].marker for key in METHODS}) == len(METHODS) == len(MARKERS)
-    assert looks["sds:window=0.2"].hollow
-    assert not looks["sds"].hollow
-    assert looks["ShortDataSegments(window=0.3)"].hue == looks["sds"].hue
-    assert lines(["sds"])["sds"].marker == ""
+    assert len({looks[key]["marker"] for key in METHODS}) == len(METHODS) == len(MARKERS)
+    hollow = [label for label, look in looks.items() if look["markerfacecolor"] == "white"]
+    assert hollow == ["sds:window=0.2", "ShortDataSegments(window=0.3)"]
+    assert looks["ShortDataSegments(window=0.3)"]["color"] == looks["sds"]["color"]
+    assert lines(["sds"])["sds"]["marker"] == ""

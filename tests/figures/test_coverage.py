@@ -52,7 +52,7 @@ def test_share_of_trials_over_time(made):
     nominal = next(line for line in figure.axes[0].lines if line.get_linestyle() == ":")
     assert set(nominal.get_ydata()) == {95.0}
     colours = [line.get_color() for line in figure.axes[0].lines[:3]]
-    assert colours == [look.hue for look in lines(["sds", "esm", "kbr"]).values()]
+    assert colours == [look["color"] for look in lines(["sds", "esm", "kbr"]).values()]
     np.testing.assert_array_equal(
         figure.axes[1].lines[0].get_ydata(), made.truth.sel(quantity="stiffness")[0]
     )

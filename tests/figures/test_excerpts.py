@@ -25,10 +25,7 @@ def test_angle_and_torque_with_the_target_over_ten_seconds():
     np.testing.assert_array_equal(torque.lines[0].get_ydata(), recording.torque)
     np.testing.assert_array_equal(torque.lines[1].get_ydata(), recording.channels["target"])
     assert torque.lines[1].get_color() == TARGET
-    assert [text.get_text() for text in figure.legends[0].texts] == [
-        "torque recorded",
-        "torque to be followed",
-    ]
+    assert [text.get_text() for text in figure.legends[0].texts] == ["torque to be followed"]
     assert angle.get_ylim() == figure.axes[2].get_ylim()
 
 

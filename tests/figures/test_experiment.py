@@ -75,10 +75,10 @@ def test_a_single_record_of_walking():
         target=False,
     )
     shown = experiment_figures(one.results, one.summary, {}, {})
-    assert list(shown) == ["stiffness", "participant", "variance-and-spread"]
+    assert list(shown) == ["participants", "participant", "variance-and-spread"]
     for each in shown.values():
         draw(each.draw())
-    assert "30 × 1.5 s" in shown["stiffness"].description
+    assert "30 × 1.5 s" in shown["participants"].description
 
 
 @pytest.mark.slow

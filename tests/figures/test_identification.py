@@ -35,16 +35,18 @@ def test_each_quantity_has_its_axes_with_unit(drawn):
 
 def test_the_first_method_stands_out(drawn):
     for axes in drawn[2].values():
-        assert axes.lines[-1].get_linewidth() > 1.5 * axes.lines[0].get_linewidth()
+        first, second = axes.lines
+        assert first.get_linewidth() > 1.5 * second.get_linewidth()
+        assert first.get_zorder() > second.get_zorder()
 
 
 @pytest.mark.parametrize("name", ["stiffness", "viscosity", "inertia"])
 def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
     models, bands, axes = drawn
-    drawings, behind_to_front = (axes[name].lines, axes[name].collections), reversed(models.items())
-    for line, shade, (label, model) in zip(*drawings, behind_to_front, strict=True):
+    drawings = axes[name].lines, axes[name].collections
+    for line, shade, (label, model) in zip(*drawings, models.items(), strict=True):
         np.testing.assert_array_equal(line.get_ydata(), getattr(model, name))
-        assert line.get_color() == lines(list(models))[label][0]
+        assert line.get_color() == lines(list(models))[label]["color"]
         lower, upper = bands[label][name]
         corners = shade.get_paths()[0].vertices[:, 1]
         assert corners.min() == pytest.approx(lower.min())
@@ -118,4 +120,15 @@ def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):
     low, high = axes.get_ylim()
     assert high - low < 4 * np.ptp(models["sds"].stiffness)
     assert low < bands["sds"]["stiffness"][0].min()
-    assert axes.lines[0].get_label() == "eirf"
+    orders = {line.get_label(): line.get_zorder() for line in axes.lines}
+    assert orders["eirf"] < orders["kbr"] < orders["sds"]
+
+
+def test_likely_switches_are_marked():
+    model = tv.AdaptiveRegression().identify(ensemble_of(60.0, "square"))
+    labels = [line.get_label() for line in model.plot().axes[0].lines[1:]]
+    assert labels == [
+        f"stiffness {switch.size:+.3g} at {switch.time:.3f} s".replace("-", "−")
+        for switch in model.switches
+    ]
+    assert len(labels) == 2

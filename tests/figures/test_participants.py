@@ -1,30 +1,45 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from tests.drawing import draw
-from tests.experimental import METHODS, fail, results_of
+from tests.experimental import METHODS, experiment_of, fail, results_of, summary_of
 
 from tvsysid import InputError
-from tvsysid.figures import participant_in_detail, stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures import (
+    error_against_truth,
+    participant_in_detail,
+    stiffness_of_participants,
+    variance_and_spread,
+)
 from tvsysid.figures.style import TRUTH, lines
 
-HUES = {method: look.hue for method, look in lines(list(METHODS)).items()}
+COLORS = {method: look["color"] for method, look in lines(list(METHODS)).items()}
+HEADINGS = ["eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 2 s", "kbr, 20 × 2 s"]
 
 
 @pytest.fixture(scope="module")
-def results():
-    return results_of()
+def experiment():
+    return experiment_of()
 
 
 @pytest.fixture(scope="module")
-def detail(results):
-    """Of P2, drawn."""
-    figure = participant_in_detail(results, "P2", "P2")
+def results(experiment):
+    return experiment.results
+
+
+@pytest.fixture(scope="module")
+def all_people(results):
+    figure = stiffness_of_participants(results, "All")
     draw(figure)
-    return figure
+    return figure, np.array(figure.axes).reshape(3, 3)
 
 
-def labelled(axes, label):
-    return [line for line in axes.lines if line.get_label() == label]
+def least(results, method, recording):
+    amount = 20 if method == "kbr" else 75
+    found = results.sel(quantity="stiffness", recording=recording, analysis=f"{method}-{amount}")
+    return found.estimate.values, found.time_varying_vaf.values
 
 
 def texts(axes):
@@ -35,64 +50,44 @@ def legend(figure):
     return [text.get_text() for text in figure.legends[0].texts]
 
 
-@pytest.mark.slow
-def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
-    figure = stiffness_of_participants(results, "All")
-    draw(figure)
-    noise, prbs, torque = np.array(figure.axes).reshape(3, 3)
-    assert [axes.get_title() for axes in noise] == ["P1", "P2", "P3"]
-    assert noise[0].get_ylabel() == "filtered noise\nstiffness\n(N·m/rad)"
-    assert prbs[0].get_ylabel() == "PRBS\nstiffness\n(N·m/rad)"
-    assert torque[0].get_ylabel() == "torque\n(N·m)"
-    assert all(axes.get_xlabel() == "time (s)" for axes in torque)
-    assert len({axes.get_ylim() for axes in (*noise, *prbs)}) == 1
-    assert len({axes.get_ylim() for axes in torque}) == 1
+def test_every_participant_has_a_row_and_every_perturbation_a_column(all_people):
+    figure, grid = all_people
+    assert [axes.get_title() for axes in grid[0]] == ["filtered noise", "PRBS", "torque (N·m)"]
+    labels = [axes.get_ylabel() for axes in grid[:, 0]]
+    assert labels == [f"{name}\nstiffness\n(N·m/rad)" for name in ("P1", "P2", "P3")]
+    assert all(axes.get_xlabel() == "time (s)" for axes in grid[-1])
+    assert len({axes.get_ylim() for axes in grid[:, :2].flat}) == 1
+    assert len({axes.get_ylim() for axes in grid[:, 2]}) == 1
     assert figure.get_suptitle() == "All"
-    assert legend(figure) == [
-        "eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 2 s", "kbr, 20 × 2 s",
-        "truth", "torque to be followed", "mean torque, filtered noise", "mean torque, PRBS",
-    ]  # fmt: skip
+    torques = ["mean torque, filtered noise", "mean torque, PRBS", "torque to be followed"]
+    assert sorted(legend(figure)) == sorted(["truth", *HEADINGS, *torques])
 
 
-def test_lines_are_means_over_bootstraps_of_the_least_data(results):
-    figure = stiffness_of_participants(results)
-    axes = figure.axes[4]  # P2, PRBS
-    for line, (method, hue) in zip(axes.lines[1:], HUES.items(), strict=True):
-        chosen = results.sel(
-            recording="P2-prbs", analysis=f"{method}-{20 if method == 'kbr' else 75}"
-        )
-        np.testing.assert_allclose(
-            line.get_ydata(), chosen.estimate.sel(quantity="stiffness").values.mean(axis=0)
-        )
-        assert line.get_color() == hue
-    (truth,) = labelled(axes, "truth")
+def test_lines_are_means_over_bootstraps_of_the_least_data_beside_the_torque(results, all_people):
+    _, axes, torque = all_people[1][1]  # P2, PRBS
+    truth, *found = axes.lines
+    for line, (method, color) in zip(found, COLORS.items(), strict=True):
+        estimates, _ = least(results, method, "P2-prbs")
+        np.testing.assert_allclose(line.get_ydata(), estimates.mean(axis=0))
+        assert line.get_color() == color
+    assert truth.get_label() == "truth"
     np.testing.assert_array_equal(
-        truth.get_ydata(), results.truth.sel(quantity="stiffness").sel(recording="P2-prbs")
+        truth.get_ydata(), results.truth.sel(quantity="stiffness", recording="P2-prbs")
     )
-
-
-def test_torque_below(results):
-    lines = stiffness_of_participants(results).axes[7].lines
-    mean = results.mean_torque.values[2:4]
-    np.testing.assert_array_equal([lines[0].get_ydata(), lines[2].get_ydata()], mean)
-    np.testing.assert_array_equal(lines[1].get_ydata(), results.target_torque.values[2])
+    mean, target, other, _ = (line.get_ydata() for line in torque.lines)
+    np.testing.assert_array_equal([mean, other], results.mean_torque.values[2:4])
+    np.testing.assert_array_equal(target, results.target_torque.values[2])
 
 
 @pytest.mark.slow
-def test_of_a_failed_recording_nothing_is_drawn():
+def test_of_a_recording_that_failed_or_was_never_made_nothing_is_drawn():
     failed = fail(results_of(methods=("sds", "esm")), "InputError: too short", recording="P2-noise")
-    figure = stiffness_of_participants(failed)
+    figure = stiffness_of_participants(failed.drop_sel(recording="P3-prbs"))
     draw(figure)
-    assert all(np.isnan(line.get_ydata()).all() for line in figure.axes[1].lines[1:])
-    assert texts(figure.axes[1]) == ["no estimate"]
-    assert np.isnan(figure.axes[7].lines[0].get_ydata()).all()
-
-
-@pytest.mark.slow
-def test_a_recording_that_was_never_made_says_so(results):
-    figure = stiffness_of_participants(results.sel(recording=["P1-noise", "P1-prbs", "P2-prbs"]))
-    draw(figure)
-    assert texts(figure.axes[1]) == ["not recorded"]
+    grid = np.array(figure.axes).reshape(3, 3)
+    assert "no estimate" in texts(grid[1, 0])
+    assert not grid[1, 0].lines
+    assert texts(grid[2, 1]) == ["not recorded"]
 
 
 @pytest.mark.slow
@@ -106,96 +101,48 @@ def test_without_truth_and_target_neither_is_mentioned():
     assert len(participant_in_detail(nothing, "S1").axes) == 2 * 2
 
 
-@pytest.mark.slow
-def test_many_participants_are_shown_six_abreast():
-    results = results_of(
-        tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2
-    )
-    figure = stiffness_of_participants(results)
+def test_details_of_a_participant(results):
+    figure = participant_in_detail(results, "P2", "P2")
     draw(figure)
-    shown = [axes for axes in figure.axes if axes.axison]
-    assert len(shown) == 2 * 13
-    assert {axes.get_title() for axes in shown} == {f"P{n}" for n in range(1, 14)} | {""}
-    assert figure.get_figwidth() < 11
-    assert [axes.get_ylabel() for axes in shown if axes.get_ylabel()].count("torque\n(N·m)") == 3
-
-
-def test_details_of_a_participant(results, detail):
-    grid, behind = np.array(detail.axes[:20]).reshape(4, 5), detail.axes[20:]
-    assert [axes.get_title() for axes in grid[0]] == [
-        "eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 2 s", "kbr, 20 × 2 s",
-    ]  # fmt: skip
+    grid = np.array(figure.axes).reshape(5, 5)
+    assert [axes.get_title() for axes in grid[0]] == HEADINGS
     assert [axes.get_ylabel() for axes in grid[:, 0]] == [
         "filtered noise\nstiffness\n(N·m/rad)", "PRBS\nstiffness\n(N·m/rad)",
         "filtered noise\ntime-varying VAF\n(%)", "PRBS\ntime-varying VAF\n(%)",
+        "torque\n(N·m)",
     ]  # fmt: skip
-    for row, (name, signal) in enumerate(
-        (name, signal) for name in ("estimate", "time_varying_vaf") for signal in ("noise", "prbs")
-    ):
-        for column, method in enumerate(METHODS):
-            chosen = (
-                results.sel(quantity="stiffness")[name]
-                .sel(recording=f"P2-{signal}", analysis=f"{method}-{20 if method == 'kbr' else 75}")
-                .values
-            )
-            axes = grid[row, column]
-            mean = axes.lines[-1]
-            np.testing.assert_allclose(mean.get_ydata(), chosen.mean(axis=0))
-            assert mean.get_color() == HUES[method]
-            top = axes.collections[0].get_paths()[0].vertices[:, 1].max()
-            band = chosen.mean(axis=0) + 2 * chosen.std(axis=0, ddof=1)
-            assert top == pytest.approx(min(band.max(), 100) if row > 1 else band.max())
-            truth = labelled(axes, "truth")
-            assert [line.get_color() for line in truth] == ([TRUTH] if row < 2 else [])
+    for (row, column), axes in np.ndenumerate(grid[:4]):
+        is_vaf, method = row > 1, list(METHODS)[column]
+        chosen = least(results, method, ("P2-noise", "P2-prbs")[row % 2])[is_vaf]
+        np.testing.assert_allclose(axes.lines[-1].get_ydata(), chosen.mean(axis=0))
+        assert axes.lines[-1].get_color() == COLORS[method]
+        top = axes.collections[0].get_paths()[0].vertices[:, 1].max()
+        band = chosen.mean(axis=0) + 2 * chosen.std(axis=0, ddof=1)
+        assert top == pytest.approx(min(band.max(), 100) if is_vaf else band.max())
+        truth = [line.get_color() for line in axes.lines if line.get_label() == "truth"]
+        assert truth == ([] if is_vaf else [TRUTH])
     assert grid[0, 0].get_ylim() == grid[1, 0].get_ylim()
-    assert {axes.get_ylim() for axes in grid[2:].ravel()} == {(0, 102)}
-    for axes in behind:
+    assert {axes.get_ylim() for axes in grid[2:4].flat} == {(0, 102)}
+    for axes in grid[-1]:
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), results.target_torque.values[2])
-    assert [axes.get_ylabel() for axes in behind] == (["", "", "", "", "torque (N·m)"] * 4)
-
-
-def test_a_single_bootstrap_has_no_band():
-    results = results_of(("S1",), ("noise",), ("sds",), (75,), bootstraps=1)
-    assert "the only bootstrap" in legend(participant_in_detail(results, "S1"))
+    caption = figure.legends[0].get_title().get_text()
+    assert caption == "mean over bootstraps ± 2 standard deviations"
+    with pytest.raises(InputError, match="no participant 'P9'; there are P1, P2, P3"):
+        participant_in_detail(results, "P9")
 
 
 @pytest.mark.slow
-def test_a_failed_method_in_detail():
-    failed = fail(results_of(("P1",), methods=("sds", "esm")), "no", analysis="esm-75")
+def test_a_single_bootstrap_has_no_band_and_a_failed_method_says_so():
+    failed = fail(
+        results_of(("P1",), methods=("sds", "esm"), bootstraps=1), "no", analysis="esm-75"
+    )
     figure = participant_in_detail(failed, "P1")
     draw(figure)
     assert texts(figure.axes[1]) == texts(figure.axes[5]) == ["no estimate"]
+    assert figure.legends[0].get_title().get_text() == "the only bootstrap"
+    assert not figure.axes[0].collections
 
 
-def test_bands_of_one_recording_in_one_row(results):
-    figure = stiffness_with_bands(results, "P3-prbs")
-    draw(figure)
-    assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
-    chosen = (
-        results.estimate.sel(quantity="stiffness")
-        .sel(recording="P3-prbs", analysis="birf-75")
-        .values
-    )
-    np.testing.assert_allclose(figure.axes[2].lines[-1].get_ydata(), chosen.mean(axis=0))
-    assert legend(figure) == [
-        "mean over bootstraps",
-        "± 2 standard deviations",
-        "truth",
-        "torque to be followed",
-    ]
-    box = figure.legends[0].get_window_extent()
-    assert box.x0 >= 0
-    assert box.x1 <= figure.bbox.x1
-
-
-def test_who_is_not_there_is_named(results):
-    with pytest.raises(InputError, match="no participant 'P9'; there are P1, P2, P3"):
-        participant_in_detail(results, "P9")
-    with pytest.raises(InputError, match="no recording 'P9-noise'; there are P1-noise, "):
-        stiffness_with_bands(results, "P9-noise")
-
-
-@pytest.mark.slow
 def test_a_method_that_is_far_off_does_not_hide_the_others_but_a_stiffer_person_is_shown(results):
     far = results.copy(deep=True)
     far["estimate"][:, 0] *= 20  # eirf
@@ -204,3 +151,101 @@ def test_a_method_that_is_far_off_does_not_hide_the_others_but_a_stiffer_person_
     stiff = results.copy(deep=True)
     stiff["estimate"][results.participant.values == "P2"] *= 4
     assert stiffness_of_participants(stiff).axes[0].get_ylim()[1] > 4 * 140
+
+
+def values(summary, perturbation, metric, method, amount):
+    columns = ["perturbation", "metric", "method", "realizations"]
+    rows = summary[(summary[columns] == [perturbation, metric, method, amount]).all(axis=1)]
+    return rows.value.to_numpy()
+
+
+def test_bars_whiskers_and_dots_are_the_participants(experiment):
+    figure = variance_and_spread(experiment.summary, "Spread")
+    draw(figure)
+    grid = np.array(figure.axes).reshape(2, 3)
+    labels = ["VAF (%)", "VAF, 1–10 Hz (%)", "random error (N·m/rad)"]
+    assert [axes.get_ylabel() for axes in grid[0]] == labels
+    assert [axes.get_title(loc="left") for axes in grid[:, 0]] == ["filtered noise", "PRBS"]
+    ticks = [label.get_text() for label in grid[1, 0].get_xticklabels()]
+    assert ticks == [*(f"{name}\n75 | 150" for name in list(METHODS)[:4]), "kbr\n20 | 40"]
+    assert {axes.get_ylim() for axes in grid[:, :2].flat} == {(0, 102)}
+    axes = grid[1, 2]
+    assert axes.get_ylim()[0] == 0
+    bars, dots = axes.containers, [line for line in axes.lines if line.get_marker() == "."]
+    bars = [container for container in bars if hasattr(container, "patches")]
+    amounts = [(m, a) for m in METHODS for a in ((20, 40) if m == "kbr" else (75, 150))]
+    for number, (method, amount) in enumerate(amounts):
+        each = values(experiment.summary, "prbs", "random_error", method, amount)
+        (bar,) = bars[number]
+        assert bar.get_height() == pytest.approx(each.mean())
+        assert to_hex(bar.get_facecolor()).upper() == COLORS[method]
+        assert bar.get_facecolor()[3] == (0.35, 0.85)[number % 2]
+        (segment,) = bars[number].errorbar[2][0].get_segments()
+        reach = 2 * each.std(ddof=1) * np.array([-1, 1])
+        np.testing.assert_allclose(segment[:, 1], each.mean() + reach)
+        np.testing.assert_allclose(dots[number].get_ydata(), each)
+
+
+def test_one_participant_one_perturbation_one_amount():
+    one = experiment_of(
+        participants=("S1",), perturbations=("steps",), methods=("own:Way",), amounts=(30,)
+    )
+    figure = variance_and_spread(one.summary)
+    draw(figure)
+    assert len(figure.axes) == 3
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["own:Way\n30"]
+    assert all(container.errorbar is None for container in figure.axes[0].containers)
+
+
+@pytest.mark.slow
+def test_error_over_time_and_by_method(experiment, results):
+    figure = error_against_truth(results, experiment.summary, "Error")
+    draw(figure)
+    above, below = figure.subfigs
+    grid = np.array(above.axes).reshape(2, 5)
+    assert grid[1, 0].get_ylabel() == "PRBS\nestimate − truth\n(N·m/rad)"
+    zero, *people, mean = grid[1, 2].lines
+    assert set(zero.get_ydata()) == {0}
+    cells = results.sel(quantity="stiffness", recording=["P1-prbs", "P2-prbs", "P3-prbs"])
+    off = (cells.estimate.sel(analysis="birf-75").mean("bootstrap") - cells.truth).values
+    np.testing.assert_allclose([line.get_ydata() for line in people], off)
+    np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
+    assert np.mean(mean.get_ydata()) == pytest.approx(METHODS["birf"][0], abs=3)
+    labels = ["bias error (N·m/rad)", "mean bias (N·m/rad)"] * 2
+    assert [axes.get_ylabel() for axes in below.axes] == labels
+    each = values(experiment.summary, "noise", "mean_bias", "kbr", 40)
+    assert below.axes[1].patches[9].get_height() == pytest.approx(each.mean())
+    assert each.mean() < 0
+
+
+@pytest.mark.slow
+def test_errors_of_a_method_that_failed_and_of_people_whose_truth_is_known():
+    results = fail(results_of(methods=("sds", "esm")), "no", analysis="esm-75")
+    results["truth"][results.participant.values == "P2"] = np.nan
+    summary = summary_of(results)
+    figures = error_against_truth(results, summary), variance_and_spread(summary)
+    for figure in figures:
+        draw(figure)
+    first, failed = figures[0].subfigs[0].axes[:2]
+    assert len(first.lines) == 1 + 2 + 1
+    assert texts(failed) == ["no estimate"]
+    assert all(np.isnan(line.get_ydata()).all() for line in failed.lines[1:])
+    heights = [bar.get_height() for bar in figures[1].axes[0].patches]
+    assert np.isnan(heights).tolist() == [False, False, True, False]
+
+
+@pytest.mark.slow
+def test_long_labels_and_many_amounts_do_not_overlap():
+    methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
+    many = experiment_of(
+        participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2
+    )
+    for figure in (
+        variance_and_spread(many.summary),
+        error_against_truth(many.results, many.summary),
+    ):
+        draw(figure)
+        axes = figure.axes[-1]
+        boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
+        assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
+        assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"

@@ -20,7 +20,7 @@ def test_truth_below_and_methods_dashed_in_their_colours():
         truth, *found = axes.lines
         np.testing.assert_array_equal(truth.get_ydata(), responses.true_impulse_response[number])
         assert [line.get_color() for line in found] == [
-            look.hue for look in lines(["eirf", "sds", "birf"]).values()
+            look["color"] for look in lines(["eirf", "sds", "birf"]).values()
         ]
         assert all(line.is_dashed() for line in found)
         assert truth.get_linewidth() > 2 * found[0].get_linewidth()

@@ -27,7 +27,7 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
     assert ElementTree.fromstring(picture.svg).tag.endswith("svg")
     assert (picture.title, picture.width, picture.height) == (
         "T0",
-        round(96 * 7.0),
+        round(96 * 7.2),
         round(96 * 3.6),
     )
 

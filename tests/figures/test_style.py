@@ -2,13 +2,12 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from matplotlib.lines import Line2D
 from matplotlib.style import context
 from tests.drawing import draw
 from tests.synthetic import responses_of
 
 from tvsysid.figures import drawn, impulse_responses, save
-from tvsysid.figures.style import LOOK, legend_below, panels
+from tvsysid.figures.style import LOOK, finish, panels
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +41,10 @@ def test_a_pdf_has_no_type_3_fonts(twins):
 @pytest.mark.parametrize("lengths", [(5, 5, 5), (40, 3, 3, 3, 40, 12), (70,) * 4, (8,) * 13])
 def test_a_legend_below_fits_the_figure(lengths):
     with context(LOOK):
-        figure, _ = panels(1, 1, 7, 3)
-        legend_below(figure, [Line2D([], [], label="n" * length) for length in lengths])
+        figure, ((axes,),) = panels(1, 1, 7, 3)
+        for number, length in enumerate(lengths):
+            axes.plot([], label=f"{number:0>{length}}")
+        finish(figure)
     draw(figure)
     (legend,) = figure.legends
     assert [len(text.get_text()) for text in legend.texts] == list(lengths)

@@ -1,3 +1,5 @@
+import pandas as pd
+
 from tvsysid.figures.words import described, differing, perturbation_name, trait, unit_name, wrapped
 
 SCENARIO = {
@@ -15,19 +17,23 @@ def test_perturbations_and_units_have_names():
     assert [unit_name(unit) for unit in ("N m s/rad", "kg m2", "1")] == ["N·m·s/rad", "kg·m²", "–"]
 
 
+def differing_of(*scenarios):
+    return differing(pd.DataFrame(scenarios))
+
+
 def test_traits_in_words():
     pairs = [("duration_s", 40.0), ("perturbation", "prbs"), ("viscosity", "covarying")]
     assert [trait(*pair) for pair in pairs] == ["40 s", "PRBS", "b covarying"]
-    assert differing([SCENARIO, SCENARIO | {"perturbation": "prbs"}]) == ["noise", "PRBS"]
-    assert differing([SCENARIO]) == ["150 s"]
+    assert differing_of(SCENARIO, SCENARIO | {"perturbation": "prbs"}) == ["noise", "PRBS"]
+    assert differing_of(SCENARIO) == ["150 s"]
     variants = [
         "reflex:reflex_gain=4,noise_bandwidth=1",
         "reflex:reflex_gain=8,noise_bandwidth=1",
         "reflex",
     ]
-    told = differing([SCENARIO | {"system": each} for each in variants[:2]])
+    told = differing_of(*(SCENARIO | {"system": each} for each in variants[:2]))
     assert told == ["reflex gain=4", "reflex gain=8"]  # what all share says nothing
-    assert differing([SCENARIO | {"system": each} for each in variants[1:]]) == [
+    assert differing_of(*(SCENARIO | {"system": each} for each in variants[1:])) == [
         "reflex gain=8, noise bandwidth=1",
         "",
     ]

@@ -1,7 +1,4 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
-from .adaptive import adaptive_impedance as adaptive_impedance
-from .comparison import BARS_OF_PATHWAYS as BARS_OF_PATHWAYS
-from .comparison import method_comparison as method_comparison
 from .diagnosis import diagnosis_illustration as diagnosis_illustration
 from .diagnosis import diagnosis_panels as diagnosis_panels
 from .identification import identified_impedance as identified_impedance
@@ -10,9 +7,10 @@ from .identification import scheduled_estimates as scheduled_estimates
 from .identification import tuning_curves as tuning_curves
 from .identification import variable_of as variable_of
 from .objects import plot as plot
+from .participants import error_against_truth as error_against_truth
 from .participants import participant_in_detail as participant_in_detail
 from .participants import stiffness_of_participants as stiffness_of_participants
-from .participants import stiffness_with_bands as stiffness_with_bands
+from .participants import variance_and_spread as variance_and_spread
 from .planning import planned_recording as planned_recording
 from .ranking import leaderboard as leaderboard
 from .recorded import ensemble_signals as ensemble_signals
@@ -24,12 +22,13 @@ from .saving import Picture as Picture
 from .saving import draw_all as draw_all
 from .saving import drawn as drawn
 from .saving import save as save
+from .simulations import METRICS as METRICS
+from .simulations import METRICS_OF_PATHWAYS as METRICS_OF_PATHWAYS
 from .simulations import coverage_over_time as coverage_over_time
 from .simulations import error_against as error_against
 from .simulations import error_against_amount as error_against_amount
 from .simulations import impulse_responses as impulse_responses
-from .spread import error_against_truth as error_against_truth
-from .spread import variance_and_spread as variance_and_spread
+from .simulations import method_comparison as method_comparison
 from .style import lines as lines
 from .visits import Visit as Visit
 from .visits import stiffness_of_visits as stiffness_of_visits

@@ -31,41 +31,36 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     stiffness and noise of each realization, and correlation of the torque left over with angle
     and speed over lags.
     """
-    figure, ((angle, torque, coherence), (halves, realizations, lags)) = style.panels(
-        2, 3, 10.0, 6.2, title
-    )
+    figure, grid = style.panels(2, 3, 10.0, 6.2, title)
+    angle, torque, coherence, halves, realizations, lags = grid.flat
     curves = diagnosis.curves
     natural = diagnosis.measures["natural frequency"][0]
-    if np.isfinite(natural) and natural > LOWEST:
+    if natural > LOWEST:
         angle.axvspan(LOWEST, natural, color=GREEN, alpha=0.2, linewidth=0, label="band needed")
-    _spectra(angle, curves.frequency, {"angle": curves.angle_power})
+    _draw_spectra(angle, curves.frequency, {"angle": curves.angle_power})
     powers = {"torque": curves.torque_power, "left by the model": curves.residual_power}
-    _spectra(torque, curves.frequency, powers)
-    _coherence(coherence, curves)
-    first, second = curves.stiffness_halves
-    halves.plot(curves.time, first, color=BLUE, label="first half")
-    halves.plot(curves.time, second, "--", color=RED, label="second half")
-    halves.set_ylim(style.usual_limits((), np.append(curves.stiffness_halves, 0.0)))
-    halves.margins(x=0)
+    _draw_spectra(torque, curves.frequency, powers)
+    _draw_coherence(coherence, curves)
+    for values, label, line in zip(
+        curves.stiffness_halves, ("first half", "second half"), ("-", "--"), strict=True
+    ):
+        halves.plot(curves.time, values, line, label=label)
+    halves.axhline(0.0, color=style.INK, linewidth=0.8)
     realizations.axhline(1.0, color=style.INK, linewidth=0.8)
-    numbers = np.arange(len(curves.noise))
-    realizations.plot(numbers, curves.stiffness, "o", color=BLUE, markersize=2.5, label="stiffness")
-    realizations.plot(numbers, curves.noise, "^", color=RED, markersize=2.5, label="noise")
-    ratios = np.stack([curves.stiffness, curves.noise])
-    realizations.set_ylim(style.usual_limits(ratios, np.array([0.0, 2.0])))
-    _lags(lags, curves)
-    labels = {
-        angle: ("input: power of the angle", "frequency (Hz)", "rad²/Hz"),
-        torque: ("output: power of the torque", "frequency (Hz)", "(N·m)²/Hz"),
-        coherence: ("coherence of torque and angle", style.REALIZATION_TIME, "frequency (Hz)"),
-        halves: ("stiffness in both halves of the experiment", style.REALIZATION_TIME, "N·m/rad"),
-        realizations: ("each realization over the median", "realization, as recorded", "ratio"),
-        lags: ("correlation of the torque left over", "lag of the torque (ms)", "correlation"),
-    }
-    for axes, (heading, below, beside) in labels.items():
-        axes.set_title(heading)
-        axes.set_xlabel(below)
-        axes.set_ylabel(beside)
+    realizations.plot(curves.stiffness, "o", color=BLUE, markersize=2.5, label="stiffness")
+    realizations.plot(curves.noise, "^", color=RED, markersize=2.5, label="noise")
+    realizations.set_ylim(bottom=0.0)
+    _draw_correlations(lags, curves)
+    labels = [
+        ("input: power of the angle", "frequency (Hz)", "rad²/Hz"),
+        ("output: power of the torque", "frequency (Hz)", "(N·m)²/Hz"),
+        ("coherence of torque and angle", style.REALIZATION_TIME, "frequency (Hz)"),
+        ("stiffness in both halves of the experiment", style.REALIZATION_TIME, "N·m/rad"),
+        ("each realization over the median", "realization, as recorded", "ratio"),
+        ("correlation of the torque left over", "lag of the torque (ms)", "correlation"),
+    ]
+    for axes, (heading, below, beside) in zip(grid.flat, labels, strict=True):
+        axes.set(title=heading, xlabel=below, ylabel=beside)
         if axes is not coherence:
             axes.legend(fontsize=7)
     return figure
@@ -73,57 +68,35 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
 
 def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
     """Return the six pictures of a diagnosis with a title and a description."""
-    curves = diagnosis.curves
-    measures = {
-        key: f"{value:.3g} {unit}".removesuffix(" 1")
-        for key, (value, unit) in diagnosis.measures.items()
-    }
-    drift = next(check.what for check in diagnosis.checks if check.name == "drift")
-    farthest = [
-        f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms"
-        for values in curves.correlation
-    ]
-    coherence = float(np.median(curves.coherence[:, _shown(curves.coherence_frequency)]))
-    sentences = [
-        "Power of the angle over frequency, 95 % of it below "
-        f"{measures['bandwidth of the angle']}, and the band from {LOWEST:g} Hz to the joint's "
-        f"natural frequency of {measures['natural frequency']}.",
-        "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they "
-        f"explain {measures['explained torque']}.",
-        f"Coherence of torque and angle over time and frequency, median {coherence:.2f} up to "
-        f"{HIGHEST:g} Hz.",
-        f"Stiffness over time in the first half of the experiment and in the second ({drift}).",
-        f"Stiffness of each realization over the median, from {curves.stiffness.min():.2f} to "
-        f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to "
-        f"{curves.noise.max():.2f}.",
-        f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the "
-        f"speed, largest {farthest[1]}; by chance 95 % of them lie below "
-        f"{float(curves.chance):.2f}, the grey band. What is beyond it at positive lags is a "
-        "reflex, a slow answer or a delay, at negative ones feedback.",
-    ]
-    return Illustration(
-        partial(diagnosis_panels, diagnosis, name), f"Diagnosis of {name}", " ".join(sentences)
+    value, unit = diagnosis.measures["natural frequency"]
+    text = (
+        "Power of the angle over frequency, and the band from "
+        f"{LOWEST:g} Hz to the joint's natural frequency of {value:.3g} {unit}. Power of the "
+        "torque, and of what stiffness, viscosity and inertia leave of it. Coherence of torque and "
+        "angle over time and frequency. Stiffness over time in the first and the second half of "
+        "the experiment. Stiffness and noise of each realization over their median. Correlation of "
+        "the torque left over with the angle and with the speed; by chance 95 % of them lie in "
+        "the grey band. What is beyond it at positive lags is a reflex, a slow answer or a delay, "
+        "at negative ones feedback. The tables have the numbers."
     )
+    draw = partial(diagnosis_panels, diagnosis, name)
+    return Illustration(draw, f"Diagnosis of {name}", text)
 
 
-def _shown(frequency: Array) -> Any:
-    return (frequency > 0) & (frequency <= HIGHEST)
-
-
-def _spectra(axes: Axes, frequency: Array, powers: dict[str, Array]) -> None:
+def _draw_spectra(axes: Axes, frequency: Array, powers: dict[str, Array]) -> None:
     """Draw powers where they are positive, over logarithmic axes."""
-    for (label, power), hue in zip(powers.items(), (BLUE, RED), strict=False):
-        shown = _shown(frequency) & (power > DYNAMIC_RANGE * power.max())
-        axes.loglog(frequency[shown], power[shown], color=hue, linewidth=1.2, label=label)
+    for label, power in powers.items():
+        shown = (frequency > 0) & (frequency <= HIGHEST) & (power > DYNAMIC_RANGE * power.max())
+        axes.loglog(frequency[shown], power[shown], linewidth=1.2, label=label)
     axes.set_xlim(frequency[1], HIGHEST)
     style.log_ticks(axes.xaxis)
     axes.yaxis.set_major_formatter("{x:.0e}")
     axes.yaxis.set_minor_formatter("")
 
 
-def _coherence(axes: Axes, curves: Curves) -> None:
+def _draw_coherence(axes: Axes, curves: Curves) -> None:
     axes.grid(visible=False)
-    shown = _shown(curves.coherence_frequency)
+    shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= HIGHEST)
     if not len(curves.coherence) or not shown.any():
         style.remark(axes, "realizations too short")
         return
@@ -133,7 +106,7 @@ def _coherence(axes: Axes, curves: Curves) -> None:
     axes.figure.colorbar(mesh, ax=axes, label="coherence")
 
 
-def _lags(axes: Axes, curves: Curves) -> None:
+def _draw_correlations(axes: Axes, curves: Curves) -> None:
     """Draw two combs side by side.
 
     A joint of second order that is moved from outside leaves both within the limits.
@@ -146,4 +119,3 @@ def _lags(axes: Axes, curves: Curves) -> None:
     axes.vlines(lag + 0.25 * step, 0, speed, color=RED, linewidth=1.2, label="with speed")
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
-    axes.margins(x=0.01)

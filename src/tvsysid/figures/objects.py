@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from tvsysid.comparison import Comparison
 from tvsysid.errors import InputError
-from tvsysid.figures.adaptive import adaptive_impedance
-from tvsysid.figures.comparison import OVER_TIME, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
-from tvsysid.figures.participants import stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.participants import stiffness_of_participants
 from tvsysid.figures.planning import planned_recording
 from tvsysid.figures.recorded import ensemble_signals, preparation_steps, recorded_signals
-from tvsysid.methods import METHODS, Evidence
-from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.figures.simulations import OVER_TIME, method_comparison
+from tvsysid.methods import Evidence
 from tvsysid.models import Model
 from tvsysid.planning import Plan
 from tvsysid.preprocess import Preparation
@@ -25,7 +23,6 @@ from tvsysid.simulate import Simulation
 from tvsysid.study.prepared import excerpt
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
 
 
@@ -52,11 +49,15 @@ def plot(shown: Any, title: str = "") -> Figure:
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['angle (rad)', 'torque (N·m)']
     """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     dims = getattr(shown, "dims", ())
     if "scenario" in dims:
-        return _simulations(shown, title)
-    if "bootstrap" in dims and shown.sizes["recording"] == 1:
-        return stiffness_with_bands(shown, str(shown.recording.values[0]), title)
+        labels = list(map(str, shown.scenario.values))
+        middle = labels[len(labels) // 2]
+        drawn = shown.sel(quantity=[name for name in shown.quantity.values if name in OVER_TIME])
+        none = pd.DataFrame(columns=["scenario", "metric", "value"])
+        return method_comparison(drawn, none, [middle], [], title or middle)
     if "bootstrap" in dims:
         return stiffness_of_participants(shown, title)
     raise InputError(
@@ -65,49 +66,22 @@ def plot(shown: Any, title: str = "") -> Figure:
     )
 
 
-def _simulations(results: xr.Dataset, title: str) -> Figure:
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    labels = list(map(str, results.scenario.values))
-    results = results.sel(quantity=[name for name in results.quantity.values if name in OVER_TIME])
-    nothing = pd.DataFrame(
-        columns=["scenario", "method", "trials", "metric", "value", "standard_error"]
-    )
-    shown = labels[len(labels) // 2]
-    return method_comparison(results, nothing, [shown], [], title or shown)
-
-
-def _recording(recording: Recording, title: str = "") -> Figure:
+def _plot_recording(recording: Recording, title: str = "") -> Figure:
     part = excerpt(recording, "target" if "target" in recording.channels else None)
-    whole = len(part) == len(recording)
-    return recorded_signals({"" if whole else f"{part.duration:g} s from the middle": part}, title)
+    return recorded_signals({f"{part.duration:g} s of {recording.duration:g} s": part}, title)
 
 
-def _model(model: Model, title: str = "") -> Figure:
-    return identified_impedance({_label(model): model}, {}, title)
-
-
-def _comparison(comparison: Comparison, title: str = "") -> Figure:
-    return identified_impedance(comparison.models, comparison.time_varying_vaf, title)
-
-
-def _evidence(evidence: Evidence, title: str = "") -> Figure:
-    return tuning_curves({evidence.criterion: evidence}, title)
-
-
-def _label(model: Model) -> str:
-    """Return the short name of a model's method."""
-    name = model.method.partition("(")[0]
-    return next((key for key, method in METHODS.items() if method.__name__ == name), name)
-
-
-plot.register(Recording, _recording)
-plot.register(Simulation, lambda simulation, title="": _recording(simulation.recording, title))
+plot.register(Recording, _plot_recording)
+plot.register(Simulation, lambda simulation, title="": _plot_recording(simulation.recording, title))
 plot.register(Ensemble, ensemble_signals)
 plot.register(Preparation, preparation_steps)
 plot.register(Diagnosis, diagnosis_panels)
-plot.register(Model, _model)
-plot.register(AdaptiveModel, adaptive_impedance)
-plot.register(Comparison, _comparison)
-plot.register(Evidence, _evidence)
+plot.register(Model, lambda model, title="": identified_impedance({model.method: model}, {}, title))
+plot.register(
+    Comparison,
+    lambda found, title="": identified_impedance(found.models, found.time_varying_vaf, title),
+)
+plot.register(
+    Evidence, lambda evidence, title="": tuning_curves({evidence.criterion: evidence}, title)
+)
 plot.register(Plan, planned_recording)

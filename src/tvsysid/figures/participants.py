@@ -1,27 +1,25 @@
-"""Stiffness of people over time: of all of them, and of one in detail."""
+"""Figures of an experiment: stiffness of people over time, metrics and errors of methods."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tvsysid.errors import InputError
 from tvsysid.figures import style
-from tvsysid.figures.results import headings, is_known, label_time, of_least_data, unique
+from tvsysid.figures.results import headings, of_least_data, unique
 from tvsysid.figures.words import perturbation_name, wrapped
-from tvsysid.numerics.bands import mean_and_spread
+from tvsysid.numerics.bands import mean_and_spread, mean_known
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-ABREAST = 6  # participants side by side; further ones begin a new line
-TARGET_LINE: dict[str, Any] = {"color": style.TARGET, "linewidth": 0.8}
-BEHIND: dict[str, Any] = {"color": "#C0C0C0", "linewidth": 1.3, "label": "torque to be followed"}
+TARGET: dict[str, Any] = {"color": style.TARGET, "linewidth": 0.8, "label": "torque to be followed"}
 # Mean torque by perturbation; overlapping lines all show.
 TORQUES: tuple[dict[str, Any], ...] = (
     {"color": "#B98345", "linewidth": 2.8},
@@ -29,15 +27,24 @@ TORQUES: tuple[dict[str, Any], ...] = (
     {"color": "#8A5A24", "linewidth": 1.6, "linestyle": ":"},
     {"color": "#3B2408", "linewidth": 0.9, "linestyle": "-."},
 )
+SPREAD = {
+    "vaf": "VAF (%)",
+    "bandpassed_vaf": "VAF, 1–10 Hz (%)",
+    "random_error": "random error (N·m/rad)",
+}
+AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
+FAINT, FULL = 0.35, 0.85  # opacity of the bars for the least and the most data
+MAX_ABREAST = 12  # letters of a label below bars, which else stands upright
+CAPTION = "below: realizations drawn; bars: mean ± 2 SD over participants; dots: participants"
 LABELS = {"estimate": "stiffness\n(N·m/rad)", "time_varying_vaf": "time-varying VAF\n(%)"}
 
 
 @style.styled
 def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
-    """Draw the mean stiffness of every participant, a line for each method, above the torque.
+    """Draw the mean stiffness of every participant, a line for each method, beside the torque.
 
-    A column for each participant, six of them abreast; a row for each perturbation, and one for the
-    torque if it is known. Vertical scales are common.
+    A row for each participant; a column for each perturbation, and one for the torque if it is
+    known. Vertical scales are common.
 
     Parameters
     ----------
@@ -46,76 +53,48 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         three NaN where not known. Each method is shown with the fewest realizations that it was
         given.
     """
-    results = of_least_data(results)
+    results = of_least_data(results).transpose("analysis", ...)
     people, perturbations = (
         unique(results[name].values) for name in ("participant", "perturbation")
     )
-    torques = np.stack([results.target_torque.values, results.mean_torque.values])
-    has_torque = bool(np.isfinite(torques).any())
-    heights = [1.0] * len(perturbations) + [0.55] * has_torque
-    blocks, wide = -(-len(people) // ABREAST), min(len(people), ABREAST)
+    titles = [perturbation_name(each) for each in perturbations]
+    if np.isfinite([results.target_torque, results.mean_torque]).any():
+        titles.append("torque (N·m)")
     figure, grid = style.panels(
-        len(heights) * blocks,
-        wide,
-        max(1.5 * wide, 3.6) + 0.9,
-        (1.45 * sum(heights) + 0.35) * blocks + 0.8,
+        len(people),
+        len(titles),
+        2.6 * len(titles) + 1.0,
+        1.45 * len(people) + 1.2,
         title,
+        xlabel="time (s)",
+        ylabels=[f"{person}\n{LABELS['estimate']}" for person in people],
+        headings=titles,
         sharex=True,
-        height_ratios=heights * blocks,
+        sharey="col",
     )
-    draws = results.estimate.transpose("bootstrap", "analysis", "recording", "time").values
-    limits = style.usual_limits(mean_and_spread(draws)[0], results.truth.values)
-    columns = [column for block in np.split(grid, blocks) for column in block.T]
-    for person, column in zip(people, columns, strict=False):
-        column[0].set_title(wrapped(person))
-        mine = results.isel(recording=results.participant.values == person)
-        for axes, perturbation, torque in zip(column, perturbations, TORQUES * 9, strict=False):
-            axes.set_ylim(limits)
-            one = mine.isel(recording=mine.perturbation.values == perturbation)
-            if not one.sizes["recording"]:
-                style.remark(axes, "not recorded")
-                continue
-            draw_methods(axes, one.isel(recording=0))
-            if has_torque:
-                column[-1].plot(one.time, one.mean_torque[0], **torque)
-                column[-1].plot(one.time, one.target_torque[0], **TARGET_LINE)
-                column[-1].set_ylim(style.usual_limits((), torques))
-        label_time(column[-1], results)
-        column[-1].tick_params(labelbottom=True)
-    for axes in np.ravel(columns[len(people) :]):
-        axes.set_axis_off()
-    names = [wrapped(perturbation_name(each)) for each in perturbations]
-    labels = [*(f"{name}\n{LABELS['estimate']}" for name in names), "torque\n(N·m)"]
-    for axes, label in zip(grid[:, 0], labels[: len(heights)] * blocks, strict=True):
-        axes.set_ylabel(label)
-    for axes in grid[:, 1:].flat:
-        axes.tick_params(labelleft=False)
-    figure.align_ylabels(grid[:, 0])
-    looks = style.lines(unique(results.method_key.values)).values()
-    pairs = zip(headings(results, 60), looks, strict=True)
-    keys = [style.line_key(text, **look.line) for text, look in pairs]
-    keys += [style.line_key(**style.TRUE_LINE)] * is_known(results)
-    if np.isfinite(results.target_torque).any():
-        keys.append(style.line_key("torque to be followed", **TARGET_LINE))
-    if np.isfinite(results.mean_torque).any():
-        keys += [
-            style.line_key(f"mean torque, {name}", **torque)
-            for name, torque in zip(names, TORQUES * 9, strict=False)
-        ]
-    style.legend_below(figure, keys)
-    return figure
-
-
-def draw_methods(axes: Axes, results: xr.Dataset) -> None:
-    """Draw the truth and the mean by every method, of a single recording."""
-    axes.plot(results.time, results.truth, **style.TRUE_LINE)
-    means, _ = mean_and_spread(results.estimate.transpose("bootstrap", "analysis", "time").values)
-    if not np.isfinite(means).any():
-        style.remark(axes, "no estimate")
-    looks = style.lines(unique(results.method_key.values)).values()
-    for place, (mean, look) in enumerate(zip(means, looks, strict=True)):
-        curve = look.curve(len(mean), place, len(means)) | {"markersize": 3.0}
-        axes.plot(results.time, mean, linewidth=1.0, **curve)
+    for first in grid[0, : len(perturbations)]:
+        style.limit_to_usual(first, results.estimate.values, results.truth)
+    looks, time = style.lines(unique(results.method_key.values)).values(), results.time.values
+    means = mean_and_spread(results.estimate.transpose("bootstrap", "recording", ...).values)[0]
+    recordings = list(zip(results.participant.values, results.perturbation.values, strict=True))
+    for row, column in np.ndindex(len(people), len(perturbations)):
+        axes: Any = grid[row, column]
+        key = people[row], perturbations[column]
+        if key not in recordings:
+            style.remark(axes, "not recorded")
+            continue
+        place = recordings.index(key)
+        one = results.isel(recording=place)
+        if np.isfinite(one.truth).any():
+            axes.plot(time, one.truth, **style.TRUE_LINE)
+        for mean, look, label in zip(means[place], looks, headings(results, 60), strict=True):
+            style.curve(axes, time, mean, **look | {"label": label, "linewidth": 1.0})
+        if np.isfinite(one.mean_torque).any():
+            label, look = f"mean torque, {titles[column]}", TORQUES[column % len(TORQUES)]
+            grid[row, -1].plot(time, one.mean_torque, label=label, **look)
+        if np.isfinite(one.target_torque).any():
+            grid[row, -1].plot(time, one.target_torque, **TARGET)
+    return style.finish(figure)
 
 
 @style.styled
@@ -123,8 +102,8 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     """Draw stiffness and VAF over time of one participant: mean ± 2 SD over bootstraps.
 
     A column for each method, with the fewest realizations that it was given; a row for each
-    perturbation with the stiffness, and one with the VAF. A grey line is the torque to be followed,
-    with its scale on the right.
+    perturbation with the stiffness, one with the VAF, and one with the torque to be followed if
+    there is one.
 
     Parameters
     ----------
@@ -133,80 +112,152 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     participant
         Whose recordings are shown; ``InputError`` if there is none of that name.
     """
-    return _bands(results, "participant", participant, tuple(LABELS), title)
-
-
-@style.styled
-def stiffness_with_bands(results: xr.Dataset, recording: str, title: str = "") -> Figure:
-    """Draw the stiffness of one recording by every method in a row: mean ± 2 SD over bootstraps.
-
-    A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them.
-    ``InputError`` if there is no recording of this label.
-    """
-    return _bands(results, "recording", recording, ("estimate",), title)
-
-
-def _bands(
-    results: xr.Dataset, kind: str, label: str, variables: Sequence[str], title: str
-) -> Figure:
-    """Return rows of axes for the recordings of this label, a column for each method."""
-    if label not in results[kind].values:
-        known = ", ".join(unique(results[kind].values))
-        raise InputError(f"figure: there is no {kind} {label!r}; there are {known}")
-    here = of_least_data(results.isel(recording=results[kind].values == label))
-    columns, recordings = here.sizes["analysis"], here.sizes["recording"]
-    rows = [(variable, place) for variable in variables for place in range(recordings)]
+    if participant not in results.participant.values:
+        known = ", ".join(unique(results.participant.values))
+        raise InputError(f"figure: there is no participant {participant!r}; there are {known}")
+    here = of_least_data(results.isel(recording=results.participant.values == participant))
+    here = here.transpose("bootstrap", "analysis", "recording", "time", ...)
+    methods, time = unique(here.method_key.values), here.time.values
+    has_target = bool(np.isfinite(here.target_torque).any())
+    rows = [(variable, place) for variable in LABELS for place in range(here.sizes["recording"])]
+    labels = [
+        f"{perturbation_name(here.perturbation.values[place])}\n{LABELS[variable]}"
+        for variable, place in rows
+    ]
+    labels += ["torque\n(N·m)"] * has_target
     figure, grid = style.panels(
-        len(rows),
-        columns,
-        max(1.25 * columns, 2.6) + 0.84,
-        1.35 * len(rows) + 1.1,
+        len(labels),
+        len(methods),
+        max(1.25 * len(methods), 2.6) + 0.84,
+        1.35 * len(labels) + 1.1,
         title,
+        xlabel="time (s)",
+        ylabels=labels,
+        headings=headings(here, 15),
         sharex=True,
         sharey="row",
     )
-    draws = here.transpose("analysis", "bootstrap", "recording", "time", ...)
-    limits = {
-        "estimate": style.usual_limits(draws.estimate.values, here.truth.values),
-        "time_varying_vaf": (0.0, 102.0),
+    for row, (variable, place) in zip(grid, rows, strict=False):
+        draws, is_vaf = here[variable].values[:, :, place], variable == "time_varying_vaf"
+        truth = np.nan if is_vaf else here.truth.values[place]
+        style.draw_bands(row, time, draws, methods, truth, 100.0 if is_vaf else np.inf)
+        if is_vaf:
+            row[0].set_ylim(0, 102)
+        else:  # one scale for all perturbations
+            stiffness = here.estimate.transpose("analysis", ...).values
+            style.limit_to_usual(row[0], stiffness, here.truth)
+    for axes in grid[-1] if has_target else ():
+        axes.plot(time, here.target_torque[0], **TARGET)
+    several = here.sizes["bootstrap"] > 1
+    text = "mean over bootstraps ± 2 standard deviations" if several else "the only bootstrap"
+    return style.finish(figure, text)
+
+
+@style.styled
+def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
+    """Draw VAF, band-passed VAF and random error at every amount of data.
+
+    A row for each perturbation, a column for each metric. A bar is the mean over participants, with
+    twice their standard deviation on either side, and a dot is one participant; below a method
+    stand the realizations drawn for its bars.
+
+    Parameters
+    ----------
+    summary
+        Of an experiment: columns participant, perturbation, method, realizations, metric, value.
+    """
+    figure = style.blank(_width(summary, SPREAD), 1.9 * summary.perturbation.nunique() + 1.2, title)
+    _draw_bars(figure, summary, SPREAD)
+    return style.finish(figure, CAPTION)
+
+
+@style.styled
+def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
+    """Draw the error of the mean stiffness over bootstraps, where the truth is known.
+
+    Above, the error over time: a column for each method with the fewest realizations that it was
+    given, a row for each perturbation, a thin line for each participant and a thick one for their
+    mean. Below, bars of the bias error and of the mean bias as in :func:`variance_and_spread`.
+
+    Parameters
+    ----------
+    results, summary
+        Of an experiment, as of :func:`stiffness_of_participants` and :func:`variance_and_spread`.
+    """
+    here = of_least_data(results)
+    here = here.isel(recording=np.isfinite(here.truth.values).any(axis=1))
+    perturbations, methods = (unique(here[name].values) for name in ("perturbation", "method_key"))
+    labels = [f"{perturbation_name(each)}\nestimate − truth\n(N·m/rad)" for each in perturbations]
+    heights = [1.35 * len(labels) + 0.6, 1.8 * len(labels) + 0.5]
+    width = max(1.45 * len(methods) + 0.8, _width(summary, AGAINST_TRUTH))
+    figure = style.blank(width, sum(heights) + 0.6, title)
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
+    grid = style.grid_of(
+        above,
+        len(labels),
+        len(methods),
+        xlabel="time (s)",
+        ylabels=labels,
+        headings=headings(here, 18),
+        sharex=True,
+        sharey=True,
+    )
+    draws = here.estimate.transpose("bootstrap", "analysis", "recording", "time").values
+    errors = mean_and_spread(draws)[0] - here.truth.values
+    for row, perturbation in zip(grid, perturbations, strict=True):
+        mine = errors[:, here.perturbation.values == perturbation]
+        for axes, look, each in zip(row, style.lines(methods).values(), mine, strict=True):
+            color = look["color"]
+            axes.axhline(0, color=style.INK, linestyle="--")
+            axes.plot(here.time, each.T, color=color, linewidth=0.6, alpha=0.45)
+            style.curve(axes, here.time.values, mean_known(each), color=color, linewidth=2.0)
+    _draw_bars(below, summary, AGAINST_TRUTH)
+    return style.finish(figure, CAPTION)
+
+
+def _width(summary: pd.DataFrame, metrics: Mapping[str, str]) -> float:
+    """Return the width in inches of a figure with a column of bars for each metric."""
+    return len(metrics) * max(0.65 + 0.72 * summary.method.nunique(), 2.1)
+
+
+def _draw_bars(part: Any, summary: pd.DataFrame, metrics: Mapping[str, str]) -> None:
+    """Draw bars: a row of axes for each perturbation, a column for each metric."""
+    amounts = {
+        str(method): sorted(rows.realizations.unique())
+        for method, rows in summary.groupby("method", sort=False)
     }
-    # Without a torque to be followed there need be no task, and the mean torque means little.
-    target = here.target_torque
-    hues = style.hues(unique(here.method_key.values)).values()
-    for row, (variable, place) in zip(grid, rows, strict=True):
-        one = here.isel(recording=place)
-        name = wrapped(perturbation_name(one.perturbation.item()))
-        row[0].set_ylabel(f"{name}\n{LABELS[variable]}" if recordings > 1 else LABELS[variable])
-        row[0].set_ylim(limits[variable])
-        values = one[variable].transpose("bootstrap", "analysis", "time").values
-        upper_limit = np.inf if variable == "estimate" else 100.0
-        for axes, hue, mean, spread in zip(row, hues, *mean_and_spread(values), strict=True):
-            if variable == "estimate":
-                axes.plot(one.time, one.truth, **style.TRUE_LINE)
-            band = (mean - 2 * spread, np.minimum(mean + 2 * spread, upper_limit))
-            style.curve_with_band(axes, one.time.values, mean, band, hue)
-            if np.isfinite(one.target_torque).any():
-                behind = _torque_behind(axes, one, axes is row[-1])
-                behind.set_ylim(style.usual_limits((), target.values))
-    for axes, heading in zip(grid[0], headings(here, 15), strict=True):
-        axes.set_title(heading, fontsize=8.5)
-    label_time(grid[-1], here)
-    figure.align_ylabels(grid[:, 0])
-    keys: list[Artist] = style.band_keys(here.sizes["bootstrap"], "bootstrap")
-    keys += [style.line_key(**style.TRUE_LINE)] * is_known(here)
-    keys += [style.line_key(**BEHIND)] * bool(np.isfinite(target).any())
-    style.legend_below(figure, keys)
-    return figure
+    below = [
+        f"{wrapped(method, 12)}\n{' | '.join(f'{amount:g}' for amount in several)}"
+        for method, several in amounts.items()
+    ]
+    is_crowded = max(len(line) for text in below for line in text.split("\n")) > MAX_ABREAST
+    perturbations = unique(summary.perturbation)
+    rows, columns = len(perturbations), len(metrics)
+    grid = style.grid_of(part, rows, columns, sharex=True, sharey="col")
+    for (row, column), axes in np.ndenumerate(grid):
+        perturbation, metric = perturbations[row], list(metrics)[column]
+        is_shown = (summary.perturbation == perturbation) & (summary.metric == metric)
+        _draw_participants(axes, summary[is_shown], amounts)
+        axes.set_title(perturbation_name(perturbation), loc="left")
+        axes.set_ylabel(metrics[metric])
+        axes.set_xticks(range(len(below)), below, rotation=90 * is_crowded)
+        axes.grid(visible=False, axis="x")
+        if "vaf" in metric:
+            axes.set_ylim(0, 102)
 
 
-def _torque_behind(axes: Axes, results: xr.Dataset, is_last: bool) -> Axes:
-    """Draw the torque to be followed behind the axes, and return its own axes."""
-    behind = axes.twinx()
-    behind.plot(results.time, results.target_torque, **BEHIND)
-    behind.set_zorder(axes.get_zorder() - 1)
-    axes.patch.set_visible(False)
-    behind.grid(visible=False)
-    behind.spines["right"].set_visible(True)
-    behind.tick_params(labelright=is_last, colors=style.GREY)
-    behind.set_ylabel("torque (N·m)" if is_last else "", color=style.GREY)
-    return behind
+def _draw_participants(axes: Axes, rows: pd.DataFrame, amounts: Mapping[str, list[float]]) -> None:
+    """Draw each participant, and their mean with two standard deviations."""
+    axes.axhline(0, color="black", linewidth=0.8)
+    for place, (method, look) in enumerate(style.lines(list(amounts)).items()):
+        width, color = 0.8 / len(amounts[method]), look["color"]
+        opacities = np.linspace(FULL, FAINT, len(amounts[method]))[::-1]
+        for number, amount in enumerate(amounts[method]):
+            values = rows[(rows.method == method) & (rows.realizations == amount)].value.dropna()
+            middle = place - 0.4 + (number + 0.5) * width
+            fill = {"facecolor": (color, opacities[number]), "edgecolor": color}
+            spread = 2 * values.std() if len(values) > 1 else None
+            axes.bar(middle, values.mean(), 0.92 * width, yerr=spread, **fill)
+            # Dots beside each other, so that equal ones show, in the order of the participants.
+            beside = middle + np.linspace(-0.25, 0.25, len(values) + 2)[1:-1] * width
+            axes.plot(beside, values, ".", color="black", alpha=0.7)

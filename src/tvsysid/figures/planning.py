@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from textwrap import fill
 from typing import TYPE_CHECKING
 
@@ -27,51 +26,44 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 
     A panel for each setup, and one with the time in which each method follows a step.
     """
-    width = 4.6 + 3.2 * len(plan.setups)
-    figure, grid = style.panels(
-        1, len(plan.setups) + 1, width, 3.4, title or fill(str(plan), round(11 * width))
-    )
-    methods = list(plan.methods)
+    width, count = 4.6 + 3.2 * len(plan.setups), len(plan.setups) + 1
+    title = title or fill(str(plan), round(11 * width))
+    figure, grid = style.panels(1, count, width, 3.4, title)
     for axes, setup in zip(grid[0], plan.setups, strict=False):
-        _against_minutes(axes, plan, setup)
-    _rise_times(grid[0, -1], plan)
-    wish = style.line_key("wish", color=style.INK, linestyle=":")
-    style.legend_below(figure, [*style.method_keys(methods), wish])
-    return figure
+        _draw_against_minutes(axes, plan, setup)
+    _draw_rise_times(grid[0, -1], plan)
+    return style.finish(figure)
 
 
-def _against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
+def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
     looks = style.lines(list(plan.methods))
     for answer in plan.answers:
         curve, look = plan.curves[setup, answer.method], looks[answer.method]
         if answer.setup != setup or not curve.realizations.size:
             continue
         counts = np.geomspace(curve.realizations[0], curve.realizations[-1], SAMPLES)
-        half = [plan.multiple * curve.at(each).total for each in counts]
-        minutes = [seconds_of(plan.setups[setup], each) / 60 for each in counts]
-        axes.loglog(minutes, half, **look.curve(SAMPLES, 0, 1), linewidth=1.4)
+        half = np.array([plan.multiple * curve.at(each).total for each in counts])
+        minutes = np.array([seconds_of(plan.setups[setup], each) / 60 for each in counts])
+        style.curve(axes, minutes, half, **look)
         if answer.realizations is not None:
-            dot = look.line | {"markersize": 9.0, "linestyle": "none"}
-            axes.loglog(answer.seconds / 60, plan.precision, **dot)
-    axes.axhline(plan.precision, color=style.INK, linestyle=":")
-    axes.set_xlabel("minutes recorded")
-    axes.set_ylabel("stiffness: ± at 95 %, bias included (N·m/rad)")
-    axes.set_title(setup)
+            dot = look | {"markersize": 9.0, "linestyle": "", "label": ""}
+            axes.plot(answer.seconds / 60, plan.precision, **dot)
+    axes.axhline(plan.precision, color=style.INK, linestyle=":", label="wish")
+    label = "stiffness: ± at 95 %, bias included (N·m/rad)"
+    axes.set(xlabel="minutes recorded", ylabel=label, title=setup, xscale="log", yscale="log")
     style.log_ticks(axes.xaxis)
     style.log_ticks(axes.yaxis)
 
 
-def _rise_times(axes: Axes, plan: Plan) -> None:
-    hues, several = style.hues(list(plan.methods)), len(plan.setups) > 1
-    labels = [f"{each.method}, {each.setup}" if several else each.method for each in plan.answers]
+def _draw_rise_times(axes: Axes, plan: Plan) -> None:
+    looks = style.lines(list(plan.methods))
+    times = np.array([each.rise_time for each in plan.answers])
     bars = axes.barh(
-        labels,
-        [np.nan_to_num(each.rise_time) for each in plan.answers],
-        color=[hues[each.method] for each in plan.answers],
+        [f"{each.method},\n{each.setup}" for each in plan.answers],
+        np.nan_to_num(times),
+        color=[looks[each.method]["color"] for each in plan.answers],
     )
-    times = [each.rise_time for each in plan.answers]
-    texts = [f"{time:.2g} s" if math.isfinite(time) else "unknown" for time in times]
-    axes.bar_label(bars, texts, padding=3, fontsize=7)
+    axes.bar_label(bars, [f"{time:.2g} s" for time in times], padding=3, fontsize=7)
     axes.invert_yaxis()
     axes.margins(x=0.2)
     if plan.resolution is not None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 from tvsysid.figures import style
 from tvsysid.figures.words import wrapped
@@ -14,8 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-LEAST = 1.0  # %: where colours and axes begin
-PAD = 0.2  # inches beside the axes, for browsers whose letters are wider
+LEAST = 1.0  # %: where colours begin
 DARK = 0.45  # share of the colours on which print is white
 
 
@@ -34,25 +34,21 @@ def leaderboard(
         Names of scenarios by what they have in common; they are numbered from 1, as the columns of
         the picture.
     """
-    from matplotlib.colors import LogNorm  # noqa: PLC0415  # heavy
-
     names = [name for group in groups.values() for name in group]
-    wide = 0.42 * len(names)
-    figure = style.blank(3.6 + wide, 1.3 + 0.28 * len(table), title)
-    figure.set_layout_engine("constrained", w_pad=PAD)
-    scores, errors = figure.subplots(1, 2, sharey=True, width_ratios=(2.4, wide))
-    places, score = np.arange(len(table)), table.score.to_numpy()
-    spread = 2 * table.score_error.fillna(0.0).to_numpy()
-    below = np.minimum(spread, 0.99 * score)  # no score is below 0
-    scores.errorbar(score, places, xerr=(below, spread), fmt="o", color=style.INK)
+    width, places = 0.42 * len(names), np.arange(len(table))
+    figure, grid = style.panels(
+        1, 2, 3.6 + width, 1.3 + 0.28 * len(table), title, sharey=True, width_ratios=(2.4, width)
+    )
+    scores, errors = grid[0]
+    spread = 2 * table.score_error.fillna(0.0)
+    below = np.minimum(spread, 0.99 * table.score)  # no score is below 0
+    scores.errorbar(table.score, places, xerr=(below, spread), fmt="o", color=style.INK)
     scores.set_xscale("log")
-    scores.set_xlim(min(LEAST, 0.8 * float(score.min())), 100.0)
-    scores.xaxis.set_major_formatter("{x:g}")
-    scores.xaxis.set_minor_formatter("")
+    scores.margins(x=0.05)
+    style.log_ticks(scores.xaxis)
     scores.set_xlabel("score (%), ± 2 standard errors")
     ranks = zip(table["rank"], table.entry, strict=True)
     scores.set_yticks(places, [f"{rank}  {wrapped(entry, 30, 2)}" for rank, entry in ranks])
-    scores.set_ylim(len(table) - 0.5, -0.5)
     shade = LogNorm(LEAST, 100.0, clip=True)
     errors.imshow(table[names], cmap="cividis", norm=shade, aspect="auto")
     for (row, column), value in np.ndenumerate(table[names].to_numpy()):
@@ -61,8 +57,8 @@ def leaderboard(
         errors.text(column, row, text, ha="center", va="center", color=ink)
     start = 0
     for name, members in groups.items():
-        middle = start + (len(members) - 1) / 2
-        errors.text(middle, -0.7, wrapped(name, 6 * len(members), 2), ha="center", va="bottom")
+        text = wrapped(name, 6 * len(members), 2)
+        errors.text(start - 0.4, -0.7, text, va="bottom")
         start += len(members)
         errors.axvline(start - 0.5, color="white", linewidth=3)
     errors.set_xticks(range(len(names)), [str(number + 1) for number in range(len(names))])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,25 +43,7 @@ def unique(values: Iterable[object]) -> list[str]:
 
 def headings(results: xr.Dataset, width: int) -> list[str]:
     """Return method and seconds of data of each analysis, in lines of limited length."""
-    texts = []
-    for method, count in zip(results.method_key.values, results.realizations.values, strict=True):
-        name, amount = wrapped(str(method), width), f"{int(count)} × {duration_of(results):.4g} s"
-        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
-        texts.append(f"{name}, {amount}" if fits else f"{name},\n{amount}")
-    return texts
-
-
-def duration_of(results: xr.Dataset) -> float:
-    """Return the duration of a realization in s."""
     time = results.time.values
-    return len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
-
-
-def label_time(axes: Any, results: xr.Dataset) -> None:
-    """Label the time axis of the last row of axes, and limit it to one realization."""
-    start = float(results.time.values[0])
-    for each in np.ravel(axes):
-        each.set_xlabel("time (s)")
-        each.set_xlim(start, start + (duration_of(results) or 1.0))
-        each.locator_params(axis="x", nbins=4)
-        each.xaxis.set_major_formatter("{x:g}")
+    period = len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
+    pairs = zip(results.method_key.values, results.realizations.values, strict=True)
+    return [wrapped(f"{method}, {number:.0f} × {period:.4g} s", width) for method, number in pairs]

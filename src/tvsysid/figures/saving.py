@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING
 
 import attrs
 
-from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+LOOK = Path(__file__).with_name("tvsysid.mplstyle")
+# A date would make each file a new one.
+UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 @attrs.frozen
@@ -62,22 +65,28 @@ def draw_all(
     """
     pictures = {}
     for stem, each in illustrations.items():
-        figure, svg = each.draw(), b""
-        for ending in each.endings if folder is not None else {"svg"} & {*each.endings}:
-            content = drawn(figure, ending)
-            svg = content if ending == "svg" else svg
+        figure, contents = each.draw(), {}
+        for ending in each.endings:
             if folder is not None:
-                with whole_file(Path(folder) / f"{stem}.{ending}") as temporary:
-                    temporary.write_bytes(content)
+                contents[ending] = _write(figure, Path(folder) / f"{stem}.{ending}")
+            elif ending == "svg":
+                contents[ending] = drawn(figure, ending)
         width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
+        svg = contents.get("svg", b"")
         pictures[stem] = Picture(each.title, each.description, svg, width, height)
     return pictures
 
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure whole; its ending says in which format: svg, pdf or png."""
+    _write(figure, Path(path))
+
+
+def _write(figure: Figure, path: Path) -> bytes:
+    content = drawn(figure, path.suffix.removeprefix("."))
     with whole_file(path) as temporary:
-        temporary.write_bytes(drawn(figure, temporary.suffix.removeprefix(".")))
+        temporary.write_bytes(content)
+    return content
 
 
 def drawn(figure: Figure, format: str) -> bytes:
@@ -87,15 +96,13 @@ def drawn(figure: Figure, format: str) -> bytes:
     """
     from matplotlib.style import context  # noqa: PLC0415  # heavy
 
-    # A date would make each file a new one.
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     content = BytesIO()
     with context(LOOK), warnings.catch_warnings():
-        # Chinese characters, for example. The SVG shows them
+        # Chinese characters, for example. The SVG shows them.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         if (engine := figure.get_layout_engine()) is not None:
             # Laid out once for all formats.
             engine.execute(figure)
             figure.set_layout_engine(None)
-        figure.savefig(content, format=format, dpi=150, metadata=undated.get(format))
+        figure.savefig(content, format=format, metadata=UNDATED.get(format))
     return content.getvalue()

@@ -1,24 +1,41 @@
-"""Figures of a simulation study: errors over the amount of data, coverage, impulse responses."""
+"""Figures of a simulation study: methods side by side, errors, coverage, impulse responses."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from tvsysid.errors import InputError
 from tvsysid.figures import style
-from tvsysid.figures.results import of_quantity, unique
-from tvsysid.figures.words import perturbation_name, wrapped
-from tvsysid.numerics import Array
+from tvsysid.figures.results import of_quantity, scenario_traits, unique
+from tvsysid.figures.words import differing, perturbation_name, wrapped
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
+METRICS = {
+    "bias_error": "bias error\n(N·m/rad)",
+    "random_error": "random error\n(N·m/rad)",
+    "total_error": "total error\n(N·m/rad)",
+    "rise_time": "rise time\n(s)",
+    "vaf": "VAF\n(%)",
+}
+METRICS_OF_PATHWAYS = {
+    "bias_error": "bias error\n(N·m/rad)",
+    "total_error": "total error\n(N·m/rad)",
+    "reflex_gain total_error": "error of gain\n(N·m·s/rad)",
+    "intrinsic pathway_vaf": "VAF intrinsic\n(%)",
+    "reflex pathway_vaf": "VAF reflex\n(%)",
+}
+OVER_TIME = {
+    "stiffness": "stiffness\n(N·m/rad)",
+    "reflex_gain": "reflex gain\n(N·m·s/rad)",
+    "VAF": "time-varying VAF\n(%)",
+}
 ERRORS = {
     "debiased_bias_error": "bias error, debiased\n(N·m/rad)",
     "random_error": "random error\n(N·m/rad)",
@@ -31,6 +48,87 @@ SMOOTHED = 0.05
 
 
 @style.styled
+def method_comparison(
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    shown: Sequence[str],
+    compared: Sequence[str],
+    title: str = "",
+    metrics: Mapping[str, str] = METRICS,
+) -> Figure:
+    """Draw estimates and VAF over time, a column for each method, above every metric that is known.
+
+    For each scenario shown a row of axes for each quantity and one for the VAF. Metrics that differ
+    much are over a logarithmic axis.
+
+    Parameters
+    ----------
+    results, summary
+        Of a simulation study; what lies along ``quantity`` is drawn, the stiffness if nothing does.
+    shown
+        Labels of the scenarios that are drawn over time: mean ± 2 standard deviations over trials.
+    compared
+        Labels of the scenarios whose metrics are drawn: value ± its standard error.
+    metrics
+        Of the summary, and what their axes are called.
+    """
+    methods, trials = unique(results.method_key.values), results.sizes["trial"]
+    which, ticks = (
+        differing(scenario_traits(results).loc[list(labels)]) for labels in (shown, compared)
+    )
+    rows = summary[summary.scenario.isin(compared) & summary.value.notna()]
+    names = [name for name in metrics if name in set(rows.metric)]
+    quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
+    over_time = [(name, place) for name in (*quantities, "VAF") for place in range(len(shown))]
+    labels = [f"{which[place]}\n" * (len(shown) > 1) + OVER_TIME[name] for name, place in over_time]
+    heights = [1.25 * len(over_time) + 0.7, *[1.2 * len(names) + 0.8] * bool(names)]
+    figure = style.blank(max(1.5 * len(methods), 3.2) + 0.8, sum(heights) + 0.8, title)
+    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    grid = style.grid_of(
+        parts[0],
+        len(over_time),
+        len(methods),
+        xlabel="time (s)",
+        ylabels=labels,
+        headings=[wrapped(method, 17) for method in methods],
+        sharex=True,
+        sharey="row",
+    )
+    for row, (name, place) in zip(grid, over_time, strict=True):
+        cell = results.sel(scenario=shown[place])
+        if name == "VAF":
+            draws, truth = cell.time_varying_vaf, np.nan
+        else:
+            cell = of_quantity(cell, name)
+            draws, truth = cell.estimate, cell.truth.values
+        highest = 100.0 if name == "VAF" else np.inf
+        draws = draws.transpose("trial", ...).values
+        style.draw_bands(row, cell.time.values, draws, methods, truth, highest)
+    if names:
+        lower = style.grid_of(
+            parts[1], len(names), 1, ylabels=[metrics[name] for name in names], sharex=True
+        )
+        for axes, name in zip(lower[:, 0], names, strict=True):
+            _draw_metric(axes, rows[rows.metric == name], methods, compared)
+        lower[-1, 0].set_xticks(range(len(ticks)), [wrapped(each, 25) for each in ticks])
+    text = f"mean over {trials} trials ± 2 standard deviations; metrics ± 1 standard error"
+    return style.finish(figure, text if trials > 1 else "the only trial")
+
+
+def _draw_metric(
+    axes: Axes, rows: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str]
+) -> None:
+    """Draw a metric with its standard errors, the methods of each scenario side by side."""
+    for number, (method, look) in enumerate(style.lines(methods).items()):
+        mine = rows[rows.method == method].set_index("scenario").reindex(list(scenarios))
+        places = np.arange(len(scenarios)) + 0.8 * ((number + 0.5) / len(methods) - 0.5)
+        points = look | {"linestyle": "", "marker": look["marker"] or "o"}
+        axes.errorbar(places, mine.value, mine.standard_error.fillna(0.0), **points)
+    axes.set_xlim(-0.5, len(scenarios) - 0.5)
+    style.scale_errors(axes, rows.value)
+
+
+@style.styled
 def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     """Draw bias, random and total error over the amount of data, by method: value ± standard error.
 
@@ -40,40 +138,31 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     ----------
     summary
         Rows of a study's summary for one stiffness profile and viscosity, with several durations
-        and one signal-to-noise ratio, or the other way round: ``InputError`` if both vary. Data
-        without noise have no place on the axis of ratios and are left out.
+        and one signal-to-noise ratio, or the other way round. Data without noise have no place on
+        the axis of ratios and are left out.
     """
-    several = [name for name in AMOUNTS if summary[name].nunique() > 1]
-    if len(several) > 1:
-        raise InputError(
-            "error_against_amount: durations and signal-to-noise ratios both vary; give the rows "
-            "of one duration or of one ratio"
-        )
-    amount = several[0] if several else "duration_s"
-    rows = summary[np.isfinite(summary[amount])]
-    perturbations, methods = unique(rows.perturbation), unique(rows.method)
-    columns = len(perturbations)
+    amount = "snr_db" if summary.snr_db.nunique() > 1 else "duration_s"
+    rows = summary[np.isfinite(summary[amount])].rename(columns={amount: "size"})
+    perturbations = unique(rows.perturbation)
+    count = len(perturbations)
     figure, grid = style.panels(
-        len(ERRORS), columns, max(3.3 * columns + 0.6, 4.0), 6.8, title, sharex=True, sharey="row"
+        len(ERRORS),
+        count,
+        3.3 * count + 0.7,
+        6.8,
+        title,
+        xlabel=AMOUNTS[amount],
+        ylabels=ERRORS.values(),
+        headings=map(perturbation_name, perturbations),
+        sharex=True,
+        sharey="row",
     )
-    for row, (error, label) in zip(grid, ERRORS.items(), strict=True):
-        row[0].set_ylabel(label)
+    for row, error in zip(grid, ERRORS, strict=True):
         here = rows[rows.metric == error]
         for axes, perturbation in zip(row, perturbations, strict=True):
-            _errors(axes, here[here.perturbation == perturbation], amount, methods)
-        values = here.value[np.isfinite(here.value)]
-        if len(values) and values.min() > 0 and values.max() > 6 * values.min():
-            row[0].set_yscale("log")
-            style.log_ticks(row[0].yaxis)
-        else:
-            row[0].set_ylim(bottom=0)
-    for axes, perturbation in zip(grid[0], perturbations, strict=True):
-        axes.set_title(perturbation_name(perturbation))
-    for axes in grid[-1]:
-        axes.set_xlabel(AMOUNTS[amount])
-    figure.align_ylabels(grid[:, 0])
-    style.legend_below(figure, style.method_keys(methods))
-    return figure
+            _draw_errors(axes, here[here.perturbation == perturbation])
+        style.scale_errors(row[0], here.value)
+    return style.finish(figure)
 
 
 @style.styled
@@ -88,26 +177,22 @@ def error_against(
     ``what`` varies and which ``error``, with their units; the rows have columns method, size (of
     what varies), value and standard_error.
     """
-    methods = unique(rows.method)
-    figure, ((axes,),) = style.panels(1, 1, 4.6, 3.8, title)
-    axes.axhline(0, color=style.INK, linestyle="--")
-    _errors(axes, rows, "size", methods)
-    axes.set_xlabel(what)
-    axes.set_ylabel(error)
-    style.legend_below(figure, style.method_keys(methods))
-    return figure
+    figure, grid = style.panels(1, 1, 4.6, 3.8, title, xlabel=what, ylabels=[error])
+    grid[0, 0].axhline(0, color=style.INK, linestyle="--")
+    _draw_errors(grid[0, 0], rows)
+    return style.finish(figure)
 
 
-def _errors(axes: Axes, rows: pd.DataFrame, amount: str, methods: Sequence[str]) -> None:
-    """Draw a value with its standard error over an amount, a line for each method."""
-    for method, look in style.lines(methods).items():
-        line = rows[rows.method == method].sort_values(amount)
-        bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0)}
-        axes.errorbar(line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
-    ticks = sorted(rows[amount].unique())
-    if ticks and ticks[0] > 0 and ticks[-1] > 10 * ticks[0]:
+def _draw_errors(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw a line with error bars for each method."""
+    for method, look in style.lines(unique(rows.method)).items():
+        mine = rows[rows.method == method].sort_values("size")
+        axes.errorbar(mine["size"], mine.value, mine.standard_error.fillna(0.0), **look)
+    ticks = sorted(rows["size"].unique())
+    if ticks and 0 < 10 * ticks[0] < ticks[-1]:
         axes.set_xscale("log")
         axes.minorticks_off()
+    axes.margins(x=0.05)
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
 
 
@@ -119,52 +204,37 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     :func:`tvsysid.metrics.coverage`; no line where none has. The scenarios, given by their labels,
     have an axes each, with the true stiffness below.
     """
-    methods, time = unique(results.method_key.values), results.time.values
+    cells, time = of_quantity(results).sel(scenario=list(scenarios)), results.time.values
+    held = cells.covered.transpose("scenario", "method_key", ...)
+    window = {"time": max(1, round(SMOOTHED / (time[1] - time[0])))}
+    hits, bands = (
+        each.rolling(window, center=True, min_periods=1).sum()
+        for each in (held.sum("trial"), held.count("trial"))
+    )
+    shares = (100 * hits / bands).where(held.notnull().any("trial")).values
+    labels = ["trials whose 95 % band\nholds the truth (%)", "true stiffness\n(N·m/rad)"]
     figure, grid = style.panels(
         2,
-        len(scenarios),
-        3.6 * len(scenarios) + 0.8,
+        len(shares),
+        3.6 * len(shares) + 0.8,
         4.4,
         title,
+        xlabel=style.REALIZATION_TIME,
+        ylabels=labels,
+        headings=map(perturbation_name, cells.perturbation.values),
         sharex=True,
         sharey="row",
         height_ratios=(3, 1),
     )
-    looks, shown = style.lines(methods), set()
-    for (above, below), scenario in zip(grid.T, scenarios, strict=True):
-        cell = of_quantity(results).sel(scenario=scenario)
-        for place, (method, look) in enumerate(looks.items()):
-            share = _averaged(cell.covered.sel(method_key=method).values, time)
+    looks = style.lines(unique(results.method_key.values)).values()
+    for place, (above, below) in enumerate(grid.T):
+        for share, look in zip(shares[place], looks, strict=True):
             if np.isfinite(share).any():
-                curve = look.curve(len(time), place, len(looks))
-                above.plot(time, share, linewidth=1.4, label=method, **curve)
-                shown.add(method)
-        above.axhline(NOMINAL, color=style.INK, linestyle=":", linewidth=1.2)
+                style.curve(above, time, share, **look)
+        above.axhline(NOMINAL, color=style.INK, linestyle=":", label="nominal")
         above.set_ylim(-2, 102)
-        above.set_title(perturbation_name(cell.perturbation.item()))
-        below.plot(time, cell.truth.values, color=style.TRUTH, linewidth=1.4)
-        below.set_xlabel(style.REALIZATION_TIME)
-        below.margins(x=0)
-    grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)")
-    grid[1, 0].set_ylabel("true stiffness\n(N·m/rad)")
-    keys = [style.line_key(name, **looks[name].line) for name in methods if name in shown]
-    nominal = style.line_key("nominal", color=style.INK, linestyle=":")
-    style.legend_below(figure, [*keys, nominal])
-    return figure
-
-
-def _averaged(held: Array, time: Array) -> Array:
-    """Return the coverage of the bands in per cent over a moving window, shape (time,).
-
-    NaN where no trial has one.
-    """
-    known = np.isfinite(held)
-    kernel = np.ones(max(1, round(SMOOTHED / (time[1] - time[0]))))
-    hits, bands = (
-        np.convolve(values.sum(axis=0), kernel, mode="same")
-        for values in (np.nan_to_num(held), known)
-    )
-    return np.where(known.any(axis=0), 100 * hits / np.maximum(bands, 1), np.nan)
+        below.plot(time, cells.truth.values[place], color=style.TRUTH)
+    return style.finish(figure)
 
 
 @style.styled
@@ -178,22 +248,26 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
         (instant, lag), in N·m/(rad·s); coordinates lag and instant in s, and stiffness over
         (instant,) in N·m/rad.
     """
-    count, methods = responses.sizes["instant"], unique(responses.method_key.values)
+    count = responses.sizes["instant"]
     figure, grid = style.panels(
-        1, count, max(3.2 * count + 0.6, 4.0), 3.6, title, sharex=True, sharey=True
+        1,
+        count,
+        3.2 * count + 0.8,
+        3.6,
+        title,
+        xlabel="lag (s)",
+        ylabels=["impulse response (N·m/(rad·s))"],
+        sharex=True,
+        sharey=True,
     )
-    for axes, instant in zip(grid[0], responses.instant.values, strict=True):
-        here = responses.sel(instant=instant)
-        axes.plot(here.lag, here.true_impulse_response, **style.TRUE_LINE | {"linewidth": 5})
+    lag, methods = responses.lag.values, unique(responses.method_key.values)
+    for place, axes in enumerate(grid[0]):
+        here = responses.isel(instant=place)
+        axes.plot(lag, here.true_impulse_response, **style.TRUE_LINE | {"linewidth": 5})
         for number, (method, look) in enumerate(style.lines(methods).items()):
             # Dashes begin at different places, so that lines on top of each other all show.
-            curve = look.curve(here.sizes["lag"], number, len(methods))
-            curve |= {"linestyle": (3.0 * number, (5.0, 2.5)), "linewidth": 1.5}
-            response = here.impulse_response.sel(method_key=method)
-            axes.plot(here.lag, response, label=wrapped(method, 40), **curve)
-        axes.set_title(f"k = {float(here.stiffness):.0f} N·m/rad, at {float(instant):g} s")
-        axes.set_xlabel("lag (s)")
-        axes.margins(x=0)
-    grid[0, 0].set_ylabel("impulse response (N·m/(rad·s))")
-    style.legend_below(figure, grid[0, 0].lines)
-    return figure
+            look["linestyle"] = (3.0 * number, (5.0, 2.5))
+            response = here.impulse_response.sel(method_key=method).values
+            style.curve(axes, lag, response, **look)
+        axes.set_title(f"k = {here.stiffness:.0f} N·m/rad, at {here.instant:g} s")
+    return style.finish(figure)

@@ -1,11 +1,16 @@
-"""What scenarios and methods are called in pictures and in the report."""
+"""Names of scenarios, methods and units in figures and in the report."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from textwrap import TextWrapper
+from typing import TYPE_CHECKING
 
 from tvsysid.errors import printable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PROFILES = {
     "square": "square-wave stiffness",
@@ -15,6 +20,7 @@ PROFILES = {
 PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
 TRAITS = ("system", "profile", "perturbation", "duration_s", "snr_db", "viscosity")
 """Settings in which scenarios differ."""
+UNREMARKABLE = {("system", "joint"), ("viscosity", "constant")}
 
 
 def perturbation_name(perturbation: object) -> str:
@@ -43,29 +49,24 @@ def trait(name: str, value: object) -> str:
     return "PRBS" if value == "prbs" else str(value)
 
 
-def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
-    """Return a text for each scenario: the traits that differ, or the duration of a single one."""
-    names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or [
-        "duration_s"
+def differing(traits: pd.DataFrame) -> list[str]:
+    """Return a text for each row of traits: those, and settings of the system, that not all share.
+
+    The duration, if they share all.
+    """
+    scenarios = traits.to_dict("records")
+    parts = [
+        [
+            *re.split(r"[:,](?![^(]*\))", str(each["system"])),
+            *(trait(name, each[name]) for name in TRAITS[1:]),
+        ]
+        for each in scenarios
     ]
-    if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
-        # Settings alone that differ tell variants of one system apart; and one that has none from
-        # all others.
-        settings = [
-            re.split(r",(?![^(]*\))", str(scenario["system"]).partition(":")[2])
-            for scenario in scenarios
-        ]
-        own = [
-            [each for each in one if any(each not in other for other in settings)]
-            for one in settings
-        ]
-        texts = [", ".join(each).replace("_", " ") for each in own]
-        scenarios = [
-            {**scenario, "system": text} for scenario, text in zip(scenarios, texts, strict=True)
-        ]
-    return [
-        ", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios
-    ]
+    shared = set.intersection(*map(set, parts)) if parts else set()
+    texts = [", ".join(each for each in own if each not in shared) for own in parts]
+    if not any(texts):
+        return [trait("duration_s", each["duration_s"]) for each in scenarios]
+    return [text.replace("_", " ") for text in texts]
 
 
 def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
@@ -73,31 +74,20 @@ def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> 
 
     Viscosity is mentioned only where it varies with stiffness.
     """
-    words = {name: trait(name, scenario[name]) for name in names}
-    if words.get("system") == "joint":
-        del words["system"]
-    if "profile" in words:
-        words["profile"] = profile_name(scenario["profile"]) if scenario["profile"] != "own" else ""
-    if "perturbation" in words:
-        words["perturbation"] = perturbation_name(scenario["perturbation"])
-    if "viscosity" in words:
-        words["viscosity"] = (
-            "viscosity that varies with stiffness" if scenario["viscosity"] == "covarying" else ""
-        )
-    return ", ".join(filter(None, words.values()))
+    full = {**PROFILES, **PERTURBATIONS, "covarying": "viscosity that varies with stiffness"}
+    values = {name: scenario[name] for name in names if scenario[name] != "own"}
+    return ", ".join(
+        full.get(str(value), trait(name, value))
+        for name, value in values.items()
+        if (name, value) not in UNREMARKABLE
+    )
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
     """Break a label into lines of limited length, behind its punctuation if possible."""
-    pieces = rf"[^:,(=]{{0,{width - 1}}}[:,(=] ?|[^:,(=]{{1,{width}}}"
-    lines = [""]
-    for piece in re.findall(pieces, printable(label)):
-        if len(lines[-1]) + len(piece.rstrip()) > width:
-            lines.append("")
-        lines[-1] += piece
-    if len(lines) > rows:
-        lines = [*lines[: rows - 1], f"{lines[rows - 1][: width - 1]}…"]
-    return "\n".join(map(str.rstrip, lines))
+    wrapper = TextWrapper(width, max_lines=rows, placeholder="…", break_on_hyphens=False)
+    wrapper.wordsep_simple_re = re.compile(r"(?<=[:,(=])( *)")
+    return wrapper.fill(printable(label))
 
 
 def unit_name(unit: str) -> str:

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from tvsysid.figures import Illustration, coverage_over_time, error_against, method_comparison
-from tvsysid.figures.comparison import BARS
+from tvsysid.figures import (
+    METRICS,
+    Illustration,
+    coverage_over_time,
+    error_against,
+    method_comparison,
+)
 from tvsysid.figures.results import unique
 from tvsysid.figures.words import count
 
@@ -19,23 +24,23 @@ def comparison(
     results: xr.Dataset,
     summary: pd.DataFrame,
     shown: Sequence[str],
-    bars: Sequence[str],
+    compared: Sequence[str],
     title: str,
     quantities: Sequence[str] = ("stiffness",),
-    metrics: Mapping[str, str] = BARS,
+    metrics: Mapping[str, str] = METRICS,
 ) -> Illustration:
-    """Return the figure that compares methods over time, and by bars of their metrics.
+    """Return the figure that compares methods over time, and by their metrics.
 
     Parameters
     ----------
     results, summary
         Of a study, the summary with full names.
-    shown, bars
-        Labels of the scenarios that are drawn over time, and of those that have bars.
+    shown, compared
+        Labels of the scenarios that are drawn over time, and of those whose metrics are drawn.
     quantities, metrics
-        What is drawn over time and as bars, the latter with the labels of their axes.
+        What is drawn over time and below, the latter with the labels of their axes.
     """
-    labels = unique([*shown, *bars])
+    labels = unique([*shown, *compared])
     mine = summary[summary.scenario.isin(labels)]
     methods = [each for each in unique(results.method_key.values) if each in set(mine.method)]
     data = results.sel(scenario=labels, quantity=list(quantities), method_key=methods)
@@ -43,11 +48,11 @@ def comparison(
         f"A column for each method. Upper rows, over one realization of {', '.join(shown)}: "
         f"estimated {' and '.join(quantities).replace('_', ' ')}, mean and two standard deviations "
         f"over {count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. "
-        f"Lower rows: bars of the metrics of {count(len(bars), 'scenario')}, whose numbers are in "
-        "the ranking."
+        f"Lower rows: metrics of {count(len(compared), 'scenario')} with standard errors; the "
+        "ranking has the numbers."
     )
     return Illustration(
-        lambda: method_comparison(data, mine, shown, bars, title, metrics), title, text
+        lambda: method_comparison(data, mine, shown, compared, title, metrics), title, text
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures import BARS_OF_PATHWAYS, Illustration
+from tvsysid.figures import METRICS_OF_PATHWAYS, Illustration
 from tvsysid.figures.results import scenario_traits, unique
 from tvsysid.figures.words import TRAITS, perturbation_name, profile_name
 from tvsysid.numerics import Array
@@ -178,7 +178,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
             labels,
             f"Both pathways: {', '.join(words)}",
             ("stiffness", "reflex_gain"),
-            BARS_OF_PATHWAYS,
+            METRICS_OF_PATHWAYS,
         )
         if rows.gain.nunique() > 2:
             title = f"What a reflex does to the stiffness: {kind}, {profile_name(profile)}"

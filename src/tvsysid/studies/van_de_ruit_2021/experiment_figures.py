@@ -13,7 +13,6 @@ from tvsysid.figures import (
     preparation_steps,
     recorded_signals,
     stiffness_of_participants,
-    stiffness_with_bands,
     variance_and_spread,
 )
 from tvsysid.figures.results import headings, is_known, of_least_data, unique
@@ -39,8 +38,7 @@ def experiment_figures(
 
     By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
     (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is
-    known, ``"stiffness"`` instead of the first where there is only one recording,
-    ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
+    known, ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
 
     Parameters
     ----------
@@ -57,23 +55,13 @@ def experiment_figures(
         "and the torque to be followed where they are known. The table of metrics has the numbers."
     )
     shown: dict[str, Illustration] = {}
-    if own.sizes["recording"] == 1:
-        label = str(own.recording.values[0])
-        title = f"Stiffness in {label}"
-        shown["stiffness"] = Illustration(
-            partial(stiffness_with_bands, own, label, title),
-            title,
-            "Stiffness over one realization: mean and two standard deviations over bootstraps, "
-            f"{drawn}",
-        )
-    else:
-        title = "Stiffness of all participants"
-        shown["participants"] = Illustration(
-            partial(stiffness_of_participants, own, title),
-            title,
-            f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
-            f"a row for each perturbation, {drawn}",
-        )
+    title = "Stiffness of all participants"
+    shown["participants"] = Illustration(
+        partial(stiffness_of_participants, own, title),
+        title,
+        f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
+        f"a row for each participant, a column for each perturbation, {drawn}",
+    )
     shown["participant"] = Illustration(
         partial(participant_in_detail, own, one, DETAIL.format(one)),
         DETAIL.format(one),

@@ -335,10 +335,9 @@ def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
     Least squares knows the waveform but for its mean and size.
     """
     rows, found = [], []
-    case = tv.study.trials.case_of(study, scenario)
     for number in range(study.trials):
-        made = case.simulate(number)
-        ensemble = case.cut(made.recording)
+        made = tv.study.trials.simulate(study, scenario, number)
+        ensemble = tv.study.trials.cut(study, made.recording)
         wave = made.truth_of(ensemble)["stiffness"][0]
         angle, velocity, acceleration = ensemble.derivatives()
         columns = np.stack([angle, angle * wave, velocity, acceleration]).reshape(4, -1).T
@@ -395,9 +394,8 @@ def speed(key: str) -> Table:
     sizes = [(100.0, 600.0), (200.0, 600.0), (100.0, 6000.0)]
     for wave, (rate, duration) in ((wave, size) for wave in ("square", "sine") for size in sizes):
         study = study_of({"stiffness": wave, "duration_s": duration, "rate": rate}, [key], 1)
-        case = tv.study.trials.case_of(study, study.scenarios[0])
-        made = case.simulate(0)
-        ensemble = case.cut(made.recording)
+        made = tv.study.trials.simulate(study, study.scenarios[0], 0)
+        ensemble = tv.study.trials.cut(study, made.recording)
         del made
         method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):

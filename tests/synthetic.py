@@ -193,7 +193,7 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
     )
     dims = ("scenario", "method_key", "metric")
     traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
-    units = {name: unit for name, (unit, _) in METRICS.items()}
+    units = {name: unit or "N·m/rad" for name, unit in METRICS.items()}
     return xr.Dataset(
         {
             "value": (dims, value),

@@ -52,7 +52,7 @@ def study_of(toy, **changes):
 def identified(toy):
     """Model of a toy's own second trial, and what it was identified from."""
     study = study_of(toy)
-    ensemble, _ = tv.study.trials.case_of(study, study.scenarios[0]).draw(1)
+    ensemble, _ = tv.study.trials.draw(study, study.scenarios[0], 1)
     return toy().identify(ensemble), ensemble
 
 

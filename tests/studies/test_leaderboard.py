@@ -203,7 +203,7 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
             "spin",
             "unknown scenario 'spin'; expected one of gone, number, spring, or your own as mod",
         ),
-        ("number", "scenario 'number' must be a mapping of settings, such as 'duration_s', got 3"),
+        ("number", "scenario 'number' must be a table of settings, got 3"),
     ],
 )
 def test_scenarios_that_cannot_be_used(name, said):

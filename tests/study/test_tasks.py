@@ -7,8 +7,9 @@ from tests.study.conftest import TIMES
 
 import tvsysid as tv
 from tvsysid.study import Study, read_results, run
+from tvsysid.study.measure import over
 from tvsysid.study.tasks import read_scores, write_scores
-from tvsysid.study.trials import trials_of
+from tvsysid.study.trials import tasks_of
 
 SETTINGS = {"duration_s": 40.0, "trials": 2, "perturbation": "prbs", "methods": ["sds"]}
 
@@ -20,7 +21,7 @@ def flipped(content, place):
 
 
 def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
-    scores = {"estimate": np.arange(4.0), "failure": np.array(["", "too few"])}
+    scores = over("time", estimate=np.arange(4.0), failure=["", "too few", "", ""])
     file = tmp_path / "task.npz"
     write_scores(scores, file)
     content = file.read_bytes()
@@ -28,7 +29,7 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
         file.write_bytes(flipped(content, place))
         found = read_scores(file)
         for name in scores if found.keys() == scores.keys() else ():
-            assert found[name].tolist() == scores[name].tolist(), place
+            assert found[name][1].tolist() == scores[name][1].tolist(), place
     for length in range(len(content)):
         file.write_bytes(content[:length])
         assert not read_scores(file)
@@ -98,7 +99,7 @@ class Plain(tv.Method):
 
 
 def names_of(**settings):
-    return {task.file_name for task in trials_of(Study(**SETTINGS | settings))}
+    return {task.file_name for task in tasks_of(Study(**SETTINGS | settings))}
 
 
 def test_all_that_scores_depend_on_is_in_the_name():

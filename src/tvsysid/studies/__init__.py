@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tvsysid.errors import InputError
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
 from tvsysid.studies.published_study import PublishedStudy, write_study
-from tvsysid.study.scenarios import Study, preset_study
+from tvsysid.study import Study
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +36,7 @@ def preset(name: str, **settings: Any) -> Study:
     """
     if name not in PRESETS:
         raise InputError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}")
-    return preset_study(PRESETS[name], **settings)
+    return Study(**PRESETS[name]).replaced(**settings)
 
 
 def published(results: xr.Dataset) -> PublishedStudy:

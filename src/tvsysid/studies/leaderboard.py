@@ -22,7 +22,7 @@ from tvsysid.methods.registry import origin_of
 from tvsysid.numerics import Array
 from tvsysid.report import write_leaderboard_page
 from tvsysid.studies.published_study import write_tables
-from tvsysid.study.scenarios import Scenario, Study, preset_study
+from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.scores import MAIN
 
 if TYPE_CHECKING:
@@ -92,8 +92,13 @@ def study_of(
             warnings.warn(f"{error}; it is left out", DataQualityWarning, stacklevel=2)
             installed.remove(name)
     methods = dict.fromkeys((*installed, *CLOSED_LOOP, *entries))
-    fixed = {"subtract_mean": True, "trials": TRIALS, "seed": SEED, "methods": tuple(methods)}
-    study = preset_study({**first, **fixed, "also": others}, **changes)
+    fixed: dict[str, Any] = {
+        "subtract_mean": True,
+        "trials": TRIALS,
+        "seed": SEED,
+        "methods": tuple(methods),
+    }
+    study = Study(**{**first, **fixed, "also": others}).replaced(**changes)
     return attrs.evolve(study, also=(*study.also, *scenarios))
 
 

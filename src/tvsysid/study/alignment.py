@@ -47,18 +47,16 @@ def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
     unshifted = subtract_mean(preparation.recorded.select(preparation.kept))
     count = min(GROUPS, len(aligned))
     group = np.arange(len(aligned)) % count
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
+    everything = group >= 0
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
         try:
-            with_shifts, without = _mean_stiffness(aligned), _mean_stiffness(unshifted)
-            left = [group != number for number in range(count)]
-            apart = [
-                _mean_stiffness(aligned.select(each)) - _mean_stiffness(unshifted.select(each))
-                for each in left
-            ]
+            whole, *parts = (
+                [_mean_stiffness(each.select(chosen)) for each in (aligned, unshifted)]
+                for chosen in (everything, *(group != number for number in range(count)))
+            )
         except InputError:
             return UNKNOWN
-    return AlignmentEffect(with_shifts, without, math.sqrt((count - 1) * float(np.var(apart))))
+    return AlignmentEffect(*whole, math.sqrt((count - 1) * float(np.var(np.diff(parts)))))
 
 
 def _mean_stiffness(ensemble: Ensemble) -> float:

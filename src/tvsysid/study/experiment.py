@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,17 +16,17 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of
+from tvsysid.preprocess import prepare
 from tvsysid.recordings import Reading
 from tvsysid.study.settings import (
     Settings,
-    first_repeated,
+    check_keys,
     from_table,
     spawn_key,
-    table_converter,
     to_method,
     to_tuple,
 )
-from tvsysid.validators import at_least, not_negative, optional, positive, text
+from tvsysid.validators import at_least
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants of an experiment without files
 PERTURBATIONS = ("noise", "prbs")  # their perturbations
@@ -45,111 +47,59 @@ PAPER = {
 """The paper's methods with its settings for the experiment, by their keys."""
 
 
-def _numbers(least: int) -> Any:
-    """Return a field of whole numbers, or None."""
-    each: Any = attrs.validators.deep_iterable(at_least(least))
-    return attrs.field(default=None, converter=to_tuple, validator=attrs.validators.optional(each))
+PREPARATION = {
+    name: setting.default
+    for name, setting in inspect.signature(prepare).parameters.items()
+    if name not in ("recording", "channels")
+}
+"""How a recording is prepared by default."""
 
 
-@attrs.frozen(kw_only=True)
-class Preparing:
-    """How a recording is prepared; see :func:`tvsysid.preprocess.prepare`."""
-
-    reference: str | None = attrs.field(default="target", validator=optional(text))
-    rate: float = attrs.field(default=128.0, validator=positive)
-    ends: float = attrs.field(default=5.0, validator=not_negative)
-    period: float = attrs.field(default=2.0)
-    context: float = attrs.field(default=0.5, validator=not_negative)
-    search: float = attrs.field(default=0.5, validator=positive)
-    max_shift: float = attrs.field(default=0.25, validator=positive)
-    task_limit: float | None = attrs.field(default=3.0, validator=optional(positive))
-    cutoff: float = attrs.field(default=5.0, validator=positive)
-    residual_limit: float | None = attrs.field(default=3.0, validator=optional(positive))
-
-    @period.validator
-    def _is_given(self, field: attrs.Attribute[Any], value: Any) -> None:
-        if not value:
-            raise InputError(
-                "preparation: period must be given: an experiment draws realizations of a period; "
-                "a record without one is identified by tvsysid identify --scheduling"
-            )
-        positive(self, field, value)
+def _to_preparation(table: Any) -> dict[str, Any]:
+    """Return all settings of the preparation; false stands for None, which TOML has not."""
+    check_keys(table, PREPARATION, "preparation")
+    given = {name: None if value is False else value for name, value in table.items()}
+    return PREPARATION | given
 
 
-def _to_preparing(value: Any) -> Any:
-    if isinstance(value, Mapping):  # TOML has no null
-        value = {name: None if item is False else item for name, item in value.items()}
-    return table_converter(Preparing, "preparation")(value)
-
-
-def _to_reading(value: Any) -> Any:
-    reading = table_converter(Reading, "reading")(value)
+def _to_reading(value: Any) -> Reading | None:
+    reading = from_table(Reading, value, "reading") if isinstance(value, Mapping) else value
     if reading is not None:
         _ = reading.names  # raises if a setting is missing
     return reading
 
 
-@attrs.frozen(kw_only=True)
-class Applied:
-    """A method, and how many realizations it gets."""
-
-    method: str | Method
-    name: str
-    realizations: tuple[int, ...] | None = _numbers(2)
-    contiguous: bool | None = None
-    identifier: Method = attrs.field(init=False, eq=False)
-
-    @identifier.default
-    def _parsed(self) -> Method:
-        return to_method(self.method)
-
-    @classmethod
-    def of(cls, value: Any) -> Applied:
-        """Return a method in any notation with its settings."""
-        if isinstance(value, Applied):
-            return value
-        given = dict(value) if isinstance(value, Mapping) else {}
-        if "method" not in given:
-            short = given.get("name", value)
-            is_paper = isinstance(short, str) and short in PAPER
-            given = {"name": short, "method": PAPER[short] if is_paper else short} | given
-            given["name"] = label_of(short)
-        return from_table(cls, {"name": label_of(given["method"])} | given, "methods")
+def _to_table(value: Any) -> dict[str, Any]:
+    """Return a method in any notation as a table with its name and what it stands for."""
+    table = dict(value) if isinstance(value, Mapping) else {"name": value}
+    check_keys(table, ("name", "method", "realizations", "contiguous"), "methods")
+    name = table.get("name", table.get("method"))
+    standard = PAPER.get(name, name) if isinstance(name, str) else name
+    return {"method": standard, **table, "name": label_of(name)}
 
 
-def _to_applied(values: Any) -> tuple[Applied, ...]:
-    return tuple(map(Applied.of, to_tuple(values)))
+def _to_tables(values: Any) -> tuple[dict[str, Any], ...]:
+    return tuple(map(_to_table, to_tuple(values)))
 
 
-def _to_files(values: Any) -> Any:
+def _to_files(values: Any) -> dict[str, dict[str, tuple[str, ...]]]:
     """Return file patterns by participant and perturbation."""
-    if not isinstance(values, Mapping) or not all(isinstance(i, Mapping) for i in values.values()):
-        raise InputError(
-            "participants: expected files by participant and perturbation, as in {P1 = {noise = "
-            f"'P1/noise*.mat'}}}}; got {values!r}"
-        )
-    return {
-        participant: {name: to_tuple(files) for name, files in recorded.items()}
-        for participant, recorded in values.items()
-    }
-
-
-def _check_participants(
-    experiment: object, field: object, participants: Mapping[str, Mapping[str, Any]]
-) -> None:
-    for name in [*participants, *(name for recorded in participants.values() for name in recorded)]:
-        if not name.isprintable() or not re.fullmatch(NAME, name):
-            raise InputError(
-                "participants: expected names that files and tables may have: up to "
-                f"{MAX_NAME_LENGTH} characters, no slashes or colons, and none of . = + - @ first; "
-                f"got the name {name[: MAX_NAME_LENGTH + 1]!r}"
-            )
-    for name, recorded in participants.items():
-        if not recorded or not all(recorded.values()):
-            raise InputError(
-                f"participants: expected perturbations with files for each participant; {name} has "
-                "none"
-            )
+    try:
+        files = {
+            participant: {name: to_tuple(given) for name, given in recorded.items()}
+            for participant, recorded in values.items()
+        }
+        names = [*files, *chain(*files.values())]
+        is_named = all(re.fullmatch(NAME, name) and name.isprintable() for name in names)
+        if is_named and all(all(recorded.values()) and recorded for recorded in files.values()):
+            return files
+    except (AttributeError, TypeError):
+        pass
+    raise InputError(
+        "participants: expected files by participant and perturbation, as in {P1 = {noise = "
+        f"'P1/noise*.mat'}}}}, with names that files and tables may have: up to {MAX_NAME_LENGTH} "
+        f"characters, no slashes or colons, and none of . = + - @ first; got {values!r}"
+    )
 
 
 class Recorded(NamedTuple):
@@ -165,19 +115,14 @@ class Recorded(NamedTuple):
         """Name in results and files."""
         return f"{self.participant}-{self.perturbation}"
 
-    @property
-    def is_virtual(self) -> bool:
-        """Whether it is simulated."""
-        return not self.files
-
 
 @attrs.frozen
 class Analysis:
     """A method with a number of realizations."""
 
     name: str
-    method: str | Method
-    realizations: int
+    method: Method
+    realizations: int = attrs.field(validator=at_least(2))
     contiguous: bool
 
     @property
@@ -235,14 +180,14 @@ class Experiment(Settings):
     """
 
     participants: dict[str, dict[str, tuple[str, ...]]] = attrs.field(
-        factory=dict, converter=_to_files, validator=_check_participants
+        factory=dict, converter=_to_files
     )
-    virtual: tuple[int, ...] | None = _numbers(0)
+    virtual: tuple[int, ...] | None = attrs.field(default=None, converter=to_tuple)
     reading: Reading | None = attrs.field(default=None, converter=_to_reading)
-    preparation: Preparing = attrs.field(factory=Preparing, converter=_to_preparing)
+    preparation: dict[str, Any] = attrs.field(factory=dict, converter=_to_preparation)
     perturbation: tuple[str, ...] | None = attrs.field(default=None, converter=to_tuple)
-    methods: tuple[Applied, ...] = attrs.field(default=tuple(PAPER), converter=_to_applied)
-    realizations: tuple[int, ...] | None = _numbers(2)
+    methods: tuple[dict[str, Any], ...] = attrs.field(default=tuple(PAPER), converter=_to_tables)
+    realizations: tuple[int, ...] | None = attrs.field(default=None, converter=to_tuple)
     bootstraps: int = attrs.field(default=100, validator=at_least(2))
     seed: int = attrs.field(default=0, validator=at_least(0))
     folder: Path = attrs.field(factory=Path, converter=Path)
@@ -253,65 +198,57 @@ class Experiment(Settings):
                 "reading: files need it: which channels are angle and torque, and the sampling "
                 "rate, as in reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
             )
-        if not self.analyses:
-            raise InputError("methods: it is empty; give at least 1")
-        if twice := first_repeated([analysis.label for analysis in self.analyses]):
-            raise InputError(f"methods: {twice} is there twice; give each method a name of its own")
-        there = dict.fromkeys(recorded.perturbation for recorded in self._every_recording)
-        if unknown := [name for name in self.perturbation or () if name not in there]:
+        if not self.preparation["period"]:
             raise InputError(
-                f"perturbation: {unknown[0]} was not recorded; there are {', '.join(there)}"
+                "preparation: period must be given: an experiment draws realizations of a period; "
+                "a record without one is identified by tvsysid identify --scheduling"
             )
-        if not self.recordings:
-            raise InputError("virtual: 0 participants; give at least 1")
-        virtual = {each.participant for each in self._every_recording if each.is_virtual}
-        if both := sorted(virtual & set(self.participants)):
-            raise InputError(
-                f"participants: {both[0]} is a virtual one too; give the one with files another "
-                "name"
-            )
-        if twice := first_repeated([recorded.label for recorded in self.recordings]):
-            raise InputError(f"participants: {twice} is there twice; give each a name of its own")
-
-    @property
-    def _every_recording(self) -> list[Recorded]:
-        virtual = VIRTUAL if self.virtual is None and not self.participants else self.virtual or ()
-        return [
-            Recorded(name, perturbation, files)
-            for name, recorded in self.participants.items()
-            for perturbation, files in recorded.items()
-        ] + [
-            Recorded(f"P{number}", perturbation, (), number)
-            for number in virtual
-            for perturbation in PERTURBATIONS
-        ]
+        for name, items in (("methods", self.analyses), ("participants", self.recordings)):
+            labels = [item.label for item in items]
+            if not labels or len(set(labels)) < len(labels):
+                raise InputError(
+                    f"{name}: expected at least 1, each with a name of its own; got "
+                    f"{', '.join(labels) or 'none'}"
+                )
+        there = {recorded.perturbation for recorded in self.recordings}
+        if missing := set(self.perturbation or ()) - there:
+            raise InputError(f"perturbation: {', '.join(missing)} was not recorded")
 
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
         """Recordings that are studied, participant by participant."""
+        virtual = VIRTUAL if self.virtual is None and not self.participants else self.virtual or ()
+        for number in virtual:
+            at_least(0).check("Experiment", "virtual", number)
+        every = [
+            Recorded(name, perturbation, files)
+            for name, recorded in self.participants.items()
+            for perturbation, files in recorded.items()
+        ]
+        every += [
+            Recorded(f"P{number}", perturbation, number=number)
+            for number in virtual
+            for perturbation in PERTURBATIONS
+        ]
         chosen = self.perturbation
-        return tuple(
-            recorded
-            for recorded in self._every_recording
-            if chosen is None or recorded.perturbation in chosen
-        )
+        return tuple(each for each in every if chosen is None or each.perturbation in chosen)
 
     @cached_property
     def analyses(self) -> tuple[Analysis, ...]:
         """Analyses of each recording."""
         analyses = []
-        for item in self.methods:
-            own = item.identifier.contiguous
-            contiguous = own if item.contiguous is None else item.contiguous
+        for table in self.methods:
+            method = to_method(table["method"])
+            contiguous = table.get("contiguous", method.contiguous)
             usual = BLOCK_REALIZATIONS if contiguous else REALIZATIONS
-            counts = item.realizations or self.realizations or usual
-            analyses += [Analysis(item.name, item.method, count, contiguous) for count in counts]
+            counts = to_tuple(table.get("realizations")) or self.realizations or usual
+            analyses += [Analysis(table["name"], method, count, contiguous) for count in counts]
         return tuple(analyses)
 
     @property
     def named_methods(self) -> dict[str, Method]:
         """Method objects by the name that they have in results."""
-        return {item.name: item.identifier for item in self.methods}
+        return {each.name: each.method for each in self.analyses}
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Return the seed of the draws from one recording; it depends on no other recording."""
@@ -320,14 +257,9 @@ class Experiment(Settings):
 
     def to_json(self) -> str:
         """Return all settings as text, methods by their labels."""
-
-        def is_setting(field: attrs.Attribute[Any], value: Any) -> bool:
-            is_needed = field.name != "folder" or bool(self.participants)
-            return field.init and is_needed
-
-        def serialize(item: object, field: attrs.Attribute[Any], value: Any) -> Any:
-            if isinstance(value, Path):
-                return str(value.resolve())
-            return label_of(value) if isinstance(value, Method) else value
-
-        return json.dumps(attrs.asdict(self, filter=is_setting, value_serializer=serialize))
+        settings = attrs.asdict(self, recurse=False)
+        settings["reading"] = self.reading and attrs.asdict(self.reading)
+        settings["folder"] = str(self.folder.resolve())
+        if not self.participants:
+            del settings["folder"]
+        return json.dumps(settings, default=label_of)

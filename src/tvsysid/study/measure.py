@@ -1,15 +1,16 @@
-"""Identify an ensemble, compare the model with the truth, and stack such scores."""
+"""Identify an ensemble, compare the model with the truth, and merge such scores."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tvsysid import metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, one_line
@@ -19,14 +20,22 @@ from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
 
-Scores = dict[str, NDArray[Any]]
-"""Numbers and texts by name. A name may have a label: ``"estimate/stiffness"``."""
-Rows = dict[tuple[int, ...], Scores]
-"""Scores by their place in larger arrays."""
-TRUTH = "truth"  # name of the true values, of which each draw has its own
+Scores = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
+"""Dimensions and values by name, as ``xarray.Dataset`` takes them. A variable with the name of its
+dimension holds labels."""
 SKIPPED = "skipped: "  # beginning of the warning of a method that cannot identify the data
-BANDS = ("standard_error", "covered")
 STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
+
+
+class Axes(NamedTuple):
+    """Names of the dimensions along which cases, draws and methods lie."""
+
+    case: str
+    draw: str
+    method: str
+
+
+AXES = (Axes("scenario", "trial", "method_key"), Axes("recording", "bootstrap", "analysis"))
 
 
 @attrs.frozen
@@ -47,105 +56,81 @@ class Truth:
     quantities: Mapping[str, Array] = attrs.field(factory=dict)
     pathways: Mapping[str, Array] = attrs.field(factory=dict)
 
+    def scores(self) -> list[Scores]:
+        """Return the quantities as scores."""
+        return [at(over("time", truth=own), quantity=name) for name, own in self.quantities.items()]
+
 
 def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
     """Identify an ensemble, and compare the model with the truth.
 
     If the method fails, ``failure`` says why, and the numbers are NaN.
     """
-    nothing, statistics = np.full(ensemble.samples, np.nan), np.full(len(STATISTICS), np.nan)
-    scores: dict[str, Any] = {
-        "estimate/stiffness": nothing,
-        "time_varying_vaf": nothing,
-        "vaf": statistics,
-        "bandpassed_vaf": statistics,
-        "parameters": np.nan,
-        "seconds": np.nan,
-        "warnings": "",
-        "failure": "",
-        **{f"{of}/{name}": nothing for name in truth.quantities for of in BANDS},
-    }
-    started = time.perf_counter()
+    parts: list[Scores] = []
+    warning, failure, seconds, started = "", "", np.nan, time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
             if reason := reason_to_skip(method, ensemble):
-                scores["warnings"] = one_line(f"{SKIPPED}{reason}")
+                warning = f"{SKIPPED}{reason}"
             else:
                 model = method.identify(ensemble)
-                scores["seconds"] = time.perf_counter() - started
-                texts = [one_line(str(each.message)) for each in caught if _is_of_data(each)]
-                scores |= _scores_of(model, ensemble, truth)
-                scores["warnings"] = "; ".join(dict.fromkeys(texts))
+                seconds = time.perf_counter() - started
+                doubts = [each for each in caught if issubclass(each.category, DataQualityWarning)]
+                parts += [*_scores_of(model, ensemble, truth)]
+                warning = "; ".join(dict.fromkeys(one_line(str(each.message)) for each in doubts))
         except (Exception, SystemExit) as error:  # another author's method may raise anything
-            scores["seconds"] = time.perf_counter() - started
-            scores["failure"] = describe_error(error)
-    return {name: np.asarray(values) for name, values in scores.items()}
+            seconds, failure = time.perf_counter() - started, describe_error(error)
+    return merge([*parts, over(seconds=seconds, warnings=warning, failure=failure)])
 
 
-def _is_of_data(warning: warnings.WarningMessage) -> bool:
-    return issubclass(warning.category, DataQualityWarning)
+def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Iterator[Scores]:
+    """Yield what a model estimates, how well it predicts, and whether its bands hold the truth.
 
-
-def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> dict[str, Any]:
-    """Return what a model estimates, how well it predicts, and whether its bands hold the truth."""
+    Raise an InputError if a model has no stiffness, or nothing where it has no such estimate.
+    """
+    main = model.estimates.get("stiffness")
+    needed = model.estimates.values() if main is None else [main]
+    if not any(np.isfinite(each.values).any() for each in needed):
+        raise InputError(f"it found {'nothing' if main is None else 'no stiffness'} at any time")
     torques = model.pathways(ensemble)
-    predicted, rate = np.asarray(sum(torques.values())), ensemble.sampling_rate
-    scores: dict[str, Any] = {
-        "parameters": model.diagnostics.parameters,
-        "time_varying_vaf": metrics.time_varying_vaf(truth.torque, predicted),
-        "vaf": _statistics(metrics.vaf(truth.torque, predicted)),
-        "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(truth.torque, predicted, rate)),
+    pair = truth.torque, np.asarray(sum(torques.values()))
+    bandpassed = metrics.bandpassed_vaf(*pair, ensemble.sampling_rate)
+    yield {
+        **over("statistic", vaf=_statistics(metrics.vaf(*pair))),
+        **over("statistic", bandpassed_vaf=_statistics(bandpassed)),
+        **over("time", time_varying_vaf=metrics.time_varying_vaf(*pair)),
+        **over(parameters=model.diagnostics.parameters),
     }
     for name, estimate in model.estimates.items():
-        error = None
+        error, values = estimate.standard_error, estimate.values
         if estimate.axes in OVER_TIME:
-            scores |= {
-                f"unit/{name}": one_line(estimate.unit),
-                f"estimate/{name}": model.over_time(name),
-            }
-            if truth.quantities and estimate.axes == ("time",):
-                error = estimate.standard_error
-            if error is not None:
-                lower, upper = error.limits(estimate.values, 0.95)
+            own = over("time", estimate=model.over_time(name)) | over(unit=one_line(estimate.unit))
+            if truth.quantities:
+                deviation = lower = upper = np.full(ensemble.samples, np.nan)
+                if error is not None and estimate.axes == ("time",):
+                    deviation, (lower, upper) = error.values, error.limits(values, 0.95)
                 known = truth.quantities.get(name, np.nan)
                 held = (lower <= known) & (known <= upper)
-                scores |= {
-                    f"standard_error/{name}": _or_nan(error.values, error.values),
-                    f"covered/{name}": _or_nan(held, lower + upper + known),
-                }
+                own |= over(
+                    "time",
+                    standard_error=np.where(np.isfinite(deviation), deviation, np.nan),
+                    covered=np.where(np.isfinite(lower + upper + known), held, np.nan),
+                )
+            yield at(own, quantity=name)
         elif len(estimate.axes) == 1:
-            error = estimate.standard_error
-            scores |= {
-                f"scheduled_estimate/{name}": estimate.values,
-                f"scheduled_standard_error/{name}": np.nan * estimate.values
-                if error is None
-                else error.values,
-                f"scheduling_variable/{name}": model.coordinates[estimate.axes[0]],
-            }
-    _check_found(model)
+            curves = over(
+                "scheduling",
+                scheduled_estimate=values,
+                scheduled_standard_error=np.nan * values if error is None else error.values,
+                scheduling_variable=model.coordinates[estimate.axes[0]],
+            )
+            yield at(curves, scheduled=name)
     for name, torque in torques.items() if len(torques) > 1 else ():
         true = truth.pathways.get(name)
-        shares = np.zeros(0) if true is None else metrics.vaf(true, torque)
-        scores |= {
-            f"pathway_torque/{name}": np.sqrt(mean_known(np.square(torque))),
-            f"pathway_vaf/{name}": _statistics(shares),
-        }
-    return scores
-
-
-def _or_nan(values: NDArray[Any], known: Array) -> Array:
-    """Return values, NaN where ``known`` is not finite."""
-    return np.where(np.isfinite(known), values, np.nan)
-
-
-def _check_found(model: Model) -> None:
-    """Raise if a model has no stiffness, or nothing at all where it has no such estimate."""
-    main = model.estimates.get("stiffness")
-    estimates = model.estimates.values() if main is None else [main]
-    if not any(np.isfinite(each.values).any() for each in estimates):
-        what = "nothing" if main is None else "no stiffness"
-        raise InputError(f"it found {what} at any time")
+        shares = np.array([np.nan]) if true is None else metrics.vaf(true, torque)
+        sizes = over("time", pathway_torque=np.sqrt(mean_known(np.square(torque))))
+        yield at(sizes | over("statistic", pathway_vaf=_statistics(shares)), pathway=name)
 
 
 def _statistics(values: Array) -> Array:
@@ -156,28 +141,68 @@ def _statistics(values: Array) -> Array:
     return np.array([known.mean(), known.std(), known.min()])
 
 
-def stack(rows: Sequence[Scores]) -> Scores:
-    """Stack scores along a new first axis. What is missing or shorter is NaN, or an empty text.
+def over(*dims: str, **values: ArrayLike) -> Scores:
+    """Return arrays of the same dimensions, or single numbers and texts, as scores."""
+    return {name: (dims, np.asarray(each)) for name, each in values.items()}
+
+
+def at(scores: Scores, **place: object) -> Scores:
+    """Return scores along further dimensions, at one label of each."""
+    further = (np.newaxis,) * len(place)
+    placed: Scores = {
+        name: (dims, values) if dims == (name,) else ((*place, *dims), values[further])
+        for name, (dims, values) in scores.items()
+    }
+    return placed | {dim: ((dim,), np.array([label])) for dim, label in place.items()}
+
+
+def merge(
+    parts: Iterable[Scores], labels: Mapping[str, Iterable[Any]] = MappingProxyType({})
+) -> Scores:
+    """Return scores in common arrays. What no part has is NaN, or an empty text.
+
+    Parameters
+    ----------
+    parts
+        Scores. Their labels say where their values go; a dimension without labels is counted from
+        0. Where parts overlap, the last one counts.
+    labels
+        Labels of dimensions, in their order, to which the parts add others.
 
     Examples
     --------
-    >>> stack([{"vaf": np.array(80.0)}, {"vaf": np.array(90.0), "failure": np.array("")}, {}])
-    {'vaf': array([80., 90., nan]), 'failure': array(['', '', ''], dtype='<U1')}
+    >>> merge([at(over(vaf=80.0), trial=2), at(over(vaf=90.0, failure="x"), trial=1)])
+    {'trial': (('trial',), array([2, 1])), 'vaf': (('trial',), array([80., 90.])),
+    'failure': (('trial',), array(['', 'x'], dtype='<U1'))}
     """
-    return place({(number,): row for number, row in enumerate(rows)}, (len(rows),))
+    labelled = [(part, _labels_of(part)) for part in parts]
+    places = {dim: {label: n for n, label in enumerate(given)} for dim, given in labels.items()}
+    for _, own in labelled:
+        for dim, given in own.items():
+            known = places.setdefault(dim, {})
+            for label in given:
+                known.setdefault(label, len(known))
+    whole: Scores = {dim: ((dim,), np.array([*known])) for dim, known in places.items()}
+    for part, own in labelled:
+        index = {dim: [places[dim][label] for label in given] for dim, given in own.items()}
+        for name, (dims, values) in part.items():
+            if name in places:
+                continue
+            if name not in whole:
+                fill = "" if values.dtype.kind in "UO" else np.nan
+                shape = [len(places[dim]) for dim in dims]
+                whole[name] = dims, np.full(shape, fill, dtype=object if fill == "" else float)
+            whole[name][1][np.ix_(*(index[dim] for dim in dims))] = values
+    return {
+        name: (dims, values.astype(str) if values.dtype == object else values)
+        for name, (dims, values) in whole.items()
+    }
 
 
-def place(rows: Rows, shape: tuple[int, ...]) -> Scores:
-    """Return arrays that hold each row of scores at its index, and further axes after ``shape``."""
-    placed: Scores = {}
-    for name in dict.fromkeys(name for row in rows.values() for name in row):
-        found = {index: row[name] for index, row in rows.items() if name in row}
-        is_text = any(values.dtype.kind in "UO" for values in found.values())
-        further = np.max([values.shape for values in found.values()], axis=0).astype(int)
-        fill, kind = ("", object) if is_text else (np.nan, float)
-        whole: NDArray[Any] = np.full((*shape, *further), fill, dtype=kind)
-        for index, values in found.items():
-            corner: tuple[int | slice, ...] = (*index, *(slice(each) for each in values.shape))
-            whole[corner] = values
-        placed[name] = whole.astype(str) if is_text else whole
-    return placed
+def _labels_of(part: Scores) -> dict[str, list[Any]]:
+    """Return the labels of each dimension."""
+    return {
+        dim: part[dim][1].tolist() if dim in part else list(range(size))
+        for dims, values in part.values()
+        for dim, size in zip(dims, values.shape, strict=True)
+    }

@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
@@ -24,8 +25,7 @@ from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignmen
 from tvsysid.study.experiment import Experiment, Recorded
 
 EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
-TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
-"""Channels that pass through the preparation: torque before its mean is lost, and pathways."""
+PATHWAY = "tvsysid: pathway "  # channels that pass through the preparation beside those recorded
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -86,11 +86,10 @@ class Prepared:
         if self.ensemble is None:
             return ""
         digest = hashlib.sha256()
-        for name, value in attrs.asdict(self.ensemble, recurse=False).items():
-            for key, item in value.items() if isinstance(value, Mapping) else [(name, value)]:
-                is_array = isinstance(item, np.ndarray)
-                digest.update(f"{key} {item.shape if is_array else item}".encode())
-                digest.update(item.tobytes() if is_array else b"")
+        parts = attrs.asdict(self.ensemble, recurse=False)
+        for name, part in (parts | dict(parts.pop("channels"))).items():
+            is_array = isinstance(part, np.ndarray)
+            digest.update(name.encode() + (part.tobytes() if is_array else repr(part).encode()))
         return digest.hexdigest()[:16]
 
 
@@ -113,123 +112,102 @@ def prepared_recordings(
 
 
 def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
-    preparing = experiment.preparation
-    unknown = np.full(round(preparing.period * preparing.rate), np.nan)
-    prepared = Prepared(recorded=recorded, target_torque=unknown, mean_torque=unknown)
+    settings = experiment.preparation
+    nothing = np.full(round(settings["period"] * settings["rate"]), np.nan)
+    found: dict[str, Any] = {"target_torque": nothing, "mean_torque": nothing}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
             simulation = None
-            if recorded.is_virtual:
+            if recorded.files:
+                recording, found["refused"] = _read(experiment, recorded)
+            else:
                 perturbation = PERTURBATIONS[recorded.perturbation]
                 simulation = Participant(recorded.number).simulate(perturbation=perturbation)
-            recording, refused = _read(experiment, recorded, simulation)
-            prepared = attrs.evolve(prepared, trials=len(recording.trials), refused=refused)
-            prepared = _with_ensemble(prepared, experiment, recording, simulation)
-        except (InputError, MemoryError) as error:
-            failure = str(error) or "there is not enough memory"
-            prepared = attrs.evolve(prepared, failure=failure)
-    texts = dict.fromkeys(str(item.message) for item in caught)
-    return attrs.evolve(prepared, warnings=tuple(texts))
-
-
-def _with_ensemble(
-    prepared: Prepared,
-    experiment: Experiment,
-    recording: Recording,
-    simulation: Simulation | None,
-) -> Prepared:
-    """Return a recording with its kept realizations, and what is known of them."""
-    preparing, methods = experiment.preparation, experiment.named_methods.values()
-    centered = sorted(set(centered_channels(methods)) & set(recording.channels))
-    preparation = prepare(recording, **attrs.asdict(preparing), channels=centered)
-    ensemble, inputs = preparation.ensemble, [each for method in methods for each in method.inputs]
-    cores = {name: values[:, ensemble.core] for name, values in ensemble.channels.items()}
-    needed = ensemble.channels.keys() & {each.name for each in inputs}
-    references = needed & {each.name for each in inputs if each.kind == "reference"}
-    is_rectified = any(method.uses_recorded_angle for method in methods)
+                recording = simulation.recording
+            found["trials"] = len(recording.trials)
+            found |= _prepared(experiment, recording, simulation)
+        except InputError as error:
+            found["failure"] = str(error)
+    doubts = [str(item.message) for item in caught]
     most = max(analysis.realizations for analysis in experiment.analyses)
-    if most > len(ensemble):
-        warnings.warn(
-            f"{most} realizations are drawn from {len(ensemble)}: they vary less than so many "
-            f"recorded ones would; draw {len(ensemble)} at most",
-            DataQualityWarning,
-            stacklevel=2,
+    if "ensemble" in found and most > (count := len(found["ensemble"])):
+        doubts.append(
+            f"{most} realizations are drawn from {count}: they vary less than so many recorded "
+            f"ones would; draw {count} at most"
         )
-    truth = {} if simulation is None else simulation.truth_of(ensemble)
-    target = cores.get(preparing.reference or "")
-    return attrs.evolve(
-        prepared,
-        preparation=preparation,
-        excerpt=excerpt(recording, preparing.reference),
-        ensemble=attrs.evolve(
-            ensemble,
-            channels={name: ensemble.channels[name] for name in sorted(needed)},
-            recorded_angle=ensemble.recorded_angle if is_rectified else None,
-        ),
-        reference=min(references, default=None),
-        target_torque=prepared.target_torque if target is None else target.mean(axis=0),
-        mean_torque=cores[TORQUE].mean(axis=0),
-        truth={name: values.mean(axis=0) for name, values in truth.items()},
-        pathways={
-            name.removeprefix(PATHWAY): torque - torque.mean(axis=0)
-            for name, torque in cores.items()
-            if name.startswith(PATHWAY)
-        },
-        alignment=effect_of_alignment(preparation),
-    )
+    return Prepared(recorded=recorded, warnings=tuple(dict.fromkeys(doubts)), **found)
 
 
-def _read(
-    experiment: Experiment, recorded: Recorded, simulation: Simulation | None
-) -> tuple[Recording, dict[str, str]]:
+def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
     """Return all usable trials as one recording, and why others cannot be used.
 
     Raises an InputError if there is none.
     """
-    refused: dict[str, str] = {}
-    if simulation is not None:
-        recording = simulation.recording
-        methods = experiment.named_methods.values()
-        several = any(len(method.pathway_names) > 1 for method in methods)
-        pathways = simulation.pathways if several else {}
-    else:
-        assert experiment.reading is not None
-        preparing, reference = experiment.preparation, experiment.preparation.reference
-        files, refused = _files(experiment.folder, recorded.files)
-        target = {} if reference is None else {reference: reference}
-        channels = target | dict(experiment.reading.channels)
-        reading = attrs.evolve(experiment.reading, channels=channels)
-        usable = read_usable_trials(files, reading, 2 * preparing.ends + preparing.period)
-        refused |= usable.refused
-        if usable.recording is None:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
-            raise InputError(f"no trial can be used: {reasons}")
-        recording, pathways = usable.recording, {}
-    further = {TORQUE: recording.torque} | {PATHWAY + name: pathways[name] for name in pathways}
-    return attrs.evolve(recording, channels={**recording.channels, **further}), refused
-
-
-def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Return the files that match patterns, each once, by name, and the patterns without a match.
-
-    Files are called by their place in the folder, which may be moved with all that is in it.
-    """
+    folder, settings = experiment.folder, experiment.preparation
     files: dict[Path, str] = {}
     missing = {}
-    for pattern in map(os.path.expanduser, patterns):
-        if not glob.has_magic(pattern) or (folder / pattern).is_file():
-            found = [pattern]
-        else:
-            root = None if Path(pattern).is_absolute() else folder
-            found = sorted(glob.glob(pattern, root_dir=root, recursive=True))
+    # Files are called by their place in the folder, which may be moved with all that is in it
+    for pattern in map(os.path.expanduser, recorded.files):
+        is_file = (folder / pattern).is_file()  # with brackets in its name, perhaps
+        matches = glob.glob(pattern, root_dir=folder, recursive=True)
+        found = [pattern] if is_file else sorted(matches)
         if not found:
-            missing[pattern] = (
-                "no file has such a name, in the folder of the study or where the name says"
-            )
+            missing[pattern] = "no file has such a name, beside the study or where the name says"
         for name in found:
             files.setdefault((folder / name).resolve(), name)
-    return {name: folder / name for name in files.values()}, missing
+    assert experiment.reading is not None
+    reference, channels = settings["reference"], experiment.reading.channels
+    target = {} if reference is None else {reference: reference}
+    usable = read_usable_trials(
+        {name: folder / name for name in files.values()},
+        attrs.evolve(experiment.reading, channels=target | dict(channels)),
+        2 * settings["ends"] + settings["period"],
+    )
+    refused = missing | usable.refused
+    if usable.recording is None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+        raise InputError(f"no trial can be used: {reasons}")
+    return usable.recording, refused
+
+
+def _prepared(
+    experiment: Experiment, recording: Recording, simulation: Simulation | None
+) -> dict[str, Any]:
+    """Return the kept realizations of a recording, and what is known of them."""
+    settings, methods = experiment.preparation, experiment.named_methods.values()
+    known = {} if simulation is None else simulation.pathways
+    pathways = {PATHWAY + name: torque for name, torque in known.items()}
+    every = attrs.evolve(recording, channels={**recording.channels, **pathways})
+    centered = sorted(set(centered_channels(methods)) & set(recording.channels))
+    preparation = prepare(every, **settings, channels=centered)
+    ensemble, inputs = preparation.ensemble, [each for method in methods for each in method.inputs]
+    *_, aligned = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
+    cores = {name: values[:, ensemble.core] for name, values in ensemble.channels.items()}
+    needed = ensemble.channels.keys() & {each.name for each in inputs}
+    references = needed & {each.name for each in inputs if each.kind == "reference"}
+    is_rectified = any(method.uses_recorded_angle for method in methods)
+    found = {
+        "preparation": preparation,
+        "excerpt": excerpt(recording, settings["reference"]),
+        "ensemble": attrs.evolve(
+            ensemble,
+            channels={name: ensemble.channels[name] for name in sorted(needed)},
+            recorded_angle=ensemble.recorded_angle if is_rectified else None,
+        ),
+        "reference": min(references, default=None),
+        "mean_torque": aligned.torque[:, aligned.core].mean(axis=0),
+        "pathways": {
+            name: cores[PATHWAY + name] - cores[PATHWAY + name].mean(axis=0) for name in known
+        },
+        "alignment": effect_of_alignment(preparation),
+    }
+    if simulation is not None:
+        truth = simulation.truth_of(ensemble)
+        found["truth"] = {name: values.mean(axis=0) for name, values in truth.items()}
+    if settings["reference"] in cores:
+        found["target_torque"] = cores[settings["reference"]].mean(axis=0)
+    return found
 
 
 def excerpt(recording: Recording, reference: str | None) -> Recording:

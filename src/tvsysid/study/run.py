@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import attrs
 
 from tvsysid.errors import InputError
 from tvsysid.progress import Progress, no_progress
-from tvsysid.study.bootstraps import bootstraps_of, results_of_bootstraps
+from tvsysid.study import bootstraps, trials
 from tvsysid.study.dataset import write_results
 from tvsysid.study.experiment import Experiment
-from tvsysid.study.measure import TRUTH, Rows, Scores
+from tvsysid.study.measure import Scores
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.scenarios import Study
 from tvsysid.study.tasks import Task, read_scores, run_task
-from tvsysid.study.trials import results_of_trials, trials_of
 from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
     import xarray as xr
-
-OF_DRAW = (TRUTH, "other_seconds")  # scores that the methods of a draw share
 
 
 def run(
@@ -43,8 +40,7 @@ def run(
     """Run the tasks of a study that have no scores yet, and return the results of all.
 
     An interrupted study resumes when it is run again. The name of a task's file is a hash of all
-    that its scores depend on, and the file appears when it is complete. Tasks in which a method
-    failed are run again.
+    that its scores depend on, and the file appears when it is complete.
 
     Parameters
     ----------
@@ -103,60 +99,30 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    work = _work(study, prepared)
+    every, failed, results_of = _work(study, prepared)
     with ExitStack() as stack:
         kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
         stack.enter_context(_exclusive(kept))
-        files = [kept / "tasks" / task.file_name for task in work.tasks]
-        scores = {file: read_scores(file) for file in files}
-        tasks = dict(zip(files, work.tasks, strict=True))
-        missing = {file: task for file, task in tasks.items() if not _is_done(scores[file])}
-        done = len(tasks) - len(missing)
-        progress(done, len(tasks))
-        finished = run_tasks(missing, workers, executor)
-        for count, (file, measured) in enumerate(finished, start=done + 1):
+        tasks = {kept / "tasks" / task.file_name: task for task in every}
+        scores = {file: found for file in tasks if (found := read_scores(file))}
+        progress(len(scores), len(tasks))
+        missing = {file: task for file, task in tasks.items() if file not in scores}
+        for file, measured in run_tasks(missing, workers, executor):
             scores[file] = measured
-            progress(count, len(tasks))
-        rows = _rows(work.tasks, [scores[file] for file in files]) | work.failed
-        results = work.assemble(rows)
+            progress(len(scores), len(tasks))
+        results = results_of([*scores.values(), *failed])
         write_results(results, kept)
         return results
 
 
-class Work(NamedTuple):
-    """Tasks of a study, scores of what cannot be done, and the function that makes the results."""
-
-    tasks: list[Task]
-    failed: Rows
-    assemble: Callable[[Rows], xr.Dataset]
-
-
-def _work(study: Study | Experiment, prepared: Sequence[Prepared] | None) -> Work:
+def _work(
+    study: Study | Experiment, prepared: Sequence[Prepared] | None
+) -> tuple[list[Task], list[Scores], Callable[[list[Scores]], xr.Dataset]]:
+    """Return tasks, scores of what cannot be done, and the function that makes the results."""
     if isinstance(study, Study):
-        return Work(trials_of(study), {}, partial(results_of_trials, study))
+        return trials.tasks_of(study), [], partial(trials.results_of, study)
     prepared = prepared_recordings(study) if prepared is None else prepared
-    tasks, failed = bootstraps_of(study, prepared)
-    return Work(tasks, failed, partial(results_of_bootstraps, study, prepared))
-
-
-def _rows(tasks: Iterable[Task], scores: Iterable[Scores]) -> Rows:
-    """Return scores by the place of case and draw, and of case, draw and method."""
-    rows: Rows = {}
-    for task, measured in zip(tasks, scores, strict=True):
-        of_draw = {name for name in measured if name.partition("/")[0] in OF_DRAW}
-        for number, draw in enumerate(task.draws):
-            rows[task.row, draw] = {name: measured[name][number] for name in of_draw}
-            for place, column in enumerate(task.columns):
-                rows[task.row, draw, column] = {
-                    name: values[number, place]
-                    for name, values in measured.items()
-                    if name not in of_draw
-                }
-    return rows
-
-
-def _is_done(scores: Scores) -> bool:
-    return "failure" in scores and not (scores["failure"] != "").any()
+    return *bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 
 @contextmanager
@@ -198,25 +164,21 @@ class Plan:
 
 
 def plan(study: Study | Experiment, prepared: Sequence[Prepared] | None = None) -> Plan:
-    """Estimate the time of a study from one draw of each case."""
-    tasks = _work(study, prepared).tasks
+    """Estimate the time of a study from one draw of each case and its methods."""
+    tasks, _, _ = _work(study, prepared)
+    alike: dict[tuple[str, ...], list[Task]] = {}
+    for task in tasks:
+        alike.setdefault((task.case, *task.methods), []).append(task)
+    run_task(attrs.evolve(tasks[-1], draws=tasks[-1].draws[:1]))  # loads what is lazy
     identifications, work, size = 0, 0.0, 0
     failures: dict[str, str] = {}
-    run_task(_first_draw(tasks[-1]))  # loads what is lazy
-    timed: dict[Hashable, list[Task]] = {}
-    for task in tasks:
-        timed.setdefault((task.row, *task.columns), []).append(task)
-    for alike in timed.values():
-        draws = sum(len(task.draws) for task in alike)
+    for first, *others in alike.values():
         started = time.perf_counter()
-        scores = run_task(_first_draw(alike[0]))
+        scores = run_task(attrs.evolve(first, draws=first.draws[:1]))
+        draws = sum(len(task.draws) for task in (first, *others))
         work += draws * (time.perf_counter() - started)
-        size += draws * sum(values.nbytes for values in scores.values())
-        identifications += draws * len(alike[0].columns)
-        reasons = zip(alike[0].methods, map(str, scores["failure"][0]), strict=True)
-        failures |= {label: reason for label, reason in reasons if reason}
+        size += draws * sum(values.nbytes for dims, values in scores.values() if len(dims) > 1)
+        identifications += draws * len(first.methods)
+        reasons = zip(first.methods, scores["failure"][1].flat, strict=True)
+        failures |= {label: str(reason) for label, reason in reasons if reason}
     return Plan(identifications, work, size, failures)
-
-
-def _first_draw(task: Task) -> Task:
-    return attrs.evolve(task, draws=task.draws[:1])

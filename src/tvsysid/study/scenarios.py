@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import attrs
 import numpy as np
@@ -21,24 +21,19 @@ from tvsysid.simulate import (
     PROFILES,
     SYSTEMS,
     CovaryingViscosity,
-    Participant,
     Perturbation,
-    ScheduledJoint,
     System,
 )
 from tvsysid.study.settings import (
     Settings,
-    check_distinct,
+    by_label,
     check_keys,
-    first_repeated,
-    from_table,
-    labels_of,
-    replace_settings,
     spawn_key,
     to_method,
     to_tuple,
 )
 from tvsysid.validators import (
+    Validator,
     at_least,
     boolean,
     is_number,
@@ -52,15 +47,16 @@ VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
 OWN = "own"  # stiffness and viscosity of a system that has no such settings
-
-GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
-KINDS: dict[str, tuple[Mapping[str, object], str, str]] = {
+PARTS: dict[str, tuple[Mapping[str, object], str, str]] = {
     "stiffness": (PROFILES, "profile", "__call__"),
     "perturbation": (PERTURBATIONS, "perturbation", "generate"),
     "system": (SYSTEMS, "system", "simulate"),
-    "viscosity": (dict.fromkeys(VISCOSITIES, ""), "viscosity", ""),
 }
-"""Known values of a setting, their kind, and the method of an object in their place."""
+"""Known objects for a setting, their kind, and the attribute that another object must have."""
+decibels = Validator(
+    "a number of decibels, or inf for no noise", lambda value: is_number(value) or value == math.inf
+)
+viscosity = Validator(f"one of {', '.join(VISCOSITIES)}", lambda value: value in VISCOSITIES)
 
 
 class Scenario(NamedTuple):
@@ -83,44 +79,6 @@ class Scenario(NamedTuple):
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 
-def _check_parts(grid: object, field: attrs.Attribute[Any], values: tuple[Any, ...]) -> None:
-    """Raise for an unknown part of a simulation, or an object that cannot take its place."""
-    check_distinct(grid, field, values)
-    known, kind, verb = KINDS[field.name]
-    for value in values:
-        if not verb:
-            if value not in known:
-                raise InputError(f"unknown {kind} {value!r}; expected one of {', '.join(known)}")
-            continue
-        part = resolve(value, known, kind)
-        if isinstance(part, Participant):
-            raise InputError(
-                "system: a virtual participant has a protocol of its own; run an Experiment with "
-                "virtual = its number"
-            )
-        if not callable(getattr(part, verb, None)):
-            form = "that is called with times" if verb == "__call__" else f"with {verb}()"
-            raise InputError(
-                f"{field.name}: expected a name ({', '.join(known)}), module:Object, or an object "
-                f"{form}; got {value!r}"
-            )
-
-
-def _check_numbers(grid: object, field: attrs.Attribute[Any], values: tuple[Any, ...]) -> None:
-    """Raise for anything but numbers; no noise is an infinite signal-to-noise ratio."""
-    check_distinct(grid, field, values)
-    for value in values:
-        if not is_number(value) and not (field.name == "snr_db" and value == math.inf):
-            unit = "decibels, or inf for no noise" if field.name == "snr_db" else "seconds"
-            raise InputError(f"{field.name}: expected numbers of {unit}; got {value!r}")
-
-
-def _check_methods(grid: object, field: attrs.Attribute[Any], values: tuple[Any, ...]) -> None:
-    check_distinct(grid, field, values)
-    for value in values:
-        to_method(value)
-
-
 def _to_numbers(values: Any) -> Any:
     return tuple(map(to_float, to_tuple(values)))
 
@@ -128,24 +86,17 @@ def _to_numbers(values: Any) -> Any:
 def _to_tables(values: Any) -> tuple[Mapping[str, Any], ...]:
     """Return tables of further scenarios from tables, or from names of tables."""
     tables = []
-    for number, value in enumerate(to_tuple(values)):
+    for value in to_tuple(values):
         table = find(value, "scenario") if isinstance(value, str) else value
-        if isinstance(value, str) and not isinstance(table, Mapping):
-            raise InputError(
-                f"also: scenario {value!r} must be a mapping of settings, such as 'duration_s', "
-                f"got {table!r}"
-            )
-        check_keys(table, (*GRID, "methods"), f"also.{number}")
+        check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {value!r}")
         tables.append(table)
     return tuple(tables)
 
 
-def _parts(*default: str) -> Any:
-    return attrs.field(default=default, converter=to_tuple, validator=_check_parts)
-
-
-def _numbers(*default: float) -> Any:
-    return attrs.field(default=default, converter=_to_numbers, validator=_check_numbers)
+def _values(*default: Any, validator: Any = None, converter: Any = to_tuple) -> Any:
+    """Return a field of one value or several."""
+    each = validator and attrs.validators.deep_iterable(validator)
+    return attrs.field(default=default, converter=converter, validator=each)
 
 
 @attrs.frozen(slots=False, kw_only=True)
@@ -198,19 +149,17 @@ class Study(Settings):
              system='joint')
     """
 
-    stiffness: tuple[Any, ...] = _parts("square")
-    perturbation: tuple[Any, ...] = _parts("noise", "prbs")
-    duration_s: tuple[float, ...] = _numbers(150.0)
-    snr_db: tuple[float, ...] = _numbers(10.0)
-    viscosity: tuple[str, ...] = _parts("constant")
-    system: tuple[Any, ...] = _parts("joint")
+    stiffness: tuple[Any, ...] = _values("square")
+    perturbation: tuple[Any, ...] = _values("noise", "prbs")
+    duration_s: tuple[float, ...] = _values(150.0, validator=positive, converter=_to_numbers)
+    snr_db: tuple[float, ...] = _values(10.0, validator=decibels, converter=_to_numbers)
+    viscosity: tuple[str, ...] = _values("constant", validator=viscosity)
+    system: tuple[Any, ...] = _values("joint")
     also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=_to_tables)
     rate: float = attrs.field(default=RATE, converter=to_float, validator=positive)
     period: float = attrs.field(default=PERIOD, converter=to_float, validator=positive)
     subtract_mean: bool = attrs.field(default=False, validator=boolean)
-    methods: tuple[Any, ...] = attrs.field(
-        default=STUDIED_METHODS, converter=to_tuple, validator=_check_methods
-    )
+    methods: tuple[Any, ...] = _values(*STUDIED_METHODS)
     trials: int = attrs.field(default=20, validator=at_least(1))
     seed: int = attrs.field(default=0, validator=at_least(0))
 
@@ -221,32 +170,30 @@ class Study(Settings):
                 f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are "
                 f"{samples:g}; give another period or rate"
             )
-        for value in self._every("duration_s"):
+        for name in (*Scenario._fields, "methods"):
+            if not getattr(self, name):
+                raise InputError(f"{name}: it is empty; give at least 1 value")
+        for value in self.duration_s:
             count = value / self.period
             if count < 2 or abs(count - round(count)) > 1e-9:
                 raise InputError(
-                    f"duration_s: expected whole realizations of {self.period:g} s, two at least: "
-                    f"multiples of {self.period:g} s; got {value!r}"
+                    f"duration_s: expected whole realizations of {self.period:g} s, two at least; "
+                    f"got {value!r}"
                 )
-        for name, (_, kind, _) in {"methods": ({}, "method", ""), **KINDS}.items():
-            values = self._every(name)
-            if len(set(map(label_of, values))) < len(set(map(repr, values))):
-                raise InputError(
-                    f"{name}: two {kind}s have the same name; as attrs classes or dataclasses "
-                    "their settings tell them apart"
-                )
-        if twice := first_repeated([scenario.label for scenario in self.scenarios]):
+        if len({scenario.label for scenario in self.scenarios}) < len(self.scenarios):
             raise InputError(
-                f"two scenarios are called {twice}; give their parts names that differ in letters "
+                "two scenarios have the same label; give their parts names that differ in letters "
                 "or digits"
             )
-        for scenario in self.scenarios:
-            system = self.parts[f"system {scenario.system}"]
-            if scenario.viscosity == "covarying" and isinstance(system, ScheduledJoint):
-                raise InputError(
-                    "viscosity: covarying follows the profile, which the stiffness of system "
-                    f"{scenario.system} does not; give constant, or another system"
-                )
+        _ = self.named_methods  # raises for an unknown one
+
+    def replaced(self, **settings: Any) -> Self:
+        """Return the study with other values of some settings, in its further scenarios too."""
+        kept = [
+            {name: value for name, value in table.items() if name not in settings}
+            for table in self.also
+        ]
+        return super().replaced(**{"also": [table for table in kept if table]} | settings)
 
     @cached_property
     def grids(self) -> tuple[Study, ...]:
@@ -254,24 +201,29 @@ class Study(Settings):
         plain = attrs.evolve(self, also=()) if self.also else self
         return (plain, *(attrs.evolve(plain, **table) for table in self.also))
 
-    def _every(self, name: str) -> list[Any]:
-        """Return the values of a setting in all grids."""
-        return [value for grid in self.grids for value in getattr(grid, name)]
+    def _every(self, name: str) -> dict[str, Any]:
+        """Return the values of a setting in all grids by their labels."""
+        return by_label(name, (value for grid in self.grids for value in getattr(grid, name)))
 
     @cached_property
     def named_methods(self) -> dict[str, Method]:
         """Method objects by the label that they have in results."""
-        return {label_of(value): to_method(value) for value in self._every("methods")}
+        return {label: to_method(value) for label, value in self._every("methods").items()}
 
     @cached_property
     def parts(self) -> dict[str, Any]:
         """Systems, profiles and perturbations by setting and label (``"stiffness square"``)."""
-        return {
-            f"{name} {label_of(value)}": resolve(value, known, kind)
-            for name, (known, kind, verb) in KINDS.items()
-            for value in self._every(name)
-            if verb
-        }
+        parts = {}
+        for name, (known, kind, attribute) in PARTS.items():
+            for label, value in self._every(name).items():
+                part = resolve(value, known, kind)
+                if not hasattr(part, attribute):
+                    raise InputError(
+                        f"{name}: expected a name ({', '.join(known)}), module:Object, or an "
+                        f"object with {attribute}(); got {value!r}"
+                    )
+                parts[f"{name} {label}"] = part
+        return parts
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -279,14 +231,14 @@ class Study(Settings):
         return tuple(self.methods_of)
 
     @cached_property
-    def methods_of(self) -> dict[Scenario, frozenset[str]]:
+    def methods_of(self) -> dict[Scenario, set[str]]:
         """Labels of the methods that identify each scenario, from every grid that has it."""
-        methods_of: dict[Scenario, frozenset[str]] = {}
+        methods_of: dict[Scenario, set[str]] = {}
         for grid in self.grids:
-            methods = frozenset(map(label_of, grid.methods))
-            for combination in itertools.product(*(getattr(grid, name) for name in GRID)):
-                scenario = self._without_unused(Scenario._make(labels_of(combination)))
-                methods_of[scenario] = methods_of.get(scenario, frozenset()) | methods
+            for values in itertools.product(*(getattr(grid, name) for name in Scenario._fields)):
+                labels = [each if isinstance(each, float) else label_of(each) for each in values]
+                scenario = self._without_unused(Scenario._make(labels))
+                methods_of.setdefault(scenario, set()).update(map(label_of, grid.methods))
         return methods_of
 
     def _without_unused(self, scenario: Scenario) -> Scenario:
@@ -313,18 +265,7 @@ class Study(Settings):
         return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), *trial))
 
     def to_json(self) -> str:
-        """Return the settings as text, methods and parts by their labels."""
-        settings: dict[str, Any] = {name: labels_of(getattr(self, name)) for name in GRID}
-        if self.also:
-            settings["also"] = [
-                {name: labels_of(getattr(grid, name)) for name in table}
-                for grid, table in zip(self.grids[1:], self.also, strict=True)
-            ]
-        settings["methods"] = labels_of(self.methods)
-        settings |= {name: getattr(self, name) for name in ("rate", "period", "trials", "seed")}
-        return json.dumps(settings | ({"subtract_mean": True} if self.subtract_mean else {}))
-
-
-def preset_study(settings: Mapping[str, object], **changes: Any) -> Study:
-    """Return a preset's study, with some settings replaced."""
-    return from_table(Study, replace_settings(settings, changes))
+        """Return the settings that are not empty as text, methods and parts by their labels."""
+        settings = attrs.asdict(self, recurse=False)
+        given = {name: each for name, each in settings.items() if each != () and each is not False}
+        return json.dumps(given, default=label_of)

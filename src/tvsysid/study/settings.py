@@ -1,11 +1,10 @@
-"""Settings that studies of both kinds share: conversion, checks and TOML files."""
+"""Settings that studies of both kinds share: tables, TOML files, labels and random seeds."""
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -33,69 +32,39 @@ class Settings:
         InputError
             For a file that is missing or no TOML, or a wrong study. It names the file and the key.
         """
-        known = [field.name for field in attrs.fields(cls)]
-        beside = {"folder": Path(path).parent} if "folder" in known else {}
         try:
-            with Path(path).open("rb") as file:
-                table = tomllib.load(file)
-            return from_table(cls, beside | replace_settings(table, settings))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: not a TOML file: {error}") from error
+            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            if "folder" in attrs.fields_dict(cls):
+                table = {"folder": Path(path).parent} | table
+            return from_table(cls, table).replaced(**settings)
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
-        except InputError as error:
+        except ValueError as error:
             raise InputError(f"{path}: {error}") from error
+
+    def replaced(self, **settings: Any) -> Self:
+        """Return the study with other values of some settings."""
+        check_keys(settings, attrs.fields_dict(type(self)))
+        return attrs.evolve(self, **settings)
 
 
 def from_table(kind: type[Item], table: Any, where: str = "") -> Item:
     """Return an object of an attrs class from a table of its settings.
 
-    Parameters
-    ----------
-    where
-        Name of the table in a message.
-
-    Raises
-    ------
-    InputError
-        For a value that is no table, or an unknown key.
+    ``where`` is the name of the table in messages. An InputError is raised for a value that is no
+    table, and for an unknown key.
     """
-    check_keys(table, [field.name for field in attrs.fields(kind)], where)  # type: ignore[arg-type]
+    check_keys(table, attrs.fields_dict(kind), where)  # type: ignore[arg-type]
     return kind(**table)
 
 
-def check_keys(table: Any, names: Iterable[str], where: str) -> None:
-    """Raise for a value that is no table, or a key that is none of the names."""
+def check_keys(table: Any, names: Iterable[str], where: str = "") -> None:
+    """Raise an InputError for a value that is no table, or a key that is none of the names."""
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table of settings, got {table!r}")
-    known = [name for name in names if name != "folder"]
-    for name in table.keys() - {*known, "folder"}:
-        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        hint = f"; did you mean {close[0]}?" if close else ""
+    for name in table.keys() - set(names):
         path = f"{where}.{name}" if where else name
-        raise InputError(f"{path}: unknown key{hint} (known: {', '.join(known)})")
-
-
-def table_converter(kind: type[Item], name: str) -> Callable[[Any], Any]:
-    """Return a converter of a table to an attrs class; other values stay as they are."""
-    return lambda value: from_table(kind, value, name) if isinstance(value, Mapping) else value
-
-
-def replace_settings(
-    settings: Mapping[str, object], others: Mapping[str, object]
-) -> dict[str, Any]:
-    """Return settings with some replaced, in further scenarios (``also``) too."""
-    merged = dict(settings) | dict(others)
-    further = settings.get("also", ())
-    if "also" not in others and isinstance(further, (list, tuple)):
-        kept = [
-            {name: value for name, value in item.items() if name not in others}
-            if isinstance(item, Mapping)
-            else item
-            for item in further
-        ]
-        merged |= {"also": [item for item in kept if item]} if kept else {}
-    return merged
+        raise InputError(f"{path}: unknown key (known: {', '.join(names)})")
 
 
 def to_tuple(value: Any) -> Any:
@@ -105,34 +74,27 @@ def to_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, (list, tuple)) else (value,)
 
 
-def check_distinct(settings: object, field: attrs.Attribute[Any], values: Iterable[object]) -> None:
-    """Raise for values that are empty, or of which one is given twice."""
-    values = list(values)
-    if not values:
-        raise InputError(f"{field.name}: it is empty; give at least 1 value")
-    if twice := first_repeated(list(map(repr, values))):
-        raise InputError(f"{field.name}: {twice} is given twice; give it once")
-
-
-def first_repeated(labels: list[str]) -> str:
-    """Return the first label that occurs twice, or nothing."""
-    return next((label for number, label in enumerate(labels) if label in labels[:number]), "")
-
-
 def to_method(value: Any) -> Method:
     """Return the method of a text, or a method as it is."""
-    if isinstance(value, str):
-        return parse(value)
-    if not isinstance(value, Method):
+    method = parse(value) if isinstance(value, str) else value
+    if not isinstance(method, Method):
         raise InputError(
             f"methods: expected the key of a method, or a tvsysid.Method; got {value!r}"
         )
-    return value
+    return method
 
 
-def labels_of(values: Iterable[object]) -> list[str | float]:
-    """Return values of a setting as text or numbers."""
-    return [value if isinstance(value, float) else label_of(value) for value in values]
+def by_label(name: str, values: Iterable[object]) -> dict[str, Any]:
+    """Return values by their labels. Raise an InputError if two that differ have one label."""
+    labelled: dict[str, Any] = {}
+    for value in values:
+        label = label_of(value)
+        if repr(labelled.setdefault(label, value)) != repr(value):
+            raise InputError(
+                f"{name}: two objects have the same name, {label}; as attrs classes or dataclasses "
+                "their settings tell them apart"
+            )
+    return labelled
 
 
 def in_words(value: object) -> str:

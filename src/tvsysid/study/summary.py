@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, score
+from tvsysid.study.scores import MAIN, OF_QUANTITY, score
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,17 +45,16 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         metrics that do not apply are left out.
     """
     scores = found if "metric" in found.dims else score(found)
-    case, _, _ = scores.value.dims
-    scores = scores.drop_vars("replicates", errors="ignore")
-    table = scores.to_dataframe(dim_order=scores.value.dims).reset_index()
+    case, *_ = dims = scores.value.dims
+    table = scores.drop_vars("replicates", errors="ignore").to_dataframe(dims).reset_index()
+    names = table.metric.str.rpartition(" ")
+    table["quantity"] = names[0].mask(table.metric.isin([*OF_QUANTITY]), MAIN)
     known = table.value.notna()
     applies = known.groupby([table[case], table.metric], sort=False).transform("any")
     applies &= known | table.quantity.isin(["", MAIN])
-    if "asked" in table:
-        applies &= table.asked
-    table["metric"] = table.measure.mask(table.measure == "mean", "mean_" + table.quantity)
-    table = table[applies].rename(columns=NAMES).reset_index(drop=True)
-    return table[[name for name in COLUMNS if name in table]]
+    table["metric"] = names[2].mask(names[2] == "mean", "mean_" + table.quantity)
+    table = table[applies & table.get("asked", True)].rename(columns=NAMES)
+    return table[[name for name in COLUMNS if name in table]].reset_index(drop=True)
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
@@ -110,15 +109,19 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    columns = [*OF_RECORDING, "realization", "trial", "onset_s", "shift_s"]
-    columns += ["excluded_by", "reached", "limit", "unit"]
-    tables = [
-        item.preparation.table.reset_index().assign(
-            recording=item.recorded.label,
-            participant=item.recorded.participant,
-            perturbation=item.recorded.perturbation,
-        )
-        for item in prepared
-        if item.preparation is not None
+    columns = [
+        "realization",
+        "trial",
+        "onset_s",
+        "shift_s",
+        "excluded_by",
+        "reached",
+        "limit",
+        "unit",
     ]
-    return pd.concat(tables or [pd.DataFrame(columns=columns)], ignore_index=True)[columns]
+    tables = {item.recorded[:2]: item.preparation.table for item in prepared if item.preparation}
+    if not tables:
+        return pd.DataFrame(columns=[*OF_RECORDING, *columns])
+    table = pd.concat(tables, names=OF_RECORDING[1:]).reset_index()
+    table["recording"] = table.participant + "-" + table.perturbation
+    return table[[*OF_RECORDING, *columns]]

@@ -6,8 +6,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import ExitStack, contextmanager
 from itertools import islice
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
-from tvsysid.study.tasks import Task, run_task, write_scores
+from tvsysid.study.tasks import Task, pickled, run_pickled, run_task, write_scores
 
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not state how many it has
 
@@ -47,54 +47,47 @@ def run_tasks(
     """
     with ExitStack() as stack:
         if executor is not None:
-            count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
             # A second task for each worker is on its way while the first is run.
-            executors = [executor] * 2 * count
+            count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+            finished = _by_executors(tasks, [executor] * 2 * count)
+        elif (count := min(workers or cores(), len(tasks))) > 1:
+            # A pool of one for each process: if the process dies, its task is known.
+            pools = [stack.enter_context(_process()) for _ in range(count)]
+            finished = _by_executors(tasks, pools)
         else:
-            count = min(workers or cores(), len(tasks))
-            # An executor to itself for each process: if the process dies, its task is known.
-            executors = [stack.enter_context(processes(1)) for _ in range(count) if count > 1]
-        if executors:
-            yield from _by_executors(tasks, executors)
-            return
-    for file, task in tasks.items():
-        scores = run_task(task)
-        write_scores(scores, file)
-        yield file, scores
+            finished = ((file, run_task(task)) for file, task in tasks.items())
+        for file, scores in finished:
+            write_scores(scores, file)
+            yield file, scores
 
 
 def _by_executors(
-    tasks: Mapping[Path, Task], free: list[Executor]
+    tasks: Mapping[Path, Task], free: Sequence[Executor]
 ) -> Iterator[tuple[Path, Scores]]:
-    waiting = iter(tasks.items())
+    """Yield scores as they come; an executor in the list is free for one task."""
+    waiting, free = iter(tasks.items()), list(free)
     running: dict[Future[Scores], tuple[Executor, Path]] = {}
+    file = Path()
     try:
         while True:
             for file, task in islice(waiting, len(free)):
                 executor = free.pop()
-                running[executor.submit(run_task, task)] = executor, file
+                running[executor.submit(run_pickled, pickled(task))] = executor, file
             if not running:
                 return
             done = wait(running, return_when=FIRST_COMPLETED).done
             for future in sorted(done, key=lambda each: each.exception() is not None):
                 executor, file = running.pop(future)
                 free.append(executor)
-                try:
-                    scores = future.result()
-                except BrokenExecutor as error:
-                    task = tasks[file]
-                    raise InputError(
-                        f"run: the worker of {task.case.label} by {', '.join(task.methods)} died: "
-                        "it crashed, ran out of memory, or did not start (a script must call run "
-                        "under `if __name__ == '__main__':`). The same command resumes"
-                    ) from error
-                write_scores(scores, file)
-                yield file, scores
+                yield file, future.result()
     except (InputError, OSError):
         raise
     except Exception as error:
+        task = tasks[file]
         raise InputError(
-            f"run: the executor failed ({type(error).__name__}: {one_line(str(error))}). Run the "
+            f"run: the worker of {task.case} by {', '.join(task.methods)} failed "
+            f"({type(error).__name__}: {one_line(str(error))}). It crashed, ran out of memory, or "
+            "did not start (a script must call run under `if __name__ == '__main__':`). Run the "
             "same command again to resume"
         ) from error
     finally:
@@ -103,11 +96,11 @@ def _by_executors(
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Pool]:
-    """Start local processes, which end with this one and ignore interruptions."""
+def _process() -> Iterator[Pool]:
+    """Start a local process, which ends with this one and ignores interruptions."""
     others = set(multiprocessing.active_children())
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
-    pool = Pool(count, multiprocessing.get_context("spawn"), initializer=_begin)
+    pool = Pool(1, multiprocessing.get_context("spawn"), initializer=_begin)
     try:
         yield pool
     except BaseException:

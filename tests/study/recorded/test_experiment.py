@@ -69,7 +69,7 @@ def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
     )  # fmt: skip
     again = Experiment(**json.loads(experiment.to_json()))
     assert again.to_json() == experiment.to_json()
-    assert again.preparation.reference is None
+    assert again.preparation["reference"] is None
     assert again.analyses == experiment.analyses
     assert again.recordings == experiment.recordings
 
@@ -83,7 +83,7 @@ def test_a_toml_file_says_the_same(tmp_path):
     )
     experiment = Experiment.from_toml(tmp_path / "study.toml", bootstraps=9)
     assert experiment.folder == tmp_path
-    assert (experiment.bootstraps, experiment.preparation.reference) == (9, None)
+    assert (experiment.bootstraps, experiment.preparation["reference"]) == (9, None)
     assert [item.label for item in experiment.analyses] == ["sds-30", "wide-30"]
 
 
@@ -94,11 +94,11 @@ def test_a_toml_file_says_the_same(tmp_path):
         ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
         (
             {"methods": ["sds", "sds"]},
-            r"methods: sds-75 is there twice; give each method a name of its own",
+            r"methods: .* each with a name of its own; got sds-75, sds-150, sds-75",
         ),
         (
             {"perturbation": ["noise", "pbrs"]},
-            r"perturbation: pbrs was not recorded; there are noise, prbs",
+            r"perturbation: pbrs was not recorded",
         ),
         (
             {"participants": {"a": {"noise": "a.mat"}}},
@@ -108,29 +108,28 @@ def test_a_toml_file_says_the_same(tmp_path):
             {"reading": {"angle": "pos", "torque": "tq"}},
             r"sampling_rate is missing; give it",
         ),
-        ({"preparation": {"ratee": 1}}, r"preparation.ratee: unknown key; did you mean rate\?"),
         (
-            {"virtual": [1, 1]},
-            r"participants: P1-noise is there twice; give each a name of its own",
+            {"preparation": {"ratee": 1}},
+            r"preparation.ratee: unknown key \(known: reference, rate, ends",
         ),
         (
-            {"participants": {"P1": {"walk": "a"}}, "reading": READING, "virtual": 1},
-            r"participants: P1 is a virtual one",
+            {"virtual": [1, 1]},
+            r"participants: .* a name of its own; got P1-noise, P1-prbs, P1-noise",
         ),
         (
             {"participants": {"A": {}}, "reading": READING},
-            r"perturbations with files for each participant; A has none",
+            r"files by participant and perturbation.*got {'A': {}}",
         ),
         (
             {"participants": {"a/b": {"noise": "a"}}, "reading": READING},
-            r"names that files and tables may have.*got the name 'a/b'",
+            r"names that files and tables may have.*got {'a/b'",
         ),
         (
             {"participants": {"a\0": {"noise": "a"}}, "reading": READING},
             r"names that files and tables may have",
         ),
-        ({"reading": READING | {"strat": 1}}, r"reading.strat: unknown key; did you mean start\?"),
-        ({"virtual": []}, r"virtual: 0 participants; give at least 1"),
+        ({"reading": READING | {"strat": 1}}, r"reading.strat: unknown key"),
+        ({"virtual": []}, r"participants: expected at least 1"),
         ({"virtual": -1}, r"virtual must be a whole number of 0 or more, got -1"),
         ({"realizations": 1}, r"realizations must be a whole number of 2 or more, got 1"),
         (
@@ -150,7 +149,7 @@ def test_a_wrong_file_is_named(tmp_path):
     ):
         Experiment.from_toml(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("bootstraps =")
-    with pytest.raises(tv.InputError, match=r"bad.toml: not a TOML file"):
+    with pytest.raises(tv.InputError, match=r"bad.toml: Invalid value"):
         Experiment.from_toml(tmp_path / "bad.toml")
     (tmp_path / "wrong.toml").write_text("bootstraps = 'many'")
     with pytest.raises(tv.InputError, match=r"wrong.toml: .*bootstraps must be .* got 'many'"):

@@ -13,7 +13,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, read_results, run, summarize
-from tvsysid.study.bootstraps import bootstraps_of
+from tvsysid.study.bootstraps import tasks_of
 
 pytestmark = pytest.mark.usefixtures("few_groups")
 
@@ -121,7 +121,7 @@ def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
 def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
     def names(prepared, **settings):
         experiment = Experiment(**{"virtual": 1, "methods": "sds", "bootstraps": 4} | settings)
-        return {task.file_name for task in bootstraps_of(experiment, prepared)[0]}
+        return {task.file_name for task in tasks_of(experiment, prepared)[0]}
 
     usual = names(small.prepared)
     assert len(usual) == 4

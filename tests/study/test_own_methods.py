@@ -1,12 +1,14 @@
 """Test methods from outside the package that fail: each is reported, and the others finish."""
 
+import sys
+
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.report import problems
-from tvsysid.study import Study, run
+from tvsysid.study import Study, run, score, summarize
 
 SETTINGS = {"duration_s": 20.0, "trials": 2, "perturbation": "prbs"}
 
@@ -42,7 +44,25 @@ class ReturnsNothing(tv.Method):
         pass
 
 
+class Raises(tv.Method):
+    def fit(self, ensemble):
+        raise ZeroDivisionError("no such luck")
+
+
+class Exits(tv.Method):
+    def fit(self, ensemble):
+        sys.exit(3)
+
+
+class FindsNothing(tv.Method):
+    def fit(self, ensemble):
+        return model_of(ensemble, np.full(ensemble.samples, np.nan))
+
+
 FAILURES = {
+    Raises: "ZeroDivisionError: no such luck (test_own_methods.py, line",
+    Exits: "SystemExit: 3 (test_own_methods.py, line",
+    FindsNothing: "it found no stiffness at any time",
     WritesInPlace: "ValueError: assignment destination is read-only (test_own_methods.py, line",
     Refuses: "it needs 100 realizations (test_own_methods.py, line",
     GivesComplex: "expected real numbers, NaN where not identified, got values of type complex128",
@@ -66,18 +86,23 @@ def test_a_study_reports_each_with_what_it_did():
         assert told[kind.__name__]["count"] == SETTINGS["trials"]
         assert told[kind.__name__]["first"].isprintable()
         assert np.isnan(results.estimate.sel(method_key=kind.__name__)).all()
+    table = summarize(score(results)).set_index(["method", "metric"]).value.sort_index()
+    assert set(table.loc[[kind.__name__ for kind in FAILURES], "failed"]) == {SETTINGS["trials"]}
     alone = run(Study(**SETTINGS, methods=["sds", "birf"]), workers=1)
     np.testing.assert_array_equal(results.estimate.sel(method_key=["sds", "birf"]), alone.estimate)
 
 
 def test_a_comparison_reports_each_with_what_it_did():
     ensemble = ensemble_of()
-    compared = tv.compare(ensemble, ["sds", *(kind() for kind in FAILURES)])
-    assert set(compared.failed) == {kind.__name__ for kind in FAILURES}
-    for kind, reason in FAILURES.items():
+    # It lets a program exit, and has no need of a stiffness
+    others = FAILURES.keys() - {Exits, FindsNothing}
+    reasons = {kind: FAILURES[kind] for kind in FAILURES if kind in others}
+    compared = tv.compare(ensemble, ["sds", *(kind() for kind in reasons)])
+    assert set(compared.failed) == {kind.__name__ for kind in reasons}
+    for kind, reason in reasons.items():
         assert reason in compared.failed[kind.__name__]
     assert list(compared.models) == ["sds"]
-    assert "failed: WritesInPlace, Refuses" in repr(compared)
+    assert "failed: Raises, WritesInPlace" in repr(compared)
     np.testing.assert_array_equal(
         compared.models["sds"].stiffness, tv.ShortDataSegments().identify(ensemble).stiffness
     )

@@ -1,4 +1,3 @@
-import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -9,7 +8,7 @@ import xarray as xr
 from tests.study.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
-from tvsysid.study import Study, of_quantity, plan, run, score, summarize
+from tvsysid.study import Study, plan, run
 from tvsysid.study.tasks import run_task
 from tvsysid.study.trials import tasks_of
 
@@ -90,41 +89,6 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
     xr.testing.assert_equal(part.drop_vars(TIMES), results.drop_vars(TIMES))
     other = run(Study(**SMALL | {"seed": 1, "trials": 1}), workers=1)
     assert not np.array_equal(other.estimate, results.estimate.isel(trial=[0]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [
-        ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
-        ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
-        ("nothing", "it found no stiffness at any time"),
-    ],
-)
-def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
-    study = Study(
-        duration_s=[40.0, 80.0], perturbation="prbs", trials=2, methods=["sds", Mine(fault)]
-    )
-    found = run(study, workers=1)
-    label = f"Mine(fault='{fault}')"
-    at = found.sel(scenario="square-prbs-80s-10dB")
-    for text in at.failure.sel(method_key=label).values:
-        assert re.fullmatch(reason, text), text
-    assert np.isnan(at.estimate.sel(quantity="stiffness").sel(method_key=label)).all()
-    assert np.isfinite(found.estimate.sel(quantity="stiffness").sel(method_key="sds")).all()
-    table = (
-        of_quantity(summarize(score(found)))
-        .set_index(["scenario", "method", "metric"])
-        .sort_index()
-    )
-    assert table.loc[("square-prbs-80s-10dB", label, "failed"), "value"] == 2
-    assert np.isfinite(table.loc[("square-prbs-80s-10dB", "sds", "bias_error"), "value"])
-    if fault == "raises":
-        assert np.isfinite(
-            found.estimate.sel(quantity="stiffness").sel(
-                method_key=label, scenario="square-prbs-40s-10dB"
-            )
-        ).all()
 
 
 @pytest.mark.slow

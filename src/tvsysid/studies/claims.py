@@ -18,6 +18,7 @@ import numpy as np
 
 from tvsysid.numerics import Array
 from tvsysid.study.scenarios import Scenario
+from tvsysid.study.trials import TRAITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,34 +145,29 @@ class Claim:
     disagreement: str = ""
     most: bool = False
 
-    def compare(self, evidence: Evidence) -> list[tuple[list[Array], Margin, list[Key]]]:
-        """Return the samples of each comparison with the keys of its numbers."""
-        found = []
-        for margin, *axes in self.comparisons:
-            parts = [axis(evidence) if callable(axis) else axis for axis in axes]
-            for place in product(*([part] if isinstance(part, str) else part for part in parts)):
-                keys = list(product(*([side] if isinstance(side, str) else side for side in place)))
-                if evidence.values.keys() >= set(keys) and len(set(keys)) == len(keys):
-                    found.append((margin(*(evidence.values[key] for key in keys)), margin, keys))
-        return found
-
     def margins(self, evidence: Evidence) -> list[tuple[Array, str, str]]:
         """Return samples and unit of each margin, and its numbers in words."""
-        found = self.compare(evidence)
-        if self.most and found:
-            smallest = np.array([np.min(margins, axis=0) for margins, *_ in found])
-            share = np.where(np.isnan(smallest), np.nan, smallest > 0).mean(axis=0)
-            words = f"{np.count_nonzero(smallest[:, 0] > 0)} of {len(smallest)} conditions"
-            return [(share - 0.5, "share of conditions beyond half", words)]
-        return [
-            (
-                samples,
-                RATIO if margin.is_ratio else evidence.units[keys[0][0]],
-                "; ".join(map(evidence.describe, keys)),
-            )
-            for margins, margin, keys in found
-            for samples in margins
-        ]
+        compared = []
+        for margin, *axes in self.comparisons:
+            parts = [axis(evidence) if callable(axis) else axis for axis in axes]
+            for place in product(*map(_several, parts)):
+                keys = list(product(*map(_several, place)))
+                if evidence.values.keys() >= {*keys} and len({*keys}) == len(keys):
+                    unit = RATIO if margin.is_ratio else evidence.units[keys[0][0]]
+                    words = "; ".join(map(evidence.describe, keys))
+                    margins = margin(*(evidence.values[key] for key in keys))
+                    compared.append((margins, unit, words))
+        if not self.most or not compared:
+            return [(each, unit, words) for margins, unit, words in compared for each in margins]
+        smallest = np.array([np.min(margins, axis=0) for margins, *_ in compared])
+        share = np.where(np.isnan(smallest), np.nan, smallest > 0).mean(axis=0)
+        words = f"{np.count_nonzero(smallest[:, 0] > 0)} of {len(smallest)} conditions"
+        return [(share - 0.5, "share of conditions beyond half", words)]
+
+
+def _several(axis: Any) -> Any:
+    """Return an axis of one name as a list."""
+    return [axis] if isinstance(axis, str) else axis
 
 
 def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
@@ -190,29 +186,26 @@ def judge_claim(claim: Claim, evidence: Evidence) -> tuple[object, ...]:
     if evidence.too_few or not margins:
         blank = (UNDECIDED, evidence.too_few) if margins else (NOT_STUDIED, f"Needs {claim.needs}.")
         return (claim.sentence, claim.source, "", *[np.nan] * 3, "", *blank)
-    samples = [each for each, *_ in margins]
-    estimates, lows, highs = np.transpose([evidence.interval(each, TAIL) for each in samples])
-    known = np.isfinite(estimates)
+    limits = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
+    known = np.isfinite(limits[:, 0])
     joint = TAIL / max(1, int(known.sum()))
-    fails = known & (np.array([evidence.interval(each, joint)[2] for each in samples]) < 0)
-    holds = known & (lows > 0)
+    fails = known & np.array([evidence.interval(each, joint)[2] < 0 for each, *_ in margins])
+    holds = known & (limits[:, 1] > 0)
     chosen = {FAILS: fails, UNDECIDED: ~holds & ~fails, HOLDS: holds}
     verdict = next(each for each in FINDINGS if chosen[each].any())
-    order = lows if verdict == HOLDS else estimates
+    order = limits[:, 1 if verdict == HOLDS else 0]
     place = int(np.argmin(np.where(chosen[verdict], order, np.inf)))  # one without results, if any
-    numbers = np.array([estimates[place], lows[place], highs[place]])
     _, unit, words = margins[place]
     count = FINDINGS[verdict].format(np.count_nonzero(chosen[verdict]), len(margins))
     remark = "" if verdict == HOLDS else claim.disagreement
     if verdict == UNDECIDED:
-        why = f"More {evidence.more} may decide."
-        why = why if known[place] else "A method gave no results."
+        why = f"More {evidence.more} may decide." if known[place] else "A method gave no results."
         remark = f"{why} {remark}".strip()
     return (
         claim.sentence,
         claim.source,
         f"{count if len(margins) > 1 else ''}{words}",
-        *(np.exp(numbers) if unit == RATIO else numbers).tolist(),
+        *(np.exp(limits[place]) if unit == RATIO else limits[place]).tolist(),
         unit.replace("%", "percentage points"),
         verdict,
         remark,
@@ -226,11 +219,10 @@ def simulation_evidence(scores: xr.Dataset) -> Evidence:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
-    columns = (scores[name].values.tolist() for name in ("scenario", *traits))
     samples = xr.concat([scores.value, scores.replicates], "draw")
     samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "draw")
     samples = samples[samples.asked.values]
+    columns = (scores[name].values.tolist() for name in ("scenario", *TRAITS))
     is_small = int(scores.trials.max()) < MIN_TRIALS
     return Evidence(
         dict(zip(samples.key.values, samples.values, strict=True)),

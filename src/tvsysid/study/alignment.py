@@ -56,7 +56,8 @@ def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
             )
         except InputError:
             return UNKNOWN
-    return AlignmentEffect(*whole, math.sqrt((count - 1) * float(np.var(np.diff(parts)))))
+    error = math.sqrt((count - 1) * float(np.var(np.diff(parts))))
+    return AlignmentEffect(whole[0], whole[1], error)
 
 
 def _mean_stiffness(ensemble: Ensemble) -> float:

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude realizations, by the ending of the variable that counts them."""
-UNITS = {"target": "N m", "mean": "N m", "alignment": "N m/rad"}
-"""Units of variables on the preparation, by the beginnings of their names."""
 
 
 def draw(
@@ -68,7 +66,7 @@ def tasks_of(
                     raise InputError(item.failure)
                 seed = experiment.seed_of(item.recorded, size)
                 weights = bootstrap_weights(
-                    len(item.ensemble), size, len(draws), seed, analysis.contiguous
+                    len(item.ensemble), size, len(draws), seed, analysis.method.contiguous
                 )
             except InputError as error:
                 text, place = over(failure=printable(str(error))), {"analysis": analysis.label}
@@ -91,12 +89,11 @@ def results_of(
 ) -> xr.Dataset:
     """Return the results of all analyses, and what became of each recording."""
     recordings, analyses = experiment.recordings, experiment.analyses
-    labels = (
-        [each.label for each in recordings],
-        range(experiment.bootstraps),
-        [each.label for each in analyses],
-    )
-    axes = dict(zip(AXES[1], labels, strict=True))
+    labels = {
+        "recording": [each.label for each in recordings],
+        "bootstrap": range(experiment.bootstraps),
+        "analysis": [each.label for each in analyses],
+    }
     truths = [
         at(over("time", truth=values), recording=item.recorded.label, quantity=name)
         for item in prepared
@@ -104,7 +101,7 @@ def results_of(
     ]
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
-    results = dataset_of([*scores, *truths], axes, period, rate, **about)
+    results = dataset_of([*scores, *truths], labels, period, rate, **about)
     results = results.sel(statistic="mean", drop=True).transpose("recording", "analysis", ...)
     results = results.assign_coords(
         participant=("recording", [each.participant for each in recordings]),
@@ -115,9 +112,7 @@ def results_of(
     facts = [_preparation_of(item) for item in prepared]
     for name in facts[0]:
         values = np.array([each[name] for each in facts])
-        unit = UNITS.get(name.partition("_")[0])
-        dims = ("recording", "time")[: values.ndim]
-        results[name] = (dims, values, {"units": unit} if unit else {})
+        results[name] = ("recording", "time")[: values.ndim], values
     return results
 
 
@@ -125,7 +120,6 @@ def _preparation_of(prepared: Prepared) -> dict[str, Any]:
     """Return what became of a recording, by the names of variables."""
     preparation, ensemble = prepared.preparation, prepared.ensemble
     excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
-    effects = prepared.alignment._asdict()
     return {
         "recorded": len(excluded_by),
         "survivors": 0 if ensemble is None else len(ensemble),
@@ -136,5 +130,5 @@ def _preparation_of(prepared: Prepared) -> dict[str, Any]:
         "digest": prepared.digest,
         "target_torque": prepared.target_torque,
         "mean_torque": prepared.mean_torque,
-        **{f"alignment_{name}": effect for name, effect in effects.items()},
+        **{f"alignment_{name}": each for name, each in prepared.alignment._asdict().items()},
     }

@@ -72,7 +72,7 @@ def _to_reading(value: Any) -> Reading | None:
 def _to_table(value: Any) -> dict[str, Any]:
     """Return a method in any notation as a table with its name and what it stands for."""
     table = dict(value) if isinstance(value, Mapping) else {"name": value}
-    check_keys(table, ("name", "method", "realizations", "contiguous"), "methods")
+    check_keys(table, ("name", "method", "realizations"), "methods")
     name = table.get("name", table.get("method"))
     standard = PAPER.get(name, name) if isinstance(name, str) else name
     return {"method": standard, **table, "name": label_of(name)}
@@ -123,7 +123,6 @@ class Analysis:
     name: str
     method: Method
     realizations: int = attrs.field(validator=at_least(2))
-    contiguous: bool
 
     @property
     def label(self) -> str:
@@ -156,8 +155,8 @@ class Experiment(Settings):
         ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's
         settings for its experiment. Others are keys with settings (``"sds:window=0.2"``),
         ``"mymodule:MyMethod"``, objects with ``identify``, or mappings with ``method`` and, if need
-        be, a ``name``, ``realizations`` of its own, and ``contiguous`` for draws in one block (by
-        default as the method's attribute ``contiguous`` says, which is true for kbr).
+        be, a ``name``, and ``realizations`` of its own. A method whose attribute ``contiguous`` is
+        true, such as kbr, gets draws in one block.
     realizations
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one block, as in
         the paper.
@@ -239,10 +238,9 @@ class Experiment(Settings):
         analyses = []
         for table in self.methods:
             method = to_method(table["method"])
-            contiguous = table.get("contiguous", method.contiguous)
-            usual = BLOCK_REALIZATIONS if contiguous else REALIZATIONS
+            usual = BLOCK_REALIZATIONS if method.contiguous else REALIZATIONS
             counts = to_tuple(table.get("realizations")) or self.realizations or usual
-            analyses += [Analysis(table["name"], method, count, contiguous) for count in counts]
+            analyses += [Analysis(table["name"], method, count) for count in counts]
         return tuple(analyses)
 
     @property

@@ -122,6 +122,6 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     tables = {item.recorded[:2]: item.preparation.table for item in prepared if item.preparation}
     if not tables:
         return pd.DataFrame(columns=[*OF_RECORDING, *columns])
-    table = pd.concat(tables, names=OF_RECORDING[1:]).reset_index()
+    table = pd.concat(tables, names=[*OF_RECORDING[1:]]).reset_index()
     table["recording"] = table.participant + "-" + table.perturbation
     return table[[*OF_RECORDING, *columns]]

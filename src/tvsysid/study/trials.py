@@ -90,10 +90,13 @@ def tasks_of(study: Study) -> list[Task]:
 def results_of(study: Study, scores: Iterable[Scores]) -> xr.Dataset:
     """Return the results of all trials, with the traits of each scenario."""
     scenarios, methods = study.scenarios, list(study.named_methods)
-    labels = [each.label for each in scenarios], range(study.trials), methods
-    axes = dict(zip(AXES[0], labels, strict=True))
+    labels = {
+        "scenario": [each.label for each in scenarios],
+        "trial": range(study.trials),
+        "method_key": methods,
+    }
     about = {"title": SIMULATIONS, "study": study.to_json()}
-    results = dataset_of(scores, axes, study.period, study.rate, **about)
+    results = dataset_of(scores, labels, study.period, study.rate, **about)
     columns = zip(TRAITS, zip(*scenarios, strict=True), strict=True)
     asked = [[label in study.methods_of[each] for label in methods] for each in scenarios]
     results = results.assign_coords(

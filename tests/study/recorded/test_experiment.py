@@ -34,7 +34,6 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
     assert samples == {"eirf": 15, "sds": 15, "birf": 15}
     assert (128 * methods["sds"].window, 128 * methods["esm"].window) == (12, 30)
     assert methods["kbr"] == tv.KernelRegression.preset("experiment")
-    assert [item.contiguous for item in experiment.analyses] == 8 * [False] + 2 * [True]
 
 
 def test_files_take_the_place_of_virtual_participants(tmp_path):
@@ -50,7 +49,7 @@ def test_files_take_the_place_of_virtual_participants(tmp_path):
 
 
 def test_methods_have_settings_names_and_numbers_of_realizations_of_their_own():
-    mine = {"name": "wide", "method": "sds:window=0.2", "realizations": 30, "contiguous": True}
+    mine = {"name": "wide", "method": "sds:window=0.2", "realizations": 30}
     experiment = Experiment(
         methods=["kbr", mine, tv.BasisIRF(), "sds:window=0.1"], realizations=[40]
     )
@@ -58,7 +57,6 @@ def test_methods_have_settings_names_and_numbers_of_realizations_of_their_own():
         *("kbr-40", "wide-30", f"{tv.BasisIRF()!r}-40", "sds:window=0.1-40")
     ]
     assert experiment.named_methods["wide"].window == 0.2
-    assert experiment.analyses[1].contiguous
 
 
 def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
@@ -171,16 +169,12 @@ def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
 def test_what_stands_in_a_table_is_taken_as_it_is():
     methods = [
         {"name": "kbr"}, {"name": "plain", "method": "kbr"},
-        {"name": "pieces", "method": "eirf", "contiguous": True},
-        {"name": "scattered", "method": "kbr", "contiguous": False}, "kbr:gamma=9",
+        "kbr:gamma=9",
         {"name": "sds", "realizations": 30},
     ]  # fmt: skip
     experiment = Experiment(methods=methods)
-    told = {item.name: (item.realizations, item.contiguous) for item in experiment.analyses}
-    assert told == {
-        "kbr": (40, True), "plain": (40, True), "pieces": (40, True), "scattered": (150, False),
-        "kbr:gamma=9": (40, True), "sds": (30, False),
-    }  # fmt: skip
+    told = {item.name: item.realizations for item in experiment.analyses}
+    assert told == {"kbr": 40, "plain": 40, "kbr:gamma=9": 40, "sds": 30}
     assert experiment.named_methods["kbr"] == tv.KernelRegression.preset("experiment")
     assert experiment.named_methods["plain"] == tv.KernelRegression()
     assert experiment.named_methods["sds"].window == 12 / 128

@@ -1,13 +1,11 @@
 """Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
 
-import time
 from dataclasses import dataclass
 
 import attrs
 import numpy as np
 import pytest
 import xarray as xr
-from tests.conftest import fork_workers, wait_for
 from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
@@ -80,6 +78,7 @@ class Counting(tv.Method):
     """Counts how often it is asked, in a file."""
 
     file: str
+    contiguous = True
 
     def fit(self, ensemble):
         with open(self.file, "a") as log:
@@ -91,7 +90,7 @@ class Counting(tv.Method):
 def test_the_same_draw_is_identified_once(tmp_path):
     write_trials(tmp_path)
     log = tmp_path / "asked.txt"
-    method = {"name": "counting", "method": Counting(str(log)), "contiguous": True}
+    method = {"name": "counting", "method": Counting(str(log))}
     experiment = Experiment(
         participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
         preparation=SHORT,
@@ -101,20 +100,6 @@ def test_the_same_draw_is_identified_once(tmp_path):
     # No more blocks than realizations to begin at.
     assert len(log.read_text()) <= int(results.survivors[0]) < 40
     assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
-def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
-    seen = []
-    results = run(
-        small.experiment, tmp_path, prepared=small.prepared, workers=2,
-        progress=lambda done, total: seen.append((done, total)),
-    )  # fmt: skip
-    same(results, small.results)
-    assert seen[0] == (0, 12)
-    assert seen[-1] == (12, 12)
-    same(read_results(tmp_path), small.results)
 
 
 @pytest.mark.usefixtures("few_groups")
@@ -136,6 +121,8 @@ def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
 class Sometimes(tv.Method):
     """Fails where the first realization drawn begins early in its trial."""
 
+    contiguous = True
+
     def fit(self, ensemble):
         if ensemble.onsets[0] < 6:
             raise RuntimeError("too early")
@@ -144,7 +131,7 @@ class Sometimes(tv.Method):
 
 @pytest.mark.slow
 def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
-    method = {"name": "sometimes", "method": Sometimes(), "contiguous": True}
+    method = {"name": "sometimes", "method": Sometimes()}
     experiment = Experiment(
         **SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"}
     )
@@ -172,32 +159,6 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     assert all("a block of 50 realizations cannot be drawn from" in text for text in failures)
     assert "50 realizations are drawn from 33: they vary less" in str(results.remarks.values[0])
     assert np.isfinite(results.estimate.sel(quantity="stiffness").values[0, 1]).all()
-
-
-def run_small(prepared, folder, workers):
-    fork_workers()
-    run(Experiment(**SMALL), folder, prepared=prepared, workers=workers)
-
-
-@pytest.mark.slow
-def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, forking):
-    random = np.random.default_rng(0)
-    for workers in (1, 2, 1):
-        process = forking.Process(target=run_small, args=(small.prepared, tmp_path, workers))
-        process.start()
-        before = tasks_in(tmp_path)
-        # It is under way when a task is done.
-        wait_for(lambda: tasks_in(tmp_path) > before or process.exitcode is not None)  # noqa: B023
-        time.sleep(random.uniform(0, 0.15))
-        process.kill()
-        process.join(60)
-    seen = []
-    heard = {"progress": lambda done, total: seen.append(done)}
-    same(
-        run(small.experiment, tmp_path, prepared=small.prepared, workers=1, **heard),
-        small.results,
-    )
-    assert seen[0] >= 3
 
 
 def moved(tmp_path):

@@ -126,7 +126,7 @@ def experiment_quantities(results: xr.Dataset) -> xr.Dataset:
     away, at = from_turn > 0.25 - DIP_WIDTH / 2, from_turn < DIP_WIDTH / 2
     scores = score(results.sel(quantity=["stiffness"])).value
     scores = scores.sel(metric=["vaf", "bandpassed_vaf", "random_error"])
-    measured = scores.drop_vars(["measure", "quantity", "unit"]).to_dataset("metric")
+    measured = scores.drop_vars("unit").to_dataset("metric")
     found: xr.Dataset = measured.assign(
         correlation_with_torque=xr.corr(mean, results.mean_torque, "time"),
         vaf_dip=vaf.where(away).mean("time") - vaf.where(at).mean("time"),
